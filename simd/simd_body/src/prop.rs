@@ -1,4 +1,4 @@
-//! Things that stand about: a few parametric families that fill their box.
+//! Props: a few parametric families of shapes that fill their box.
 
 use schema_types::Class;
 use sensor_core::mesh::Surface;
@@ -7,7 +7,7 @@ use sensor_core::{Material, Mesh, MeshBuilder};
 use crate::solid::{ellipsoid, tube};
 use crate::stack::{Ring, stack};
 
-/// Family of a thing's shape.
+/// Family of a prop's shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PropStyle {
     /// A box with edges: cartons, kiosks, machines, advertising pillars.
@@ -46,7 +46,7 @@ pub enum PropStyle {
     Lamp,
     /// Basin with a jet.
     Fountain,
-    /// Frame on wheels: trolley, cart.
+    /// Trolley or cart on wheels.
     Cart,
     /// Ball-like: helmet, gnome's hat, ball.
     Round,
@@ -54,7 +54,7 @@ pub enum PropStyle {
     Plate,
 }
 
-/// Measures and colours of a thing. Its origin is on the ground in the middle; x forward, y left, z
+/// Measures and colours of a prop. Its origin is on the ground in the middle; x forward, y left, z
 /// up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PropShape {

@@ -47,7 +47,7 @@ pub fn tube(
     }
 }
 
-/// Three directions across an axis, evenly about it.
+/// Three directions perpendicular to an axis, evenly spaced about it.
 fn three(axis: [f32; 3]) -> [[f32; 3]; 3] {
     let helper = if axis[2].abs() < 0.9 {
         [0.0, 0.0, 1.0]

@@ -1,4 +1,4 @@
-//! Vectors of three `f32`, as mesh builders take them.
+//! Arithmetic on arrays of three `f32`, the type that mesh builders take.
 
 pub(crate) fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|i| a[i] - b[i])

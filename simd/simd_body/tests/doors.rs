@@ -1,4 +1,4 @@
-//! Doors: shut they are the body's skin, open they leave a hole with an interior behind it.
+//! Doors: shut doors equal the body's skin; an open door leaves a hole with an interior behind it.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use simd_body::{
@@ -69,7 +69,7 @@ fn with_doors(meshes: &DoorMeshes, opening: f64) -> Vec<Triangle> {
     all
 }
 
-/// The car with its doors shut but for those that are taken off.
+/// The car with all doors shut, and some removed.
 fn without(meshes: &DoorMeshes, is_off: impl Fn(&Door) -> bool) -> Vec<Triangle> {
     let mut all = triangles(&meshes.body, &Isometry3::identity());
     for door in meshes.doors.iter().filter(|door| !is_off(door)) {

@@ -1,4 +1,4 @@
-//! What sets vehicles of one body apart, and their doors from afar.
+//! Outfits, and coarse levels of doors.
 
 use std::collections::BTreeSet;
 
@@ -75,7 +75,7 @@ fn outfits_stay_within_the_box_and_flash_where_they_should() {
     }
 }
 
-/// From afar a door is a few triangles in the same place.
+/// Coarse levels of a door have few triangles and fill the same box.
 #[test]
 fn doors_have_levels_of_detail_that_fill_the_same_box() {
     for shape in [SALOON, VAN] {

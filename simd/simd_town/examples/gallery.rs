@@ -7,8 +7,7 @@
 //! ```
 //!
 //! LIGHT is `noon` (default), `evening`, `night`, `overcast`, `fog` or `rain`. Every picture's
-//! visible triangles are printed, as counted
-//! by the renderer that drew them.
+//! visible triangles are printed, as counted by the renderer that drew them.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -26,7 +25,7 @@ use simd_town::Town;
 
 const SIZE_PX: [u32; 2] = [960, 600];
 
-/// One picture: file, town, eye, yaw and pitch in degrees, light.
+/// A picture: file, town, position of the eye, yaw and pitch in degrees, light.
 type Shot = (&'static str, &'static str, [f64; 3], f64, f64, &'static str);
 
 /// What `docs/gallery` shows.
@@ -338,7 +337,7 @@ impl Studio {
                 .wait()?;
             Ok(())
         };
-        // The second picture shares the first one's shadow map of what stands still.
+        // The second frame reuses the first one's shadow map of static scenery.
         draw(&mut bytes)?;
         let first = self.gpu.counters().counts().triangles;
         draw(&mut bytes)?;
@@ -433,7 +432,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let light = args.get(2).map_or("noon", |text| text.as_str());
     let n = studio.town.spawn_points.len();
     for k in 0..12 {
-        // Not from inside a vehicle.
+        // Spawn points that hold a vehicle are skipped.
         let spread = (n / 70).max(3);
         let i = (k * n + n / 2) / 12 / spread * spread + 2;
         let point = studio.town.spawn_points[i];

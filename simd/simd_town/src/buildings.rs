@@ -20,8 +20,8 @@ pub use lot::Lot;
 /// Stream of random numbers of the houses.
 const LOTS: u64 = 0x71;
 
-/// Builds the houses of a block. Returns the plots that are taken, and the random numbers that
-/// follow.
+/// Builds the houses of a block with their gardens and driveways. Returns the plots that are taken,
+/// and the random stream, from which the block's trees are drawn next.
 pub fn houses(
     builder: &mut Builder<'_>,
     meshes: &SharedMeshes,

@@ -21,7 +21,7 @@ pub fn cross(a: P2, b: P2) -> f64 {
     a.x * b.y - a.y * b.x
 }
 
-/// The angle in (−π, π].
+/// The same angle in (−π, π].
 pub fn wrap(angle_rad: f64) -> f64 {
     let turns = (angle_rad / std::f64::consts::TAU).round();
     let wrapped = angle_rad - turns * std::f64::consts::TAU;
@@ -193,7 +193,8 @@ impl Path {
         }
     }
 
-    /// The closed curve's part from `from` on, `length_m` long, over its start if need be.
+    /// The part of a closed curve that begins at `from_m` and is `length_m` long; it may pass the
+    /// curve's start.
     pub fn around(&self, from_m: f64, length_m: f64) -> Path {
         let total = self.length_m();
         let from = from_m.rem_euclid(total);
@@ -215,7 +216,7 @@ impl Path {
                 (bend.corner_m - from).normalize(),
                 (next - bend.corner_m).normalize(),
             );
-            // A single corner between equal legs may take them whole.
+            // A single corner between legs of equal length may use both legs completely.
             let whole = bends.len() == 1
                 && ((bend.corner_m - from).norm() - (next - bend.corner_m).norm()).abs() < 1e-6;
             let turn = cross(u, v).atan2(u.dot(&v));
@@ -415,7 +416,7 @@ pub fn contains(polygon: &[P2], p: P2) -> bool {
     inside
 }
 
-/// The point in the ground plane.
+/// The point without its height.
 pub fn flat(p: [f64; 3]) -> P2 {
     P2::new(p[0], p[1])
 }

@@ -1,8 +1,8 @@
-//! A world from any road map: surfaces, kerbs, paint, ground, signals, houses and trees, all from
-//! the lanes alone.
+//! A world for any road map: surfaces, kerbs, paint, ground, signals, houses and trees, derived
+//! from the lanes alone.
 //!
-//! Everything is built about an origin in the middle of the map and moved there at the end, so that
-//! maps far from zero stay sharp.
+//! Everything is built in coordinates about the middle of the map and moved into place at the end,
+//! so that maps far from the origin lose no precision.
 
 mod builder;
 mod cover;

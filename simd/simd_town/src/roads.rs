@@ -1,4 +1,5 @@
-//! Roads as they are seen and felt: asphalt, paint, wear, bridges, tunnels, rails, sign bridges.
+//! Roads as cameras see them and wheels feel them: asphalt, paint, wear, bridges, tunnels, rails,
+//! sign bridges.
 
 mod bridge;
 mod guard_rail;
@@ -16,7 +17,7 @@ pub use paint::{BAYS_M, n_bays};
 /// Builds all roads and junctions.
 pub fn build(builder: &mut Builder<'_>) {
     let network = builder.network;
-    // Streets first: their objects count as their roads do.
+    // Streets come first, so that their object numbers equal the ids of their roads.
     for road in &network.roads {
         let object = builder.object(Class::ROADS, "street");
         surface::road(

@@ -1,4 +1,4 @@
-//! A generated town and how to ask for one.
+//! A town and how to generate one.
 
 use schema_types::Pose;
 use sensor_core::{Mesh, SceneAssets};
@@ -9,21 +9,21 @@ use crate::plan::plan_of;
 use crate::scenery::{CollisionMesh, LightSite, SceneryLamp, SceneryObject};
 use crate::{assembly, plan};
 
-/// Why there is no such town.
+/// Why a town cannot be made.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TownError {
-    /// Unknown name.
+    /// No town has this name.
     #[error("map {name:?} not found; generated towns are {}", Town::NAMES.join(", "))]
     Unknown {
-        /// What was asked for.
+        /// The name that was asked for.
         name: String,
     },
     /// A map whose surfaces would not fit into memory.
     #[error("map {name:?} is too large to be built: {reason}")]
     TooLarge {
-        /// Its name.
+        /// Name of the map.
         name: String,
-        /// What there is too much of.
+        /// What is too large.
         reason: String,
     },
 }
@@ -31,13 +31,13 @@ pub enum TownError {
 /// A town: map, scenery, collision.
 #[derive(Clone, Debug)]
 pub struct Town {
-    /// Name, as asked for.
+    /// Name without `Carla/Maps/` and `_Opt`; for an imported map, its given name.
     pub name: String,
     /// OpenDRIVE 1.6 text.
     pub open_drive: String,
     /// Where vehicles may be put: 0.3 m above the ground, x along the lane.
     pub spawn_points: Vec<Pose>,
-    /// Meshes and where they stand. Add actors' meshes behind them.
+    /// Meshes and their instances. Meshes of actors may be added behind them.
     pub assets: SceneAssets,
     /// Every object with an id of its own.
     pub objects: Vec<SceneryObject>,

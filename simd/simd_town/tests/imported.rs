@@ -1,5 +1,5 @@
-//! Worlds of foreign maps: what they hold, that they are the same every time, and that hostile maps
-//! cost no more than honest ones.
+//! Imported maps: what their worlds contain, that they are reproducible, and that hostile maps cost
+//! no more than honest ones.
 
 use schema_roads::RoadMap;
 use schema_types::Class;
@@ -117,8 +117,8 @@ fn options_and_seeds_change_what_they_should_and_nothing_else() {
     assert!(hidden.assets.statics.is_empty() && !hidden.collision[0].triangles.is_empty());
 }
 
-/// Values become hostile numbers, elements repeat, bytes change: a world, or a sentence, and never
-/// more than is allowed.
+/// Values are replaced by hostile numbers, elements repeated, bytes changed. The import must return
+/// a world or an error, within the limits of size.
 #[test]
 fn worlds_of_mutated_maps_stay_within_their_bounds() {
     const NUMBERS: [&str; 14] = [

@@ -9,7 +9,7 @@ use simd_town::Town;
 
 /// Side of the cells in which triangles are looked up.
 const CELL_M: f64 = 8.0;
-/// Room between a junction's lanes and its kerbs: what `kerb.rs` leaves.
+/// Room between a junction's lanes and its kerbs, as in `network/kerb.rs`.
 const CLEAR_M: f64 = 0.3;
 
 /// Upward triangles of pavements, verges and yards by place.
@@ -38,8 +38,8 @@ impl Raised {
         Raised(cells)
     }
 
-    /// Height over `p` of what lies there, if it is near `p`'s height: what a bridge passes over is
-    /// not.
+    /// Height over `p` of the triangle there, if it is near `p`'s height; ground far below a bridge
+    /// is not.
     fn over(&self, p: Vector3<f64>) -> Option<f64> {
         let heights = self.0.get(&cell(p.x, p.y))?.iter().filter_map(|t| {
             let weight = |a: Vector3<f64>, b: Vector3<f64>| {

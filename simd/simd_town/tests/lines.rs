@@ -1,4 +1,4 @@
-//! Lines inside junctions: what is painted there is what the map says, and the other way round.
+//! Lines inside junctions: the map names exactly those that are painted.
 
 use std::collections::BTreeMap;
 
@@ -108,7 +108,8 @@ fn paint_in_junctions_is_that_of_the_map() {
         let said = Near::of(marks.iter().flat_map(|mark| mark.points.iter().copied()));
         for [a, b, c] in triangles {
             let point: [f64; 3] = ((a.coords + b.coords + c.coords) / 3.0).into();
-            // Half a metre inside a junction: stripes of roads end at its edge, square to the road.
+            // Only paint half a metre inside a junction counts: stripes of roads end at its edge,
+            // square to the road.
             let inside = roads
                 .nearest(point, |lane| lane.kind.is_drivable())
                 .filter(|at| connecting.contains_key(&at.lane.road))

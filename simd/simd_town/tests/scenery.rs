@@ -56,8 +56,7 @@ fn every_town_has_streets_houses_trees_lamps_signs_lights_and_parked_cars() {
     }
 }
 
-/// What shines at night by itself is a street lamp, a window, a tunnel's lamp: no car that nobody
-/// sits in.
+/// Street lamps, windows and tunnel lamps come on at night by themselves; parked cars do not.
 #[test]
 fn parked_cars_have_no_lamps_that_come_on_at_dusk() {
     let town = Town::generate("Town10HD", 1).expect("a name of the list");
@@ -107,7 +106,8 @@ fn cars_on_drives_touch_nothing() {
             .filter(|object| object.name.starts_with("parked_car"))
         {
             let box_from_world = car.box_pose.isometry().inverse();
-            // A hand's breadth less aside; the ground itself is no obstacle.
+            // The box is 5 cm smaller on every side, so that the ground does not count as an
+            // obstacle.
             let half = Vector3::from(car.box_half_m) - Vector3::new(0.05, 0.05, 0.05);
             for (corners, object) in solid
                 .triangles

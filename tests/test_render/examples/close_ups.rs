@@ -1,8 +1,8 @@
 //! Actors from near by: `close_ups OUT_DIR [low|high] [WEATHER]` writes sheets of vehicles, open
 //! doors and walkers.
 //!
-//! Each stands on a street of Town10HD and is looked at from its front left corner; doors also from
-//! behind and from afar.
+//! Each actor stands on a street of Town10HD and is shown from its front left corner; doors also
+//! from behind and from afar.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ use test_render::sheet::Picture;
 use test_render::{Stage, weathers};
 
 const SIZE_PX: [u32; 2] = [640, 480];
-/// Where they stand: a spawn point with houses behind it.
+/// Index of the spawn point where actors stand; there are houses behind it.
 const SPOT: usize = 57;
 
 const VEHICLES: [&str; 20] = [
@@ -80,7 +80,7 @@ impl Studio {
             .map(|_| ())
     }
 
-    /// From a place in the actor's space towards another.
+    /// Renders from a place in the actor's space towards another.
     fn shoot(
         &mut self,
         actor: ActorId,

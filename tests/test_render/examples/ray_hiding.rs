@@ -1,5 +1,5 @@
-//! Hiding scenery from rays: the hierarchies that there are against new ones, best of five, CPU
-//! time of the whole process.
+//! Times hiding scenery from rays: changing the existing hierarchies against building new ones;
+//! best of five, CPU time of the whole process.
 //!
 //! `cargo run --release -p test_render --example ray_hiding [TOWN] [--json FILE]`
 
@@ -31,7 +31,7 @@ fn main() {
         kept.n_static_triangles(),
         ids.len()
     );
-    // The first time a table of the objects is made.
+    // The first call also builds a table of the objects.
     let begin = Instant::now();
     assert!(kept.hide(&whole.without(&ids.iter().take(1).map(|id| ObjectId(*id)).collect())));
     let first_ms = begin.elapsed().as_secs_f64() * 1e3;

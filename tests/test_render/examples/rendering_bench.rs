@@ -4,14 +4,12 @@
 //! Rows: `six` `separate` `apart` `rgb` `depth` `trio` `wide` `many` `hide` `peer` (default: all
 //! but `hide`, which times the upload when objects are hidden, and `peer`, which needs `ply=FILE`).
 //! `separate`: one view of six modalities against six sensors of one modality each, each rendered
-//! in a submission of its own, by turns in one run.
-//! `apart`: the same against six such views that go through one submission together.
-//! Keys: `town=Town10HD` `vehicles=20` `frames=60` `size=800x600` `quality=low|high` `inflight=2`
-//! `place=0` `weather=day` `ply=FILE` `times=0|1` (what the passes take)
-//! `driving=0|1` (vehicles drive from frame to frame) `queues=1|2` (frames are copied behind their
-//! drawing, or beside the next, where the adapter can).
-//! Times are per frame of all cameras of a row, milliseconds: median, best, mean, and CPU time of
-//! the process.
+//! in a submission of its own, by turns in one run. `apart`: the same against six such views that
+//! go through one submission together. Keys: `town=Town10HD` `vehicles=20` `frames=60`
+//! `size=800x600` `quality=low|high` `inflight=2` `place=0` `weather=day` `ply=FILE` `times=0|1`
+//! (what the passes take) `driving=0|1` (vehicles drive from frame to frame) `queues=1|2` (frames
+//! are copied behind their drawing, or beside the next, where the adapter can). Times are per frame
+//! of all cameras of a row, milliseconds: median, best, mean, and CPU time of the process.
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -142,7 +140,7 @@ struct Bench {
     options: Options,
     quality: Quality,
     in_flight: usize,
-    /// One per frame, or the only one.
+    /// One scene per frame, or a single scene for all.
     scenes: Vec<Arc<Scene>>,
     stage: Stage,
     result: RefCell<BenchResult>,
@@ -211,7 +209,8 @@ impl Bench {
 
     fn one_pose(&self, name: &str, asked: &[&[Modality]]) -> Figures {
         self.town(name, self.options.size_px, asked, |view, along_m| {
-            // A micrometre apart: cameras of one pose would be drawn once.
+            // Cameras stand a micrometre apart, because cameras with equal poses would share one
+            // view.
             self.stage
                 .camera(self.options.place, along_m + 1e-6 * view as f64, 0.0, 0.0)
         })
@@ -337,7 +336,7 @@ impl Bench {
         }
     }
 
-    /// Objects that are hidden, and their scenery as if it were another map's.
+    /// Times the upload after objects are hidden, against the upload of a new map.
     fn hide(&self) {
         let whole = &self.scenes[0].assets;
         let ids = whole

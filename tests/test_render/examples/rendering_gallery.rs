@@ -1,8 +1,6 @@
 //! Pictures of towns: `rendering_gallery sheets OUT_DIR` writes the contact sheets of
-//! docs/gallery/sensors;
-//! `rendering_gallery look OUT_DIR TOWN PLACE low|high WEATHER …` writes single pictures to look
-//! at; `rendering_gallery front OUT_DIR` the
-//! picture of the README.
+//! docs/gallery/sensors; `rendering_gallery look OUT_DIR TOWN PLACE low|high WEATHER …` writes
+//! single pictures to look at; `rendering_gallery front OUT_DIR` the picture of the README.
 
 use std::path::Path;
 
@@ -41,7 +39,7 @@ impl Studio {
         })
     }
 
-    /// Three firings of a camera that drives; the last one's pictures.
+    /// Fires a moving camera three times and returns the pictures of the last firing.
     fn shoot(
         &mut self,
         place: usize,

@@ -10,7 +10,7 @@ use sensor_spec::Intrinsics;
 
 use crate::oracle::{Detail, Met, Oracle};
 
-/// What a camera of [`Modality`]s other than colour saw.
+/// What a camera saw in all [`Modality`]s but colour.
 pub struct Frames {
     /// Lens.
     pub lens: Intrinsics,
@@ -20,9 +20,9 @@ pub struct Frames {
     pub class: Vec<u8>,
     /// Object ids.
     pub instance: Vec<u32>,
-    /// Pixels since the firing before, x right, y down.
+    /// Motion since the previous firing, pixels, x right, y down.
     pub flow_px: Vec<[f32; 2]>,
-    /// World.
+    /// Normals in world space.
     pub normals: Vec<Vector3<f64>>,
 }
 
@@ -85,10 +85,10 @@ fn half(bytes: &[u8]) -> f64 {
     f64::from(crate::sheet::half(bytes))
 }
 
-/// Largest errors and how many pixels they were taken over.
+/// Largest errors, and the numbers of pixels that were compared.
 #[derive(Clone, Debug, Default)]
 pub struct Errors {
-    /// Pixels that are not edges, and how many of all pixels are.
+    /// Pixels that are not edges.
     pub n: usize,
     /// Edges: rays near the pixel's corners meet other surfaces than the one through its middle.
     pub n_edges: usize,
@@ -117,7 +117,7 @@ impl Errors {
         }
     }
 
-    /// Whether the sensors keep what they promise.
+    /// Whether all errors are within the tolerances.
     pub fn is_exact(&self) -> bool {
         self.n_labels_off == 0
             && self.n_depth_off * 1000 <= self.n
@@ -161,7 +161,7 @@ fn pixel<'o>(
         )
     };
     let middle = cast(0.0, 0.0);
-    // Far from the middle, and close to it: lines can be much thinner than a pixel.
+    // Corners far from the middle and close to it, because lines can be much thinner than a pixel.
     let mut corners = [0.45, 0.02]
         .into_iter()
         .flat_map(|d| [(-d, -d), (d, -d), (-d, d), (d, d)]);
@@ -266,7 +266,7 @@ fn check_surface(frames: &Frames, i: usize, met: &Met<'_>, errors: &mut Errors) 
     errors.worst_normal_deg = errors.worst_normal_deg.max(angle_deg);
 }
 
-/// Where a point of what was met lay when `before` was.
+/// Where a point of the surface that was met lay in the scene `before`.
 fn place_before(before: &Scene, now: &Scene, met: &Met<'_>, point: Point3<f64>) -> Point3<f64> {
     let Some(k) = met.triangle.dynamic else {
         return point;
@@ -284,12 +284,12 @@ fn place_before(before: &Scene, now: &Scene, met: &Met<'_>, point: Point3<f64>) 
     }
 }
 
-/// What came of a lidar's turn.
+/// Result of comparing one turn of a lidar.
 #[derive(Clone, Debug, Default)]
 pub struct LidarErrors {
     /// Beams that meet no edge.
     pub n: usize,
-    /// Of those, hits.
+    /// Beams of those that hit something.
     pub n_hits: usize,
     /// Beams with a hit where there is none, or none where there is one.
     pub n_wrong: usize,
@@ -299,8 +299,8 @@ pub struct LidarErrors {
     pub worst_m: f64,
 }
 
-/// Compares a turn of a semantic lidar: `channels` evenly from `upper_deg` down to `lower_deg`,
-/// `columns` whose last looks straight back.
+/// Compares a turn of a semantic lidar with `channels` evenly spaced from `upper_deg` down to
+/// `lower_deg`, and `columns` of which the last looks straight back.
 pub fn check_lidar(
     points: &[SemanticLidarPoint],
     spec: &sensor_spec::LidarSpec,

@@ -1,4 +1,4 @@
-//! Towns in front of cameras without a daemon: what the rendering benchmark, the gallery and their
+//! Renders generated towns without a daemon: what the rendering benchmark, the gallery and their
 //! tests share.
 
 #![warn(missing_docs)]

@@ -1,5 +1,5 @@
-//! Many cameras in one submission, several frames on their way, written where the GPU can reach:
-//! time per frame.
+//! Times frames of many cameras: all views in one submission, several frames in flight, written
+//! into memory that the GPU has imported.
 
 #![expect(
     unsafe_code,
@@ -30,7 +30,7 @@ pub struct Cameras {
     n_alone: usize,
 }
 
-/// What a run came to.
+/// Result of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Figures {
     /// Median wall time from one submission's end to the next, milliseconds.
@@ -41,8 +41,7 @@ pub struct Figures {
     pub mean_ms: f64,
     /// CPU time of this process per frame, milliseconds: mean.
     pub cpu_ms: f64,
-    /// The same, of the frame that took least: what is left when neighbours on the machine disturb
-    /// least.
+    /// CPU time of the cheapest frame, milliseconds: least disturbed by other load on the machine.
     pub cpu_best_ms: f64,
     /// Triangles given to draw calls, per frame.
     pub n_triangles: u64,
@@ -50,12 +49,13 @@ pub struct Figures {
     pub n_draws: u64,
 }
 
-/// Frames before counting: pipelines compile, shadow maps are drawn.
+/// Frames that are rendered before timing starts, while pipelines compile and shadow maps are
+/// drawn.
 pub const WARM_UP: usize = 4;
 
 impl Cameras {
-    /// One view per list of `asked`, all of this lens; `n_in_flight` frames may be on their way at
-    /// once.
+    /// One view per list of `asked`, all with this lens; up to `n_in_flight` frames may be in
+    /// flight.
     pub fn new(
         gpu: &Gpu,
         quality: Quality,
@@ -91,7 +91,7 @@ impl Cameras {
         }
     }
 
-    /// Whether frames cost a copy on the CPU.
+    /// Number of copies on the CPU that a frame costs.
     pub fn cpu_copies(&self) -> u32 {
         self.target.cpu_copies()
     }
@@ -174,8 +174,8 @@ impl Cameras {
         self.views.len()
     }
 
-    /// Renders one of the views by itself; its bytes come to lie where they did the last time but
-    /// `n_in_flight` - 1.
+    /// Renders one of the views alone. Its bytes are written to the same place again after
+    /// `n_in_flight` submissions.
     pub(crate) fn submit_one(
         &mut self,
         scene: &Scene,
@@ -209,7 +209,8 @@ impl Cameras {
     }
 }
 
-/// What a view makes of `list`, from `offset_bytes` on, which moves beyond it.
+/// The job of a view with the modalities of `list`; its output begins at `offset_bytes`, which is
+/// advanced beyond it.
 fn job<'v>(
     view: &'v mut View,
     list: &[Modality],
@@ -250,7 +251,8 @@ fn page_aligned(len: usize) -> *mut u8 {
     memory[aligned..aligned + len].as_mut_ptr()
 }
 
-/// CPU time of this process so far, milliseconds. One system call: it is asked for in every frame.
+/// CPU time of this process so far, milliseconds. It is one system call, since it is measured in
+/// every frame.
 pub fn cpu_millis() -> f64 {
     let clock = nix::time::ClockId::CLOCK_PROCESS_CPUTIME_ID;
     let time = nix::time::clock_gettime(clock).expect("Linux has a clock of each process");

@@ -1,15 +1,15 @@
-//! A slow, plain ray caster in `f64` over a scene's triangles, to hold sensors against. It shares
-//! no code with any of them.
+//! A slow, plain ray caster in `f64` over a scene's triangles, with which sensors are compared. It
+//! shares no code with them.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use sensor_core::{Lod, Mesh, Scene};
 
-/// Which level of detail of a mesh is there.
+/// Which level of detail of the meshes is used.
 #[derive(Clone, Copy, Debug)]
 pub enum Detail {
     /// The finest, as rays see it.
     Finest,
-    /// What [`Lod::until_m`] promises to an eye at this place.
+    /// The level that [`Lod::until_m`] selects for an eye at this place.
     SeenFrom(Point3<f64>),
 }
 
@@ -232,7 +232,7 @@ impl Oracle {
         nearest
     }
 
-    /// As [`Oracle::cast`], triangle by triangle: what the boxes are held against.
+    /// As [`Oracle::cast`], but tests every triangle; used to check the boxes.
     pub fn cast_plainly(
         &self,
         origin: Point3<f64>,
@@ -283,7 +283,7 @@ fn enters(node: &Node, origin: &Point3<f64>, direction: &Vector3<f64>, limit: f6
     from <= to
 }
 
-/// Möller and Trumbore.
+/// Intersection of ray and triangle by Möller and Trumbore.
 fn meet<'o>(
     triangle: &'o Triangle,
     origin: &Point3<f64>,

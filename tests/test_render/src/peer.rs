@@ -1,4 +1,4 @@
-//! Reads a mesh that another renderer is measured on: binary PLY, triangles only.
+//! Reads the mesh of a scene on which another renderer was measured: binary PLY, triangles only.
 
 use std::sync::Arc;
 
@@ -8,8 +8,7 @@ use schema_types::{Class, ObjectId, SimTime, Tick};
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, MeshBuilder, Scene, SceneAssets, StaticInstance};
 
-/// Side of the squares of ground into which the mesh is cut, so that what is out of sight is not
-/// drawn.
+/// Side of the ground squares into which the mesh is cut, so that squares out of sight are culled.
 const CHUNK_M: f32 = 20.0;
 
 /// A scene of the triangles in a PLY file (little-endian, `float x y z`, `list uchar int`), all of

@@ -1,5 +1,5 @@
-//! One view of several modalities against the same modalities as sensors of their own, each in a
-//! submission of its own: by turns, in one run.
+//! Compares one view of several modalities with one view and one submission per modality, by turns
+//! in one run.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -15,9 +15,8 @@ use sensor_spec::Intrinsics;
 use crate::Cameras;
 use crate::measure::{WARM_UP, cpu_millis, finish};
 
-/// Sets that are made before it is the other side's turn, where several submissions may be on their
-/// way: whoever begins, the way there
-/// and back counts once for all of them.
+/// Sets per turn where several submissions may be in flight. A turn pays the latency of the round
+/// trip to the GPU once for all its sets.
 const SETS_PER_TURN: usize = 16;
 
 /// Times of sets, one per turn: milliseconds per set.
@@ -29,15 +28,15 @@ pub struct Turns {
     pub cpu_ms: Vec<f64>,
 }
 
-/// What came of a comparison.
+/// Result of a comparison.
 #[derive(Clone, Debug, Default)]
 pub struct Comparison {
     /// All modalities as one view, one submission per set.
     pub merged: Turns,
     /// One view and one submission per modality.
     pub separate: Turns,
-    /// Wall time of each of those submissions, in the order of the modalities; empty where several
-    /// are on their way at once.
+    /// Wall time of each of those submissions, in the order of the modalities; empty if several are
+    /// in flight at once.
     pub each_ms: Vec<Vec<f64>>,
 }
 
@@ -47,21 +46,21 @@ impl Turns {
     }
 }
 
-/// Middle of a list; its best is [`best`].
+/// Median of a list.
 pub fn median(numbers: impl IntoIterator<Item = f64>) -> f64 {
     let mut numbers: Vec<f64> = numbers.into_iter().collect();
     numbers.sort_by(f64::total_cmp);
     numbers.get(numbers.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// Smallest of a list.
+/// Smallest number of a list.
 pub fn best(numbers: &[f64]) -> f64 {
     numbers.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 impl Comparison {
-    /// Medians of the turns' ratios, wall and CPU: neighbours on the machine who come and go
-    /// disturb both sides of a turn alike.
+    /// Medians of the turns' ratios, wall and CPU time. Other load on the machine disturbs both
+    /// sides of a turn alike.
     pub fn ratios(&self) -> [f64; 2] {
         let Comparison {
             merged, separate, ..
@@ -84,7 +83,7 @@ impl Comparison {
     }
 }
 
-/// The views of a comparison: of one renderer, as the sensors of a daemon are.
+/// The views of a comparison. They share one renderer, as the sensors of a daemon do.
 pub struct Sides {
     cameras: Cameras,
     n_in_flight: usize,
@@ -107,8 +106,8 @@ impl Sides {
         }
     }
 
-    /// Makes `n_sets` of both kinds; `look` gives the scene and the pose, the same for all, of
-    /// each.
+    /// Renders `n_sets` of both kinds; `look` returns the scene and the pose of each set, which all
+    /// its views share.
     pub fn run(
         &mut self,
         n_sets: usize,

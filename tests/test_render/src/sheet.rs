@@ -1,10 +1,10 @@
-//! Pictures of frames: every modality as colours, tiles on a sheet, PNG and JPEG files.
+//! Frames as pictures for people: every modality as colours, contact sheets, PNG and JPEG files.
 
 use std::path::Path;
 
 use schema_frames::{DvsEvent, Modality};
 
-/// Of JPEG files: no blocks to be seen, even about labels.
+/// Quality of JPEG files: no visible blocks, even round the flat areas of labels.
 const JPEG_QUALITY: u8 = 90;
 
 /// Red, green, blue, row by row.
@@ -45,7 +45,7 @@ fn hue(turn: f32, value: f32) -> [u8; 3] {
 }
 
 impl Picture {
-    /// A frame of `modality` as people look at it.
+    /// A frame of `modality` as a picture for people.
     pub fn of(modality: Modality, size_px: [usize; 2], payload: &[u8]) -> Picture {
         let rgb = match modality {
             Modality::Rgb => payload
@@ -66,7 +66,7 @@ impl Picture {
                 .collect(),
             Modality::Instance => {
                 let id = |p: &[u8]| u32::from_le_bytes([p[0], p[1], p[2], p[3]]);
-                // Scenery's ids have the highest bit set: the lower ones tell them apart.
+                // Ids of scenery have the highest bit set, so the lower bits choose the colour.
                 let share = |id: u32, step: f32| ((id & 0xffff) as f32 * step).fract();
                 let colour = |id: u32| {
                     if id == 0 {
@@ -197,7 +197,7 @@ impl Picture {
 mod tests {
     use super::*;
 
-    /// Oracle: another decoder, of the same crate as the encoder but of its own code.
+    /// The written file is read back with the decoder of the same crate.
     #[test]
     fn a_jpeg_keeps_a_smooth_ramp_without_bands() {
         let folder = std::env::temp_dir().join(format!("gantry-sheet-{}", std::process::id()));

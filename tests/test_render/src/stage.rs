@@ -1,4 +1,4 @@
-//! A town with traffic, ready to be looked at.
+//! A town with traffic, ready for cameras.
 
 use std::sync::Arc;
 
@@ -98,10 +98,10 @@ impl Stage {
             .collect()
     }
 
-    /// Does what a client would ask for.
+    /// Applies a command as if a client had sent it.
     ///
     /// # Errors
-    /// The world's own words, if it refuses.
+    /// The world's message, if it refuses.
     pub fn apply(&mut self, command: &Command) -> Result<CommandReply, String> {
         let reply = self.world.apply(command);
         let switched = self.world.switched_lamps();
@@ -117,7 +117,7 @@ impl Stage {
         }
     }
 
-    /// The world behind it.
+    /// The simulated world.
     pub fn world(&self) -> &World {
         &self.world
     }
@@ -131,7 +131,7 @@ impl Stage {
         }
     }
 
-    /// The world as it stands, in this weather.
+    /// The scene of the current tick in this weather.
     pub fn scene(&self, weather: Weather) -> Scene {
         let mut dynamics: Vec<DynamicInstance> = Vec::new();
         self.world.dynamic_instances(&mut dynamics);

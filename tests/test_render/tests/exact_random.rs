@@ -1,6 +1,5 @@
-//! The same as in the towns, in scenes thrown together by chance: boxes, shards and balls with
-//! levels of detail, turned anyhow, moving
-//! anyhow, near the origin and ten kilometres away from it.
+//! Compares cameras and lidars with the ray caster in random scenes: boxes, shards and balls with
+//! levels of detail, with random poses and motion, near the origin and ten kilometres from it.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -20,7 +19,7 @@ use sensor_ray::{Lidar, RayScene, SensorPath};
 use sensor_spec::{Intrinsics, LidarSpec};
 use test_render::exact::{Errors, check_camera, check_lidar, two_firings};
 
-/// Numbers from a seed, one after the other.
+/// A seeded sequence of random numbers.
 struct Chance(Noise, u64);
 
 impl Chance {
@@ -243,7 +242,7 @@ fn cameras_and_lidar_agree_with_rays_in_random_scenes() {
     );
 }
 
-/// What the comparison is worth: a point that is a centimetre off does not pass.
+/// The comparison notices a point that is off by a centimetre.
 #[test]
 fn the_comparison_finds_what_is_off() {
     let gpu = Gpu::open(&GpuOptions::default()).unwrap();

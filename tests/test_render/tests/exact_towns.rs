@@ -1,5 +1,5 @@
-//! Cameras and lidar in every town against a ray caster that shares no code with them, with
-//! vehicles and walkers on the move.
+//! Compares cameras and lidar in every town with a ray caster that shares no code with them, while
+//! vehicles and walkers move.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use schema_frames::document::Weather;
@@ -14,7 +14,7 @@ use test_render::Stage;
 use test_render::exact::{Errors, check_camera, check_lidar, two_firings};
 use test_render::oracle::{Detail, Oracle};
 
-/// Where an actor is, less its roll and pitch.
+/// Pose of an actor without its roll and pitch.
 fn upright(stage: &Stage, actor: ActorId) -> Isometry3<f64> {
     let pose = stage
         .world()
@@ -164,7 +164,7 @@ fn town10hd_is_exact() {
     check_town("Town10HD");
 }
 
-/// The ray caster's boxes change nothing: the same as asking every triangle.
+/// The ray caster's boxes do not change its results: testing every triangle gives the same.
 #[test]
 fn the_oracle_misses_no_triangle() {
     let stage = Stage::new("Town02", 11, 10).unwrap();

@@ -1,5 +1,5 @@
-//! Lamps in pictures: traffic lights show their state, vehicles their lamps, and what a client
-//! switches shines as it says.
+//! Lamps in rendered images: traffic lights show their state, vehicles their lamps, and lamps that
+//! a client switches shine as set.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use schema_frames::document::Weather;
@@ -18,7 +18,7 @@ struct Eye {
     lens: Intrinsics,
 }
 
-/// Colours R G B, and the bytes of what no lamp may change.
+/// Colours R G B, and the bytes of the modalities that no lamp may change.
 struct Seen {
     lens: Intrinsics,
     rgb: Vec<[u8; 3]>,
@@ -321,7 +321,7 @@ fn a_vehicles_lamps_are_seen_at_night_and_light_the_road() {
     );
 }
 
-/// What a camera without film curve shows of light: proportional, where it is not white.
+/// Optics without film curve: pixel values are proportional to light up to white.
 fn linear() -> OpticsSpec {
     let mut optics = OpticsSpec {
         postprocess: false,

@@ -10,8 +10,8 @@ use simd_town::Town;
 use test_render::Stage;
 
 const BUDGET: u64 = 60_000;
-/// Places looked from in each town, evenly over its spawn points, and the steps forward along the
-/// lane at each, metres.
+/// Number of viewpoints in each town, evenly spread over its spawn points, and the distances along
+/// the lane from each, metres.
 const N_PLACES: usize = 48;
 const ALONG_M: [f64; 2] = [0.0, 7.0];
 
@@ -34,7 +34,7 @@ fn every_street_view_stays_within_the_budget() {
             for along_m in ALONG_M {
                 let world_from_sensor = stage.camera(place, along_m, 0.0, 1.0);
                 let mut n = 0;
-                // The second picture finds the shadows of what stands still.
+                // The second frame reuses the shadow map of static scenery.
                 for _ in 0..2 {
                     let before = gpu.counters().counts().triangles;
                     let outputs = vec![Output {

@@ -1,5 +1,5 @@
-//! What weather does to a picture, field by field, where physics says which way it must go; and
-//! what it must not touch.
+//! Effects of weather on images, field by field: changes go in the direction that physics demands,
+//! and other modalities stay untouched.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schema_frames::Modality;

@@ -1,9 +1,8 @@
-//! Bones: the joints of a body by the names that CARLA's skeletons have, and the way from bones to
-//! the twelve parts and back.
+//! Bones: the joints of a body with the names of CARLA's skeletons, and the conversion between
+//! bones and the twelve parts.
 //!
-//! Every bone's frame lies along the body's while it stands: x forward, y left, z up. Fingers, toes
-//! and eyes have places of their own, but
-//! no part to move.
+//! While the body stands, the axes of every bone are those of the body: x forward, y left, z up.
+//! Fingers, toes and eyes have bones, but no part of the mesh that they move.
 
 use std::sync::LazyLock;
 
@@ -20,7 +19,7 @@ pub struct Bone {
     pub parent: usize,
     /// The part whose gait it follows; `None` for the ground under the body.
     follows: Option<Part>,
-    /// Place in the frame of that part, as shares of the body's height: forward, left, up.
+    /// Place relative to that part, as shares of the body's height: forward, left, up.
     offset: [f64; 3],
 }
 
@@ -28,7 +27,8 @@ pub struct Bone {
 pub const N_BONES: usize = 66;
 const HIPS: usize = 1;
 const SPINE: usize = 3;
-/// Shares of the body's height: a shoulder blade's way out from the spine, and a finger's joint.
+/// Shares of the body's height: distance of a shoulder blade from the spine, and length of a
+/// finger's joint.
 const BLADE: f64 = 0.03;
 const JOINT: f64 = 0.012;
 
@@ -59,8 +59,8 @@ fn table() -> Vec<Bone> {
     let sides = [("L", 1.0, 0), ("R", -1.0, 1)];
     let part = |left: Part, right: Part, side: usize| Some(if side == 0 { left } else { right });
     for (side, sign, i) in sides {
-        // The blade's height over the hips is the shoulder's: it is found from the arm when poses
-        // are made.
+        // The height given here is a placeholder: `Skeleton::offset` puts the blade at the height
+        // of the shoulder.
         let prefix = if side == "L" { "ctrl" } else { "crl" };
         let blade = add(
             format!("{prefix}_shoulder__{side}"),
@@ -97,7 +97,7 @@ fn table() -> Vec<Bone> {
         ] {
             let mut parent = hand;
             let root_m = wrist_m - if finger == "Thumb" { 0.015 } else { 0.050 };
-            // CARLA's table spells the first joints of these fingers with one dash.
+            // CARLA's table spells the first joints of the other fingers with one underscore.
             let dash = if matches!(finger, "Thumb" | "Index") {
                 "__"
             } else {
@@ -163,7 +163,7 @@ fn table() -> Vec<Bone> {
     all
 }
 
-/// The last bone before a part's own mesh: where it goes, the part goes.
+/// Index of the bone that carries a part: the part moves with it.
 fn carrier(part: usize) -> usize {
     static CARRIERS: LazyLock<[usize; N_PARTS]> = LazyLock::new(|| {
         std::array::from_fn(|part| {
@@ -182,7 +182,7 @@ fn carrier(part: usize) -> usize {
     CARRIERS[part]
 }
 
-/// Index of a bone by its name; one dash is as good as two.
+/// Index of a bone by its name. Single and double underscores are equivalent.
 pub fn find(name: &str) -> Option<usize> {
     let single = |name: &str| name.replace("__", "_");
     let wanted = single(name);
@@ -190,7 +190,7 @@ pub fn find(name: &str) -> Option<usize> {
 }
 
 impl Skeleton {
-    /// Every bone in the body's frame while the gait alone holds it.
+    /// Pose of every bone in the body's space, as the gait alone holds it.
     fn bones_in_body(&self, parts: &[Isometry3<f64>; N_PARTS]) -> Vec<Isometry3<f64>> {
         let place = |bone: &Bone| match bone.follows {
             None => Isometry3::identity(),
@@ -209,7 +209,7 @@ impl Skeleton {
         Isometry3::translation(x, y, z)
     }
 
-    /// Every bone in its parent's frame, as a posture holds it.
+    /// Pose of every bone relative to its parent, as a posture holds it.
     pub fn relative_bones(&self, posture: Posture) -> Vec<Isometry3<f64>> {
         let in_body = self.bones_in_body(&self.parts(posture));
         let relative = |(idx, bone): (usize, &Bone)| {
@@ -222,7 +222,7 @@ impl Skeleton {
         bones().iter().enumerate().map(relative).collect()
     }
 
-    /// From bones in their parents' frames to bones in the body's.
+    /// Converts poses relative to the parents into poses in the body's space.
     pub fn chain(relative: &[Isometry3<f64>]) -> Vec<Isometry3<f64>> {
         let mut in_body: Vec<Isometry3<f64>> = Vec::with_capacity(relative.len());
         for (idx, (bone, pose)) in bones().iter().zip(relative).enumerate() {
@@ -235,7 +235,7 @@ impl Skeleton {
         in_body
     }
 
-    /// Poses of the parts that hang on these bones, which are in the body's frame.
+    /// Poses of the parts that hang on these bones; all poses are in the body's space.
     pub fn parts_on(&self, in_body: &[Isometry3<f64>]) -> [Isometry3<f64>; N_PARTS] {
         std::array::from_fn(|part| {
             let idx = carrier(part);
@@ -244,7 +244,8 @@ impl Skeleton {
     }
 }
 
-/// Between two poses: places in a straight line, turns along the shortest way.
+/// Interpolates between two poses: positions along a straight line, rotations along the shortest
+/// way.
 pub fn between(from: &Isometry3<f64>, to: &Isometry3<f64>, ratio: f64) -> Isometry3<f64> {
     let place = from.translation.vector.lerp(&to.translation.vector, ratio);
     let turn = from.rotation.try_slerp(&to.rotation, ratio, 1e-9);

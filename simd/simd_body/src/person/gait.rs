@@ -2,9 +2,8 @@
 //! air, lying.
 //!
 //! Angles follow the textbook curves of human gait: the foot is on the ground for 60 % of a walking
-//! cycle, the knee bends by about 60° in
-//! the swing, arms swing against the legs. The pelvis is put where the lowest sole just touches the
-//! ground.
+//! cycle, the knee bends by about 60° in the swing, arms swing against the legs. The pelvis is put
+//! where the lowest sole just touches the ground.
 
 use std::f64::consts::{PI, TAU};
 
@@ -71,13 +70,12 @@ pub enum Part {
     FootRight = 11,
 }
 
-/// What a body does.
+/// Posture of a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Posture {
-    /// Stands, walks or runs: share of the cycle in radians (0: the left heel meets the ground) and
-    /// speed.
+    /// Stands, walks or runs, depending on phase and speed.
     Upright {
-        /// Phase, radians.
+        /// Phase of the cycle, radians; at 0 the left heel meets the ground.
         phase_rad: f64,
         /// Speed over ground, m/s.
         speed_mps: f64,
@@ -131,7 +129,7 @@ impl Skeleton {
 
     fn walking(&self, share: f64, speed_mps: f64) -> Side {
         let run = smooth((speed_mps - 1.8) / 1.0);
-        // From standing to a full gait within a slow walk.
+        // The gait fades in from standing to a slow walk.
         let on = smooth(speed_mps / 0.35);
         let stance = 0.60 - 0.22 * run;
         let share = share.rem_euclid(1.0);
@@ -156,7 +154,8 @@ impl Skeleton {
             - deg(16.0) * (1.0 - run) * pace * bump(share, 0.985, 0.045)
             + deg(22.0) * bump(share, mid_swing - 0.08, 0.09);
         Side {
-            // Half of the knee's give is taken back at the hip, so that the foot stays where it is.
+            // Half of the knee's bend under load is compensated at the hip, so that the foot stays
+            // in place.
             hip: on * (deg(4.0 + 6.0 * run) + reach * angle.cos() + 0.5 * loading),
             knee: on * knee,
             sole: on * sole,
@@ -165,8 +164,8 @@ impl Skeleton {
         }
     }
 
-    /// Pose of every part about its own joint in the body's frame: origin on the ground between the
-    /// feet, x forward, y left, z up.
+    /// Pose of every part, about its own joint, in the body's space: origin on the ground between
+    /// the feet, x forward, y left, z up.
     pub fn parts(&self, posture: Posture) -> [Isometry3<f64>; N_PARTS] {
         let deg = |x: f64| x.to_radians();
         let (sides, lean, seat_m) = match posture {

@@ -5,13 +5,13 @@ use sensor_core::{Mesh, MeshBuilder};
 use super::shape::PersonShape;
 use super::{parts, wheelchair};
 
-/// Meshes of a person. Each is about its joint (torso: between the hip joints, head: base of the
-/// neck); left and right are alike.
+/// Meshes of a person. The origin of each is its joint (torso: between the hip joints, head: base
+/// of the neck); left and right are alike.
 #[derive(Clone, Debug)]
 pub struct PersonMeshes {
     /// By [`Part`] without sides: torso, head, upper arm, forearm, thigh, shin, foot.
     pub parts: [Mesh; 7],
-    /// What a seated person sits in, about the ground under the middle of the body.
+    /// Wheelchair of a seated person; its origin is on the ground under the middle of the body.
     pub wheelchair: Mesh,
 }
 

@@ -7,7 +7,7 @@ use super::shape::{Age, Hair, PersonShape};
 use crate::solid::ellipsoid;
 use crate::stack::{Ring, ring, stack};
 
-/// Below this number of sides only the outline counts.
+/// With fewer sides than this, only what shapes the outline is built.
 const FINE: usize = 8;
 
 fn rings<const N: usize>(shape: &PersonShape, table: [[f32; 4]; N]) -> [Ring; N] {
@@ -72,7 +72,7 @@ pub fn torso(builder: &mut MeshBuilder, shape: &PersonShape, n: usize) {
         stack(builder, &kept.map(|i| body[i]), n + 2, |i| band(kept[i]));
     }
     if shape.look.skirt {
-        // Its upper part; what hangs about the legs goes with the thighs.
+        // The upper part of the skirt; the rest belongs to the thighs and moves with them.
         let (hem, belt) = (-0.165, at(0.20));
         let cone = rings(
             shape,
@@ -108,7 +108,7 @@ pub fn head(builder: &mut MeshBuilder, shape: &PersonShape, n: usize) {
         shape.surface(shape.look.skin_rgb),
         shape.surface(shape.look.hair_rgb),
     );
-    // The crown is hair (or the cap); under it the skull ends a little lower.
+    // Hair or cap cover the crown, so the skull ends a little lower.
     let bald = shape.look.hair == Hair::Bald;
     let skull_top = if bald { room } else { room - 0.006 * h };
     let chin = 0.05 * room;
@@ -404,8 +404,8 @@ pub fn thigh(builder: &mut MeshBuilder, shape: &PersonShape, n: usize) {
         stack(builder, &[leg[1], leg[3], leg[4]], n, |_| cloth)
     }
     if shape.look.skirt {
-        // Half a skirt about each leg, so wide that both are one while it stands, and that no leg
-        // comes through while it walks.
+        // Each thigh carries half of the skirt. The halves are so wide that they look like one
+        // skirt when the person stands, and that no leg pokes through when it walks.
         let hem = 0.92 * length;
         let half = rings(
             shape,

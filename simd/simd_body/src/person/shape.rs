@@ -19,7 +19,7 @@ pub enum Age {
     Elderly,
 }
 
-/// What the hair is like.
+/// Style of the hair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Hair {
     /// None.
@@ -107,7 +107,7 @@ impl Age {
 }
 
 impl PersonShape {
-    /// A person in grey.
+    /// A person with grey clothes and hair.
     pub fn plain(age: Age, height_m: f64) -> PersonShape {
         let grey = [128; 3];
         let look = Look {

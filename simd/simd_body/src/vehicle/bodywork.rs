@@ -1,4 +1,4 @@
-//! What the builders of all bodies share: measures on the skin, and surfaces.
+//! What the builders of all bodies share: measures of the skin, and its surfaces.
 
 use schema_types::Class;
 use sensor_core::Material;
@@ -7,7 +7,7 @@ use sensor_core::mesh::Surface;
 use super::outfit::Outfit;
 use super::shape::{BodyStyle, VehicleShape};
 
-/// What the builders of bodies share.
+/// Measures and surfaces that the builders of one vehicle share.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bodywork {
     pub class: Class,
@@ -45,7 +45,7 @@ impl Bodywork {
         2.0 * self.half[2] - self.outfit.roof_m()
     }
 
-    /// Half length of the skin: lamps and plates stand out of it up to the box.
+    /// Half length of the skin. Lamps and plates stand out of it as far as the box.
     pub fn skin_m(&self) -> f32 {
         self.half[0] - 0.03
     }
@@ -59,7 +59,7 @@ impl Bodywork {
         self.wheel_radius_m * 1.16
     }
 
-    /// Places at these shares of the arch's radius about both axles.
+    /// Places at multiples of the wheel arch's radius before and behind both axles.
     pub fn arch_places(&self, shares: &[f32]) -> Vec<f32> {
         let reach = self.arch_radius_m();
         let place = |x: f32| 0.5 * (1.0 - x / self.skin_m());

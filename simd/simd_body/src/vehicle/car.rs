@@ -35,7 +35,7 @@ pub(super) fn skin(body: &Bodywork, style: BodyStyle, part: Part, strip: usize) 
     }
 }
 
-/// The finest level without the sides of doors: where they begin and end.
+/// Adds the finest level of a body whose door openings, given by their spans, are left open.
 pub(super) fn open_body(
     builder: &mut MeshBuilder,
     body: &Bodywork,
@@ -73,7 +73,7 @@ pub fn body(builder: &mut MeshBuilder, body: &Bodywork, style: BodyStyle, detail
             1 => [0, 2, 4, 5, 7][strip],
             _ => [0, 2, 5, 7][strip],
         };
-        // The underside of a car far away is not seen.
+        // The underside of a distant car is invisible.
         (detail < 3 || strip > 0).then(|| skin(body, style, part, strip))
     };
     loft_with_holes(builder, &sections, surface, [paint, paint]);
@@ -84,8 +84,8 @@ pub fn body(builder: &mut MeshBuilder, body: &Bodywork, style: BodyStyle, detail
     equipment::on_car(builder, body, style, detail);
 }
 
-/// The table with stations for wheel arches and at `also` put in; far levels keep what shapes the
-/// outline.
+/// The table's stations for a level of detail, with stations for wheel arches and at `also`
+/// inserted. Coarse levels keep only what shapes the outline.
 pub(super) fn stations(
     body: &Bodywork,
     table: &[Station],
@@ -103,8 +103,8 @@ pub(super) fn stations(
             places.extend(body.arch_places(&[-1.0, -0.8, 0.8, 1.0]));
         }
         3 => {
-            // Where bonnet, cabin and boot begin and end, and where nose and tail have their full
-            // width.
+            // Kept: where bonnet, cabin and boot begin and end, and where nose and tail have their
+            // full width.
             let kind = |i: usize| match table[i].part {
                 Pillar | Gap => Cabin,
                 part => part,
@@ -194,7 +194,7 @@ fn front(builder: &mut MeshBuilder, body: &Bodywork, table: &[Station], detail: 
     let flat = table[0].width;
     for side in [1.0f32, -1.0] {
         let blinker = if side > 0.0 { 5 } else { 4 };
-        // Front faces end at these x: the outer ones lie further back, as the bumper is round.
+        // The front faces end at `x`; outer lamps lie further back because the bumper is round.
         let mut lamp =
             |rgb: [u8; 3], bit: u8, (from, to): (f32, f32), x: f32, (low, high): (f32, f32)| {
                 let (y, half_y) = (side * 0.5 * (from + to) * w, 0.5 * (to - from) * w);

@@ -1,8 +1,8 @@
 //! Doors that open: a body with door openings and an interior behind them, and a slab for each
 //! door.
 //!
-//! Most of the time every door is shut, and then the plain body is drawn. The two are the same from
-//! outside.
+//! While every door is shut, which is most of the time, the plain body is drawn instead. From
+//! outside the two look the same.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use sensor_core::mesh::Surface;
@@ -29,16 +29,16 @@ const LAST_RING: usize = 6;
 /// How a door moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DoorMotion {
-    /// About the vertical through its front edge.
+    /// Turns about the vertical through its front edge.
     Hinged,
-    /// Out and then back along the body, by this length, metres.
+    /// Slides out and then back along the body, by this length, metres.
     Sliding(f64),
 }
 
 /// One door.
 #[derive(Clone, Debug)]
 pub struct Door {
-    /// About the lower end of its hinge.
+    /// Mesh whose origin is the lower end of the hinge.
     pub mesh: Mesh,
     /// The hinge when the door is shut, vehicle space, metres.
     pub hinge_m: [f64; 3],
@@ -49,7 +49,7 @@ pub struct Door {
 }
 
 impl Door {
-    /// Where the mesh is in the vehicle; `opening` from 0, shut, to 1.
+    /// Pose of the mesh in the vehicle; `opening` runs from 0 (shut) to 1.
     pub fn vehicle_from_mesh(&self, opening: f64) -> Isometry3<f64> {
         let outwards = if self.left { 1.0 } else { -1.0 };
         let hinge = Translation3::from(Vector3::from(self.hinge_m));
@@ -71,7 +71,7 @@ impl Door {
 /// A body that shows its interior through its doors.
 #[derive(Clone, Debug)]
 pub struct DoorMeshes {
-    /// In place of the plain body while any door is open.
+    /// Drawn in place of the plain body while any door is open.
     pub body: Mesh,
     /// Front left, front right, rear left, rear right.
     pub doors: Vec<Door>,
@@ -94,7 +94,7 @@ pub fn door_meshes(shape: &VehicleShape) -> Option<DoorMeshes> {
     outfitted_door_meshes(shape, Outfit::Plain)
 }
 
-/// The same with equipment and livery.
+/// As without an outfit, with equipment and livery added.
 pub fn outfitted_door_meshes(shape: &VehicleShape, outfit: Outfit) -> Option<DoorMeshes> {
     let spans = spans(shape.style)?;
     let body = Bodywork::new(shape, outfit);
@@ -128,7 +128,7 @@ pub fn outfitted_door_meshes(shape: &VehicleShape, outfit: Outfit) -> Option<Doo
 fn facing(builder: &mut MeshBuilder, surface: Surface, corners: &[[f32; 3]], direction: [f32; 3]) {
     let mut corners = corners.to_vec();
     let [a, b, c] = [0, 1, 2].map(|i| Vector3::from(corners[i]));
-    // Quads may come to a point at their first edge.
+    // A quad's first edge may have length 0.
     let first = (b - a).cross(&(c - a));
     let normal = match corners.get(3) {
         Some(d) => first + (c - a).cross(&(Vector3::from(*d) - a)),
@@ -169,7 +169,7 @@ struct Slab<'t> {
 }
 
 impl Slab<'_> {
-    /// Place of section `i`, ring `j`, under the skin by so much; about the hinge.
+    /// Place of section `i`, ring `j`, `inwards_m` under the skin, relative to the hinge.
     fn at(&self, i: usize, j: usize, inwards_m: f32) -> [f32; 3] {
         let [y, z] = self.sections[i].ring_m[j];
         [
@@ -179,7 +179,7 @@ impl Slab<'_> {
         ]
     }
 
-    /// Skin and inner side between these sections and rings; the edges too if they are to be seen.
+    /// Adds skin and inner side between these sections and rings, and the edges if `with_edges`.
     fn build(
         &self,
         builder: &mut MeshBuilder,
@@ -352,7 +352,7 @@ fn seats(builder: &mut MeshBuilder, body: &Bodywork, table: &[Station], spans: [
         let x = body.x(u);
         for side in [1.0f32, -1.0] {
             let y = side * 0.42 * body.half_width_m;
-            // Over a wheel it stands on the arch.
+            // Over a wheel the seat stands on the wheel arch.
             let over_wheel = [0.5, -0.5].iter().any(|share| {
                 let axle = share * body.wheelbase_m;
                 x - 0.10 < axle + body.arch_radius_m() && x + 0.46 > axle - body.arch_radius_m()

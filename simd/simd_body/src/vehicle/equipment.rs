@@ -85,8 +85,8 @@ fn bar(
     }
 }
 
-/// Adds what a lorry of this outfit has on cab and box; the box from `rear` to `front`, its floor
-/// and its roof.
+/// Adds what a lorry of this outfit has on its cab and on its box, which is given by `rear`,
+/// `front`, `floor` and `roof`.
 pub(super) fn on_lorry(
     builder: &mut MeshBuilder,
     body: &Bodywork,

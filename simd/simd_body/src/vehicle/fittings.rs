@@ -5,9 +5,8 @@ use sensor_core::{Material, MeshBuilder};
 
 use super::bodywork::Bodywork;
 
-/// A lamp that stands out of the skin a little. From farther away only what shows: its front, and
-/// up to the third level its outer side.
-/// `towards` are the signs of x and y in which it looks.
+/// Adds a lamp that stands out of the skin a little. Coarser levels have only its front and, up to
+/// the third level, its outer side. `towards` holds the signs of x and y in which it looks.
 pub(super) fn lamp_block(
     builder: &mut MeshBuilder,
     surface: Surface,
@@ -21,7 +20,7 @@ pub(super) fn lamp_block(
     }
     let ([x, y, z], [hx, hy, hz], [ahead, out]) = (centre_m, half_m, towards);
     let front_x = x + ahead * hx;
-    // Counter-clockwise from where it looks.
+    // Counter-clockwise as seen from the front of the lamp.
     let front = [(-ahead, -1.0), (ahead, -1.0), (ahead, 1.0), (-ahead, 1.0)]
         .map(|(a, b)| [front_x, y + a * hy, z + b * hz]);
     builder.polygon(surface, &front, &[[0.0; 2]; 4]);

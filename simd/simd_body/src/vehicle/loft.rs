@@ -58,8 +58,8 @@ pub fn loft_with_holes(
     let faces: Vec<Vec<[f32; 3]>> = (0..n_segments)
         .map(|i| (0..n_strips).map(|j| face(i, j)).collect())
         .collect();
-    // Normal of the corner (i, j) as the face (fi, fj) sees it: the mean of the faces that do not
-    // meet it at a sharp edge.
+    // Normal of the corner (i, j) in the face with normal `own`: the mean over the faces about the
+    // corner that do not meet that face at a sharp edge.
     let corner_normal = |i: usize, j: usize, own: [f32; 3]| {
         let mut sum = [0.0; 3];
         for strip in &faces[i.saturating_sub(1)..(i + 1).min(n_segments)] {
@@ -99,7 +99,7 @@ pub fn loft_with_holes(
     }
 }
 
-/// Closes a body at a section; to the front or to the rear.
+/// Closes a body at a section, towards the front or the rear.
 pub fn end_cap(builder: &mut MeshBuilder, section: &Section, surface: Surface, front: bool) {
     // Strips of trapezoids between mirrored points keep every face convex.
     for pair in section.ring_m.windows(2) {

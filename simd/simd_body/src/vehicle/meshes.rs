@@ -14,9 +14,10 @@ pub struct WheelSite {
     pub centre_m: [f64; 3],
     /// Radius, metres.
     pub radius_m: f64,
-    /// Turns with the steering.
+    /// Whether it turns with the steering.
     pub steered: bool,
-    /// On the left: the wheel mesh is turned by half a turn about z so that its rim looks outwards.
+    /// Whether it is on the left. There the wheel mesh is turned by half a turn about z so that its
+    /// rim looks outwards.
     pub left: bool,
 }
 
@@ -40,7 +41,7 @@ pub fn vehicle_meshes(shape: &VehicleShape) -> VehicleMeshes {
     outfitted_meshes(shape, Outfit::Plain)
 }
 
-/// The same with equipment and livery.
+/// As without an outfit, with equipment and livery added.
 pub fn outfitted_meshes(shape: &VehicleShape, outfit: Outfit) -> VehicleMeshes {
     let body = Bodywork::new(shape, outfit);
     let mut builder = MeshBuilder::new(format!("{:?} body", shape.style).to_lowercase());

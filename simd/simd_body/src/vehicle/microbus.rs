@@ -51,7 +51,8 @@ fn disc(
     }
 }
 
-/// Front and rear: lamps, and from near by bumpers, plates, vents, a ring on the nose.
+/// Adds front and rear: lamps, and in the finest level bumpers, plates, vents and a ring on the
+/// nose.
 pub(super) fn ends(builder: &mut MeshBuilder, body: &Bodywork, detail: usize) {
     front(builder, body, detail);
     rear(builder, body, detail);

@@ -4,7 +4,7 @@ use schema_types::Class;
 use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
-/// Equipment and livery.
+/// Equipment and livery of a vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Outfit {
     /// None.
@@ -33,8 +33,8 @@ impl Outfit {
         }
     }
 
-    /// The skin of a car where it is not painted like the rest: `strip` counts from the floor,
-    /// `is_side` between the axles.
+    /// Surface of a strip of a car's skin that is not painted like the rest. `strip` counts from
+    /// the floor; `is_side` is true between the axles.
     pub(super) fn livery(self, class: Class, strip: usize, is_side: bool) -> Option<Surface> {
         let rgb = match (self, strip) {
             (Outfit::Police, 2..=4) if is_side => [232, 232, 230],

@@ -172,7 +172,7 @@ fn bicycle(builder: &mut MeshBuilder, body: &Bodywork, n: usize) {
     extremes(builder, body);
 }
 
-/// Mudguard ends: the box's length is reached whatever the wheelbase.
+/// Ends of the mudguards, so that the mesh fills the box's length whatever the wheelbase.
 fn extremes(builder: &mut MeshBuilder, body: &Bodywork) {
     let reach = 0.5 * body.wheelbase_m + body.wheel_radius_m;
     for side in [1.0f32, -1.0] {
@@ -193,7 +193,7 @@ fn rider(builder: &mut MeshBuilder, body: &Bodywork, motor: bool, n: usize) {
         cloth([46, 48, 56]),
         cloth([214, 170, 140]),
     );
-    // A narrow box has a narrow rider.
+    // The rider is scaled to the width of the box.
     let slim = (body.half[1] / WIDTH_M).min(1.0);
     let top = h;
     let (hip, shoulder) = ([-0.20, 0.0, 0.62 * h], [0.03, 0.0, top - 0.34]);

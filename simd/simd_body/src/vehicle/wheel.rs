@@ -88,7 +88,7 @@ fn level(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, n: usize
         let at = |p: [f32; 2], a: f32| [p[0] * a.cos(), p[1], p[0] * a.sin()];
         for (i, &(p, surface)) in profile.iter().enumerate().take(n_rings) {
             let q = profile.get(i + 1).map_or(end, |next| next.0);
-            // Counter-clockwise from outside; at the axle both ends are one.
+            // Counter-clockwise from outside; at the axle two corners coincide.
             let corners = [at(p, a0), at(p, a1), at(q, a1), at(q, a0)];
             let kept: Vec<[f32; 3]> = if p[0] == 0.0 {
                 vec![corners[0], corners[2], corners[3]]

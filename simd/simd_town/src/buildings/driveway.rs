@@ -1,4 +1,4 @@
-//! Drives beside houses, with a car on most of them.
+//! Driveways beside houses, with a car on most of them.
 
 use schema_types::Class;
 use sensor_core::Material;
@@ -14,15 +14,15 @@ use crate::scenery::{Builder, Layer, MapLayer};
 
 /// Stream of random numbers.
 const DRIVEWAYS: u64 = 0x77;
-/// Half width of a drive, its length, and how far its middle lies beside the house.
+/// Half width of a driveway, its length, and the distance of its middle from the house.
 const HALF_M: f64 = 1.4;
 const LENGTH_M: f64 = 6.6;
 const BESIDE_M: f64 = 2.8;
-/// Between a drive and another house, for the garden between them.
+/// Distance between a driveway and another house, for the garden between them.
 const APART_M: f64 = 1.2;
-/// Between a drive and a pole or a tree of the roadside.
+/// Distance between a driveway and a pole or a tree of the roadside.
 const CLEAR_M: f64 = 0.5;
-/// Steepest ground on which a car stands level: over its length, metres.
+/// Greatest rise of the ground over a car's length on which a level car looks right, metres.
 const MAX_RISE_M: f64 = 0.22;
 
 /// Lays driveways where there is room and gives the plots they take; `front_m` is between houses
@@ -101,7 +101,7 @@ fn driveway(
         random.pick(&[[140, 132, 122], [112, 110, 108], [158, 140, 122]]),
     )
     .of(object);
-    // In pieces, which follow the ground.
+    // The slab is laid in pieces, which follow the ground.
     for k in 0..4 {
         let (s, t) = (f64::from(k) / 4.0, f64::from(k + 1) / 4.0);
         let ends = |s: f64| [f[0] + (f[3] - f[0]) * s, f[1] + (f[2] - f[1]) * s];

@@ -1,4 +1,4 @@
-//! Front doors: a leaf with a light over it in a stone frame, a step, for some a canopy.
+//! Front doors: a leaf with a window over it in a stone surround, a step, and for some a canopy.
 
 use schema_types::{Class, ObjectId};
 use sensor_core::Material;
@@ -12,10 +12,10 @@ use crate::scenery::{Chunks, Key, Layer};
 
 /// Stream of random numbers.
 const DOORS: u64 = 0x7b;
-/// Half widths of the frame and of the leaf.
+/// Half widths of the stone surround and of the leaf.
 const HALF_M: (f64, f64) = (0.74, 0.50);
 
-/// Where along the street side of a house its door is, if nothing else says so.
+/// Place of a house's door along its street side, for houses without a garden path.
 pub fn place_m(lot: &Lot, object: ObjectId) -> f64 {
     let width = (lot.footprint_m[1] - lot.footprint_m[0]).norm();
     width * Random::new(0, DOORS, u64::from(object.0)).between(0.3, 0.7)

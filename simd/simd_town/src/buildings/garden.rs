@@ -71,7 +71,7 @@ pub fn build(
     entrance::build(&mut builder.chunks, lot, gate, house);
 }
 
-/// One straight piece.
+/// Adds one straight piece of hedge, fence or wall.
 fn run(builder: &mut Builder<'_>, edging: Edging, from: P2, to: P2) {
     let length = (to - from).norm();
     if length < 0.5 {

@@ -17,7 +17,7 @@ pub struct Lot {
 struct Manner {
     width_m: (f64, f64),
     depth_m: (f64, f64),
-    /// From the pavement's back.
+    /// Distance from the back of the pavement.
     setback_m: f64,
     /// Share of houses with a wide gap behind them.
     gaps: f64,

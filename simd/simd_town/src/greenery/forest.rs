@@ -65,7 +65,7 @@ fn band(builder: &mut Builder<'_>, points: &[P2], height_m: f64, random: &mut Ra
     for i in 0..points.len() - 1 {
         let (p, q) = (points[i], points[i + 1]);
         let middle = 0.5 * (p + q);
-        // Over the line between both tops, so that the piece is convex.
+        // The peak lies over the line between both tops, so that the piece is convex.
         let flat = 0.5 * (ground[i] + tops[i] + ground[i + 1] + tops[i + 1]);
         let peak = (0.5 * (ground[i] + ground[i + 1]) + height_m * random.between(0.85, 1.3))
             .max(flat + 0.5);

@@ -18,8 +18,8 @@ const AVENUE: u64 = 0x76;
 /// Palms grow along streets nearer to the equator than this.
 const WARM_DEG: f64 = 36.0;
 
-/// Trees where houses left room: in corners and yards, along verges, and in a belt round the
-/// town.
+/// Plants trees where houses leave room: in corners and yards, along verges, and in a belt round
+/// the town.
 pub fn green_gaps(
     builder: &mut Builder<'_>,
     meshes: &SharedMeshes,
@@ -77,7 +77,7 @@ pub fn green_gaps(
     }
 }
 
-/// A park: trees in groups, lawns between, a hedge with benches before it.
+/// Plants a park: trees with lawns between them, and a hedge with benches in front of it.
 pub fn park(builder: &mut Builder<'_>, meshes: &SharedMeshes, ring: &Ring) {
     let mut random = Random::new(builder.seed, PARK, 0);
     let n = ring.back_m.len();
@@ -127,7 +127,7 @@ pub fn park(builder: &mut Builder<'_>, meshes: &SharedMeshes, ring: &Ring) {
     }
 }
 
-/// A tree of a kind that suits the town, on the ground.
+/// Plants a tree of a kind that suits the town.
 pub fn tree(builder: &mut Builder<'_>, meshes: &SharedMeshes, p: P2, random: &mut Random) {
     let conifers = matches!(builder.plan.houses, Houses::Farms) || p.norm() > 330.0;
     let mesh = if conifers && random.chance(0.4) {
@@ -139,7 +139,7 @@ pub fn tree(builder: &mut Builder<'_>, meshes: &SharedMeshes, p: P2, random: &mu
     plant(builder, mesh, p, yaw);
 }
 
-/// A tree of an avenue: most of a street's trees are of one kind.
+/// Plants a street tree: most trees of a street are of one kind.
 pub fn street_tree(
     builder: &mut Builder<'_>,
     meshes: &SharedMeshes,

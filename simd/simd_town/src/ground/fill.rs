@@ -1,15 +1,15 @@
 //! The ground inside a block, or round the town: triangles between its border and points in
 //! between, with heights.
 //!
-//! The border's edges stay as they are, so that pavements meet the ground without a gap. Inner
-//! heights follow the near border;
-//! farther out hills rise, and ponds lie in hollows.
+//! The border's edges are kept as they are, so that pavements meet the ground without a gap.
+//! Heights inside follow the nearest part of the border; outside the town hills rise with distance,
+//! and ponds lie in hollows.
 
 use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation as _};
 
 use crate::geometry::{P2, contains};
 
-/// Half the side of the world.
+/// Half the side of the square that is the world, metres.
 pub const FAR_M: f64 = 1500.0;
 /// Depth of a pond's bed under its water.
 const POND_DEPTH_M: f64 = 1.4;
@@ -27,7 +27,7 @@ pub struct Fill {
     pub triangles: Vec<[usize; 3]>,
 }
 
-/// A pond as the ground knows it.
+/// A pond in the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pond {
     /// Middle.
@@ -38,7 +38,7 @@ pub struct Pond {
     pub level_m: f64,
 }
 
-/// What is to be filled.
+/// The closed line that is to be filled.
 #[derive(Clone, Copy, Debug)]
 pub struct Border<'a> {
     /// Closed line with the block on its left.
@@ -50,7 +50,7 @@ pub struct Border<'a> {
 }
 
 impl Fill {
-    /// Fills a border. `rough` ground gets points in between, level ground needs none.
+    /// Fills a border. `rough` ground gets points between the border's; level ground needs none.
     pub fn of(border: &Border<'_>, rough: bool, hills_m: f64, ponds: &[Pond]) -> Fill {
         let (points_m, heights_m, outside) = (border.points_m, border.heights_m, border.outside);
         let mut corners: Vec<(P2, f64)> = points_m
@@ -60,7 +60,7 @@ impl Fill {
             .collect();
         let n = corners.len();
         if outside {
-            corners.extend(frame().into_iter().map(|p| (p, 0.0)));
+            corners.extend(world_corners().into_iter().map(|p| (p, 0.0)));
         }
         let nearness = Nearness::new(points_m, heights_m);
         if rough || outside {
@@ -94,7 +94,7 @@ impl Fill {
 }
 
 /// Corners of the world's edge.
-fn frame() -> Vec<P2> {
+fn world_corners() -> Vec<P2> {
     (0..24)
         .map(|k| crate::geometry::unit(std::f64::consts::TAU * f64::from(k) / 24.0) * FAR_M)
         .collect()
@@ -109,7 +109,8 @@ fn grid(border: &Border<'_>, rough: bool, nearness: &Nearness) -> Vec<P2> {
     let mut points = Vec::new();
     let steps: &[(f64, f64, f64)] = match (border.outside, rough) {
         (false, _) => &[(14.0, 0.0, f64::INFINITY)],
-        // Step, and the distances from the border between which it holds.
+        // Each row: distance between points, and the range of distances from the border in which it
+        // applies.
         (true, true) => &[
             (18.0, 0.0, 90.0),
             (50.0, 90.0, 320.0),
@@ -127,7 +128,7 @@ fn grid(border: &Border<'_>, rough: bool, nearness: &Nearness) -> Vec<P2> {
         let last = |axis: usize| ((high[axis] + reach).min(FAR_M) / step).ceil() as i64;
         for j in first(1)..=last(1) {
             for i in first(0)..=last(0) {
-                // Every other row is shifted: triangles of equal sides.
+                // Every other row is shifted by half a step, which gives triangles of equal sides.
                 let p = P2::new(
                     (i as f64 + if j % 2 == 0 { 0.0 } else { 0.5 }) * step,
                     j as f64 * step,
@@ -151,7 +152,7 @@ fn triangulate(corners: &[(P2, f64)], n_border: usize, border: &Border<'_>) -> V
     let handles: Vec<_> = (corners.iter().enumerate())
         .filter_map(|(i, (p, _))| {
             let handle = mesh.insert(Point2::new(p.x, p.y)).ok()?;
-            // The same place twice is one corner.
+            // Two points at the same place become one corner.
             if handle.index() == numbers.len() {
                 numbers.push(i);
             }
@@ -168,7 +169,7 @@ fn triangulate(corners: &[(P2, f64)], n_border: usize, border: &Border<'_>) -> V
         .inner_faces()
         .map(|face| face.vertices().map(|v| numbers[v.fix().index()]));
     let belongs = |t: &[usize; 3]| {
-        // Points in between lie inside, and no triangle crosses the border.
+        // A triangle with an inner point lies inside, because no triangle crosses the border.
         if t.iter().any(|&i| i >= n_border) {
             return true;
         }
@@ -178,7 +179,7 @@ fn triangulate(corners: &[(P2, f64)], n_border: usize, border: &Border<'_>) -> V
     triangles.filter(belongs).collect()
 }
 
-/// The border in square cells, for asking what is near.
+/// The border sorted into square cells, to find its nearest points quickly.
 struct Nearness<'a> {
     points_m: &'a [P2],
     heights_m: &'a [f64],
@@ -202,7 +203,7 @@ impl Nearness<'_> {
         (0..n).map(to_edge).fold(f64::INFINITY, f64::min).sqrt()
     }
 
-    /// Distance of the border, and its height weighted with nearness.
+    /// Distance to the border, and the border's height as a mean weighted by nearness.
     fn at(&self, p: P2) -> (f64, f64) {
         let (mut sum, mut weights, mut nearest) = (0.0, 0.0, f64::INFINITY);
         for (q, height) in self.points_m.iter().zip(self.heights_m) {

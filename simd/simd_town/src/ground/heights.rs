@@ -6,7 +6,7 @@ use crate::network::Network;
 use crate::network::kerb::border;
 use crate::scenery::Terrain;
 
-/// The ground under a network with its blocks; decks are not ground.
+/// Heights of the ground under a network and in its blocks. Bridge decks do not count as ground.
 pub fn terrain(network: &Network, rings: &[Ring], hills_m: f64) -> Terrain {
     let mut terrain = Terrain::default();
     if network.is_level() && hills_m == 0.0 && rings.iter().all(|ring| ring.ponds.is_empty()) {

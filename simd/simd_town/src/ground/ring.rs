@@ -19,7 +19,8 @@ pub struct Ring {
     pub rise_m: Vec<f64>,
     /// Grass beside the road instead of a pavement.
     pub verge: Vec<bool>,
-    /// From this point to the next lies a road that goes on as a bridge: no kerb, no pavement.
+    /// Between this point and the next a road goes on as a bridge, so there is neither kerb nor
+    /// pavement.
     pub seam: Vec<bool>,
     /// Houses may stand here.
     pub fronted: Vec<bool>,
@@ -27,11 +28,11 @@ pub struct Ring {
     pub ground: Fill,
     /// Ponds in it.
     pub ponds: Vec<Pond>,
-    /// Outside of the town: the block is the rest of the world.
+    /// Whether the block is everything outside the town.
     pub outside: bool,
 }
 
-/// Every block's ring, and the one round the town.
+/// The rings of all blocks, and the one round the town.
 pub fn rings(network: &Network, plan: &Plan) -> Vec<Ring> {
     let mut seen: Vec<Vec<bool>> = network
         .junctions
@@ -65,9 +66,9 @@ pub fn rings(network: &Network, plan: &Plan) -> Vec<Ring> {
 pub const ABUTMENT_M: (f64, f64) = (0.4, 2.2);
 /// Rise of the kerb over the road.
 const KERB_RISE_M: f64 = KERB_HEIGHT_M;
-/// The same where a crosswalk begins.
+/// Rise of the kerb where a crosswalk begins.
 const LOWERED_M: f64 = 0.02;
-/// Length of the slope between both.
+/// Length of the slope between the two heights.
 const SLOPE_M: f64 = 0.5;
 
 impl Ring {
@@ -84,7 +85,7 @@ impl Ring {
             .push(!road.profile.one_way && road.profile.speed_kmh < 80 && !road.tunnel);
     }
 
-    /// Along one side of a road, in the order of the stations.
+    /// Adds the points along one side of a road, in the order of the stations.
     fn side(&mut self, network: &Network, road: &Road, stations: &[f64], left: f64) {
         for &s in stations {
             self.point(road, s, left, 0.0, kerb_rise(network, road, s));
@@ -178,9 +179,9 @@ fn kerb_stations(network: &Network, road: &Road, from_m: f64, to_m: f64) -> Vec<
     stations
 }
 
-/// Along the left side of a road to its other end and round the corner there; gives the next arm.
-/// Where the road goes on a deck,
-/// round the end of what lies on the ground and back along the right side.
+/// Walks along the left side of a road to its other end and round the corner there; returns the
+/// next arm. If the road goes onto a bridge, the walk turns round at the abutment and comes back
+/// along the right side.
 fn walk(network: &Network, junction: usize, arm_idx: usize, ring: &mut Ring) -> (usize, usize) {
     let arm = &network.junctions[junction].arms[arm_idx];
     let road = &network.roads[arm.road];
@@ -218,7 +219,7 @@ fn walk(network: &Network, junction: usize, arm_idx: usize, ring: &mut Ring) -> 
     round_corner(network, road, junction, arm_idx, ring)
 }
 
-/// From the arm on which the walk arrives round the corner to the next one.
+/// Walks round the corner from the arm on which the walk arrives to the next arm.
 fn round_corner(
     network: &Network,
     road: &Road,
@@ -230,7 +231,7 @@ fn round_corner(
     let next = (arrived + arms.len() - 1) % arms.len();
     let corner = corner(network, junction, next);
     let n = corner.kerb_m.len();
-    // The ends of the corner are the ends of the roads.
+    // The corner's first and last points are left out: they are the ends of the roads.
     ring.kerb_m.extend(corner.kerb_m[1..n - 1].iter().rev());
     ring.back_m.extend(corner.back_m[1..n - 1].iter().rev());
     ring.height_m.extend(std::iter::repeat_n(

@@ -75,7 +75,7 @@ pub fn pavement(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, object: Obj
     }
 }
 
-/// Yard, lawn or open country behind the pavements, with its ponds.
+/// Yard, lawn or open country behind the pavements.
 pub fn block(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, green: bool, object: ObjectId) {
     let surface = if green {
         Surface::new(

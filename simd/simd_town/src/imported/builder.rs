@@ -1,4 +1,5 @@
-//! What is being built: meshes by cell, solids, objects with ids, and what the builders ask about.
+//! An imported world under construction: meshes by cell, solids, objects with ids, and what
+//! builders ask about.
 
 use nalgebra::{Isometry3, Vector3};
 use schema_roads::RoadMap;
@@ -14,7 +15,7 @@ use crate::scenery::{
     place,
 };
 
-/// Where a street lamp's light is: along its arm, and over its foot.
+/// Place of a street lamp's light: distance along its arm, and height over its foot.
 const LIGHT_M: (f64, f64) = (1.75, 7.95);
 
 /// A world under construction, in coordinates about its origin.
@@ -30,15 +31,15 @@ pub(super) struct ImportBuilder<'m> {
     pub chunks: Chunks,
     /// Lanes for vehicles.
     pub road: CollisionMesh,
-    /// Everything else that lies: pavements, embankments, ground.
+    /// Everything else that vehicles drive on: pavements, embankments, ground.
     pub raised: CollisionMesh,
-    /// Everything that stands.
+    /// Everything that vehicles run into.
     pub solid: CollisionMesh,
     pub lights: Vec<LightSite>,
     pub lamps: Vec<SceneryLamp>,
 }
 
-/// What a scene becomes.
+/// The finished parts of a world.
 pub(super) struct Parts {
     pub assets: SceneAssets,
     pub objects: Vec<SceneryObject>,
@@ -92,7 +93,7 @@ impl<'m> ImportBuilder<'m> {
         id
     }
 
-    /// Puts a mesh that stands in many places here.
+    /// Adds an instance of a shared mesh as a new object.
     pub fn stand(
         &mut self,
         mesh: MeshId,
@@ -111,7 +112,7 @@ impl<'m> ImportBuilder<'m> {
         object
     }
 
-    /// Puts a street lamp here; its arm reaches towards `yaw_rad`.
+    /// Adds a street lamp; its arm reaches towards `yaw_rad`.
     pub fn street_lamp(&mut self, mesh: MeshId, name: &str, at: [f64; 3], yaw_rad: f64) {
         let object = self.stand(mesh, Class::POLES, name, at, yaw_rad);
         if let Some(lamp) = self.objects.last_mut() {
@@ -129,7 +130,7 @@ impl<'m> ImportBuilder<'m> {
         });
     }
 
-    /// A round post that vehicles run into.
+    /// Adds a round post to the solids.
     pub fn post(&mut self, object: ObjectId, at: [f64; 3], radius_m: f64, height_m: f64) {
         let ring: Vec<P2> = (0..6)
             .map(|k| {
@@ -140,12 +141,12 @@ impl<'m> ImportBuilder<'m> {
             .prism(object, &ring, (at[2] - 0.1, at[2] + height_m));
     }
 
-    /// A world point about the origin.
+    /// A world point in coordinates about the origin.
     pub fn local(&self, p: [f64; 3]) -> [f64; 3] {
         (Vector3::from(p) - self.origin).into()
     }
 
-    /// A world pose about the origin.
+    /// A world pose in coordinates about the origin.
     pub fn local_pose(&self, pose: &Isometry3<f64>) -> Isometry3<f64> {
         Isometry3::from_parts(
             (pose.translation.vector - self.origin).into(),
@@ -153,7 +154,8 @@ impl<'m> ImportBuilder<'m> {
         )
     }
 
-    /// Where something beside the road stands: on the lane there, else on the ground.
+    /// Height on which something beside the road stands: that of the lane there, otherwise of the
+    /// ground.
     pub fn floor(&self, p: P2) -> f64 {
         self.cover.height_at(p).unwrap_or_else(|| self.ground.at(p))
     }

@@ -1,4 +1,4 @@
-//! Which places lanes lie on, and how high.
+//! Which places are covered by lanes, and how high the lanes are there.
 
 use std::collections::HashMap;
 
@@ -8,7 +8,7 @@ use crate::geometry::{P2, cross, flat, unit};
 
 /// Side of the cells in which pieces of lanes are looked up.
 const CELL_M: f64 = 6.0;
-/// Most cells one piece is listed in.
+/// Greatest number of cells in which one piece is listed.
 const MAX_CELLS: i64 = 4096;
 
 /// A piece of a lane between two rows.
@@ -26,7 +26,7 @@ pub(super) struct Cover {
     cells: HashMap<(i32, i32), Vec<u32>>,
 }
 
-/// Whether traffic rolls on lanes of this kind.
+/// Whether vehicles drive on lanes of this kind.
 pub(super) fn is_for_vehicles(kind: LaneKind) -> bool {
     use LaneKind as K;
     !matches!(
@@ -122,8 +122,7 @@ impl Cover {
             .any(|(piece, z)| piece.for_vehicles && piece.road != road && (z - z_m).abs() < 1.5)
     }
 
-    /// Whether another road than `road` lies here, higher than 4 m under or over `z_m` does not
-    /// count.
+    /// Whether a road other than `road` lies here within 4 m of the height `z_m`.
     pub fn others_near(&self, p: P2, z_m: f64, road: u32) -> bool {
         self.at(p)
             .any(|(piece, z)| piece.road != road && (z - z_m).abs() < 4.0)

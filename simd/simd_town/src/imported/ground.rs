@@ -1,4 +1,4 @@
-//! The ground as it is seen and felt.
+//! The mesh and the solid triangles of the ground.
 
 use schema_types::Class;
 use sensor_core::Material;
@@ -8,7 +8,7 @@ use super::builder::ImportBuilder;
 use crate::geometry::P2;
 use crate::scenery::{ALL, Key, Layer};
 
-/// Puts the ground into the builder.
+/// Adds the ground.
 pub(super) fn build(builder: &mut ImportBuilder) {
     let object = builder.object(Class::TERRAIN, "ground");
     let grass = Surface::new(Class::TERRAIN, Material::Grass, [100, 124, 66]).of(object);

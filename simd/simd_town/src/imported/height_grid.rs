@@ -8,9 +8,9 @@ use crate::scenery::Terrain;
 
 /// Least side of a cell.
 const CELL_M: f64 = 8.0;
-/// Most cells.
+/// Greatest number of cells.
 const MAX_CELLS: f64 = 60_000.0;
-/// How far the ground reaches beyond the roads, and how far beyond that its rim.
+/// Width of the ground round the roads, and of the apron beyond it.
 const MARGIN_M: f64 = 140.0;
 const HORIZON_M: f64 = 1500.0;
 /// Depth of the ground under the lowest road near it.
@@ -69,8 +69,8 @@ impl HeightGrid {
                     for p in a.iter().chain(b) {
                         ground.press(*p);
                     }
-                    // Lanes wider than a cell are rare, and so are rows farther apart; the middle
-                    // covers both.
+                    // Lanes wider than a cell and rows farther apart than a cell are rare; the
+                    // middle point covers both.
                     let last = lane.columns - 1;
                     ground.press(std::array::from_fn(|i| {
                         0.25 * (a[0][i] + a[last][i] + b[0][i] + b[last][i])
@@ -82,7 +82,7 @@ impl HeightGrid {
         ground
     }
 
-    /// Keeps the corners round a point of a road under it.
+    /// Keeps the grid's corners near a point of a road under that point.
     fn press(&mut self, p: [f64; 3]) {
         let (x, y) = (
             ((p[0] - self.low_m.x) / self.cell_m).floor() as i64,
@@ -160,7 +160,7 @@ impl HeightGrid {
         [x, y, self.z_m[row * self.columns + column]]
     }
 
-    /// Height at a point; beyond the rim that of the rim.
+    /// Height at a point; beyond the rim, the height of the rim.
     pub fn at(&self, p: P2) -> f64 {
         let place = |x: f64, low: f64, n: usize| {
             ((x - low) / self.cell_m)
@@ -186,7 +186,7 @@ impl HeightGrid {
         }
     }
 
-    /// The same heights for what asks a [`Terrain`].
+    /// The same heights as a [`Terrain`].
     pub fn terrain(&self) -> Terrain {
         let mut terrain = Terrain::default();
         self.cells(|corners| terrain.polygon(&corners));

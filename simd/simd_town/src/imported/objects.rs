@@ -20,7 +20,7 @@ struct Look {
     class: Class,
     material: Material,
     rgb: [u8; 3],
-    /// Height of one that states none.
+    /// Height of an object for which the file states none.
     height_m: f64,
     /// Whether vehicles run into it.
     solid: bool,
@@ -129,7 +129,7 @@ pub(super) fn build(builder: &mut ImportBuilder) {
     }
 }
 
-/// Foot corners, counter-clockwise, with the height of the object over each.
+/// Corners of the foot, counter-clockwise, each with the object's height there.
 fn outline(
     builder: &ImportBuilder,
     object: &RoadObject,
@@ -149,7 +149,7 @@ fn outline(
         if half_x <= 0.0 && half_y <= 0.0 {
             return None;
         }
-        // A side that is not stated is thin.
+        // A side without a stated length is thin.
         let (half_x, half_y) = (half_x.max(0.05), half_y.max(0.05));
         let n = if object.radius_m > 0.0 { 8 } else { 4 };
         let at = |k: usize| {

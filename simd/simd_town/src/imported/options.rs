@@ -9,7 +9,7 @@ pub struct ImportOptions {
     pub wall_height_m: f64,
     /// Metres by which lanes in junctions are wider.
     pub junction_extra_m: f64,
-    /// Whether anything can be seen; what vehicles feel is there either way.
+    /// Whether meshes are made for cameras; the solid triangles are made either way.
     pub visible: bool,
     /// Whether houses, trees and lamps stand beside the roads.
     pub roadside: bool,

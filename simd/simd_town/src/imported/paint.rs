@@ -13,10 +13,10 @@ use crate::scenery::{Key, Layer, Levels};
 pub(super) const PAINT_M: f64 = 0.004;
 /// Width of a stripe of a crosswalk, and from one to the next.
 const ZEBRA_M: (f64, f64) = (0.5, 1.0);
-/// Most dashes of a map.
+/// Greatest number of dashes in a map.
 const MAX_DASHES: usize = 300_000;
 
-/// All paint.
+/// Adds all paint.
 pub(super) fn build(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
     let object = builder.object(Class::ROAD_LINES, "road marks");
     let mut left = MAX_DASHES;
@@ -74,7 +74,8 @@ impl Beside<'_> {
         let usable = |pair: &Option<([f64; 3], [f64; 3])>| {
             pair.is_some_and(|(a, b)| (flat(a) - flat(b)).norm() > 0.02)
         };
-        // Paint on a step lies on the lower lane: nobody paints kerb stones.
+        // Where two lanes meet at a step, the paint lies on the lower one: kerb stones are not
+        // painted.
         let low = |pair: &Option<([f64; 3], [f64; 3])>| pair.map_or(f64::INFINITY, |(a, _)| a[2]);
         let prefer_left = if t_m >= 0.0 {
             low(&on_left) <= low(&on_right) + 0.01
@@ -184,7 +185,7 @@ pub(super) fn patch(
     );
 }
 
-/// Stripes across the way people walk: along the outline's longest side.
+/// Zebra stripes across the walking direction, which is that of the outline's longest side.
 fn crosswalks(builder: &mut ImportBuilder, object: ObjectId) {
     let white = Surface::new(Class::ROAD_LINES, Material::Paint, [226, 226, 220]).of(object);
     for walk in builder.roads.crosswalks() {

@@ -1,14 +1,12 @@
 //! Houses, trees and lamps beside the roads, drawn by lot where there is room.
 
-use schema_roads::LaneKey;
-use schema_roads::{LaneKind, LanePosition, SectionSurface};
+use schema_roads::{LaneKey, LaneKind, LanePosition, SectionSurface};
 use schema_types::Class;
 use sensor_core::MeshId;
 
 use super::builder::ImportBuilder;
 use super::surface::is_pavement;
-use crate::buildings;
-use crate::buildings::Lot;
+use crate::buildings::{self, Lot};
 use crate::geometry::{P2, contains, cross, flat, heading, left};
 use crate::meshes::{street_lamps, trees};
 use crate::plan::Houses;
@@ -18,11 +16,11 @@ use crate::scenery::SceneryLamp;
 /// Streams of random numbers.
 const HOUSES: u64 = 0x81;
 const TREES: u64 = 0x82;
-/// Most of each in a map.
+/// Greatest numbers in a map.
 const MAX_HOUSES: usize = 2_500;
 const MAX_TREES: usize = 6_000;
 const MAX_LAMPS: usize = 4_000;
-/// Most places that are looked at for each.
+/// Greatest number of places that are tried.
 const MAX_TRIES: usize = 100_000;
 /// Distance between street lamps.
 const LAMPS_M: f64 = 26.0;
@@ -36,7 +34,7 @@ struct Verge {
     points: Vec<[f64; 3]>,
     lengths_m: Vec<f64>,
     pavement: bool,
-    /// Driving at a town's speed.
+    /// Whether the speed limit is that of a town.
     slow: bool,
 }
 
@@ -58,14 +56,14 @@ impl Verge {
         })
     }
 
-    /// Away from the road.
+    /// Direction away from the road.
     fn out(&self, l_m: f64) -> P2 {
         let along = flat(self.at(l_m + 0.5)) - flat(self.at(l_m - 0.5));
         left(along.try_normalize(1e-6).unwrap_or(P2::x()))
     }
 }
 
-/// All of it.
+/// Adds houses, lamps and trees beside all roads.
 pub(super) fn build(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
     let verges = verges(builder, sections);
     let mut lots: Vec<Lot> = Vec::new();
@@ -128,7 +126,7 @@ fn verges(builder: &ImportBuilder, sections: &[SectionSurface]) -> Vec<Verge> {
     verges
 }
 
-/// The middle and points along the rim of a lot.
+/// The middle of a lot and points along its rim.
 fn probes(lot: &Lot) -> Vec<P2> {
     let f = &lot.footprint_m;
     let mut points = vec![f.iter().sum::<P2>() / 4.0];
@@ -223,7 +221,7 @@ fn overlap(a: &Lot, b: &Lot) -> bool {
     !separated(&a.footprint_m, &b.footprint_m) && !separated(&b.footprint_m, &a.footprint_m)
 }
 
-/// Lamps on pavements, at the kerb.
+/// Adds street lamps on pavements, at the kerb.
 fn lamps(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
     let mesh = builder.assets.add_mesh(street_lamps::street_lamp());
     let mut n = 0;

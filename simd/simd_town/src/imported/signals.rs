@@ -1,4 +1,4 @@
-//! Poles, heads and signs where the map has signals.
+//! Traffic light poles with heads, and signs, at the map's signals.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,6 @@ use schema_roads::{SectionSurface, Signal, SignalKind};
 use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder, MeshId};
-
 use simd_body::solid::tube;
 
 use super::builder::ImportBuilder;
@@ -22,7 +21,7 @@ const CLEAR_M: f64 = 5.2;
 /// How far from a signal over a lane a place for its pole is looked for.
 const REACH_M: f64 = 18.0;
 
-/// Every signal of the map, and a stop line before every light.
+/// Adds every signal of the map, and a stop line before every light.
 pub(super) fn build(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
     let mut signs: BTreeMap<String, MeshId> = BTreeMap::new();
     let mut poles: BTreeMap<u32, MeshId> = BTreeMap::new();
@@ -38,7 +37,7 @@ pub(super) fn build(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
             sign(builder, signal, &pose, &mut signs);
         }
     }
-    // A file that draws stop lines itself has a mark of its own; most have none.
+    // A stop line is added for every light, because most files have no road mark for it.
     if !sections.is_empty() {
         stop_lines(builder, &signals);
     }
@@ -57,7 +56,7 @@ fn light(
 ) {
     let at = flat(pose.translation.vector.into());
     let facing = yaw(pose);
-    // Right of the traffic that must obey is left of the face.
+    // The right side of the traffic that must obey is the left side of the signal's face.
     let aside = left(unit(facing));
     let foot = pole_place(builder, at, aside).unwrap_or(at);
     let arm_m = (at - foot).norm();
@@ -73,7 +72,7 @@ fn light(
     } else {
         0.0
     };
-    // The pole's arm reaches to −y of its own frame: towards the signal.
+    // The pole's arm reaches towards −y of the mesh, which is turned towards the signal.
     let mesh = *poles.entry(arm_dm).or_insert_with(|| {
         builder
             .assets
@@ -101,8 +100,8 @@ fn light(
     });
 }
 
-/// The nearest place beside `at` where no vehicle drives; the traffic's right first. `None` if `at`
-/// itself is one.
+/// The nearest place beside `at` where no vehicle drives, first on the traffic's right. `None` if
+/// no vehicle drives at `at` itself.
 fn pole_place(builder: &ImportBuilder, at: P2, right: P2) -> Option<P2> {
     builder.cover.vehicles_at(at)?;
     let free = |p: &P2| builder.cover.vehicles_at(*p).is_none();

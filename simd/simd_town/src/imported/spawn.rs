@@ -6,9 +6,9 @@ use nalgebra::{Isometry3, Vector3};
 use schema_roads::{Lane, LaneKind, LanePosition, RoadMap};
 use schema_types::Pose;
 
-/// From one spawn point of a lane to the next: more than the longest vehicle.
+/// Distance between spawn points of one lane: more than the longest vehicle.
 const SPACING_M: f64 = 16.0;
-/// From the lane's start, and before its end if that leads into a junction.
+/// Distance from a junction behind, and from a junction ahead.
 const MARGINS_M: (f64, f64) = (6.0, 13.5);
 /// Least width of a lane, and least distance beside each other.
 const WIDTH_M: (f64, f64) = (2.4, 2.6);
@@ -16,7 +16,7 @@ const WIDTH_M: (f64, f64) = (2.4, 2.6);
 const ABOVE_M: f64 = 0.3;
 /// Side of the cells in which neighbours are looked for.
 const CELL_M: f64 = 16.0;
-/// Most points of a map.
+/// Greatest number of spawn points in a map.
 const MAX_POINTS: usize = 5_000;
 
 /// Spawn points in the order of the lanes: on driving lanes between junctions; on those in
@@ -51,7 +51,7 @@ fn on_lanes(roads: &RoadMap, passes: impl Fn(&Lane) -> bool, margins_m: (f64, f6
                 .lane(*from)
                 .is_some_and(|from| from.junction.is_some())
         });
-        // Where a lane goes on in a further section there is no end to keep away from.
+        // A lane that goes on in a further section has no end to keep a distance from.
         let free = |at_end: bool| {
             roads.successors(lane.key).is_empty() && at_end
                 || roads.predecessors(lane.key).is_empty() && !at_end
@@ -90,8 +90,8 @@ fn cell(pose: &Isometry3<f64>) -> (i64, i64) {
     ((p.x / CELL_M).floor() as i64, (p.y / CELL_M).floor() as i64)
 }
 
-/// Whether a vehicle here would stand in another: shorter than the spacing along, nearer than a
-/// lane beside.
+/// Whether a vehicle at this pose would overlap one at a taken pose: nearer than a vehicle's length
+/// along the lane, and nearer than a lane's width beside it.
 fn is_taken(taken: &HashMap<(i64, i64), Vec<Isometry3<f64>>>, pose: &Isometry3<f64>) -> bool {
     let (x, y) = cell(pose);
     (x - 1..=x + 1)

@@ -12,9 +12,9 @@ use super::cover::is_for_vehicles;
 use crate::geometry::{P2, flat, left};
 use crate::scenery::{ALL, Key, Layer, Levels};
 
-/// Height of pavements that the file gives no height.
+/// Height of pavements for which the file gives none.
 pub(super) const KERB_M: f64 = 0.12;
-/// Steps between lanes that get a face.
+/// Least step between two lanes that gets an upright face.
 const STEP_M: f64 = 0.005;
 /// Depth of the floor that closes gaps between the lanes of a junction, and how far it reaches
 /// beyond each.
@@ -23,7 +23,7 @@ const FLOOR_M: (f64, f64) = (0.012, 0.45);
 /// closed.
 const HOLE_CELL_M: f64 = 0.75;
 const HOLE_M2: f64 = 140.0;
-/// Most cells of all junctions.
+/// Greatest number of cells of all junctions together.
 const MAX_HOLE_CELLS: usize = 4_000_000;
 /// Height over the ground from which a road is a bridge.
 const BRIDGE_M: f64 = 2.5;
@@ -33,7 +33,7 @@ const DECK_M: (f64, f64) = (0.7, 0.9);
 /// Widest lane without a use beside a pavement that is taken for its kerb.
 const KERB_LANE_M: f64 = 0.8;
 
-/// Narrow lanes between carriageway and pavement are kerbs, whatever the file calls them.
+/// Marks narrow lanes between carriageway and pavement as kerbs, whatever the file calls them.
 pub(super) fn name_kerbs(sections: &mut [SectionSurface]) {
     for section in sections {
         let pavements: Vec<bool> = section
@@ -85,7 +85,7 @@ fn surface_of(kind: LaneKind, object: ObjectId) -> Surface {
     surface.of(object)
 }
 
-/// Everything that lies.
+/// Adds lanes, kerbs, embankments and the floors of junctions.
 pub(super) fn build(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
     let mut owners: BTreeMap<(bool, u32), ObjectId> = BTreeMap::new();
     for section in sections {
@@ -121,7 +121,7 @@ pub(super) fn build(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
     }
 }
 
-/// Adds a quad that lies: to be seen and to be felt.
+/// Adds a lying quad to the meshes and to the solids.
 fn lay(
     builder: &mut ImportBuilder,
     levels: Levels,
@@ -146,8 +146,7 @@ fn lay(
     .polygon(surface.object, &corners);
 }
 
-/// Whether a piece of this lane gives way to traffic of another road: pavements end where others
-/// drive.
+/// Whether a piece of this pavement is left out because vehicles of another road drive there.
 fn gives_way(
     builder: &ImportBuilder,
     section: &SectionSurface,
@@ -194,7 +193,7 @@ fn width(a: [f64; 3], b: [f64; 3]) -> f64 {
     (flat(a) - flat(b)).norm()
 }
 
-/// Faces between lanes of different height, and what joins the outer edges to the ground.
+/// Adds faces between lanes of different height, and what joins the outer edges to the ground.
 fn edges(builder: &mut ImportBuilder, section: &SectionSurface, object: ObjectId) {
     let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [186, 184, 178]).of(object);
     for pair in section.lanes.windows(2) {
@@ -259,7 +258,7 @@ fn face(builder: &mut ImportBuilder, surface: Surface, corners: [[f64; 3]; 4]) {
     builder.raised.polygon(surface.object, &corners);
 }
 
-/// From the outer edge (the road on its right, walked along the left edge) down to the ground.
+/// Joins an outer edge (walked with the road on its right) to the ground.
 fn outer_edge(
     builder: &mut ImportBuilder,
     section: &SectionSurface,
@@ -349,7 +348,7 @@ fn bridge_edge(
         at(b, thick, high),
         at(a, thick, high),
     ]);
-    // Half of the underside; the other edge brings the other half.
+    // Half of the deck's underside; the other edge adds the other half.
     quad([
         at(a, thick, low),
         at(b, thick, low),
@@ -425,7 +424,7 @@ fn floor(builder: &mut ImportBuilder, sections: &[&SectionSurface], object: Obje
     }
 }
 
-/// Closes what the lanes of a junction leave open among them, up to the size of a small island.
+/// Closes holes between the lanes of a junction, up to the size of a small island.
 fn holes(
     builder: &mut ImportBuilder,
     sections: &[&SectionSurface],

@@ -94,26 +94,26 @@ pub fn bollard() -> Mesh {
     builder.finish()
 }
 
-/// A bus shelter-like kiosk, 3 m wide, open to +x.
+/// A bus shelter, 3 m wide, open towards +x.
 pub fn shelter() -> Mesh {
     let mut builder = MeshBuilder::new("shelter");
-    let frame = Surface::new(Class::STATIC, Material::Metal, [70, 74, 78]);
+    let metal = Surface::new(Class::STATIC, Material::Metal, [70, 74, 78]);
     let glass = Surface::new(Class::STATIC, Material::Glass, [120, 140, 146]);
     let poster = Surface::new(Class::STATIC, Material::Matte, [206, 120, 52]);
     for until_m in [140.0] {
-        builder.cuboid(frame, [0.0, 0.0, 2.45], [0.75, 1.65, 0.05]);
+        builder.cuboid(metal, [0.0, 0.0, 2.45], [0.75, 1.65, 0.05]);
         for (x, y) in [(-0.65, -1.55), (-0.65, 1.55), (0.55, -1.55), (0.55, 1.55)] {
-            builder.cuboid(frame, [x, y, 1.2], [0.035, 0.035, 1.2]);
+            builder.cuboid(metal, [x, y, 1.2], [0.035, 0.035, 1.2]);
         }
         builder.cuboid(glass, [-0.65, 0.0, 1.25], [0.01, 1.5, 0.95]);
         builder.cuboid(poster, [-0.05, 1.55, 1.2], [0.5, 0.02, 0.85]);
-        builder.cuboid(frame, [-0.35, -0.3, 0.46], [0.18, 0.9, 0.03]);
+        builder.cuboid(metal, [-0.35, -0.3, 0.46], [0.18, 0.9, 0.03]);
         builder.end_level(until_m);
     }
     builder.finish()
 }
 
-/// A fire hydrant, its mouth to +x.
+/// A fire hydrant with its outlet towards +x.
 pub fn hydrant() -> Mesh {
     let mut builder = MeshBuilder::new("hydrant");
     let red = Surface::new(Class::STATIC, Material::Matte, [176, 36, 30]);
@@ -204,7 +204,7 @@ pub fn rack() -> Mesh {
     builder.finish()
 }
 
-/// A letter box, its slot to +x.
+/// A letter box with its slot towards +x.
 pub fn letter_box() -> Mesh {
     let mut builder = MeshBuilder::new("letter box");
     let yellow = Surface::new(Class::STATIC, Material::Matte, [222, 176, 36]);
@@ -218,7 +218,7 @@ pub fn letter_box() -> Mesh {
     builder.finish()
 }
 
-/// A grey cabinet of the electricity works.
+/// A grey cabinet for electrical equipment.
 pub fn cabinet() -> Mesh {
     let mut builder = MeshBuilder::new("cabinet");
     let grey = Surface::new(Class::STATIC, Material::Matte, [140, 146, 142]);

@@ -1,10 +1,9 @@
 //! Leaves: a crown is one lumpy hull round its clumps, with sprays of leaves that stand off it like
 //! scales.
 //!
-//! Sprays need no transparency: cameras, shadows and rays see the same triangles. Hull and sprays
-//! have the normals of the clumps' common
-//! surface, so that a crown is lit as one round, lumpy thing; only its rim and its texture are
-//! ragged.
+//! Sprays need no transparency, so cameras, shadows and rays see the same triangles. Hull and
+//! sprays have the normals of the clumps' common surface: the crown is lit as one round, lumpy
+//! thing, and only its rim and its texture are ragged.
 
 use schema_types::Class;
 use sensor_core::mesh::Surface;
@@ -26,9 +25,9 @@ pub struct Clump {
 pub struct Cover {
     /// Rings of the hull from below upwards, corners of each, and whether it is closed below.
     pub hull: (usize, usize, bool),
-    /// Its size over the clumps', and its lightness over the sprays'.
+    /// Size of the hull relative to the clumps, and its lightness relative to the sprays.
     pub inside: (f32, f32),
-    /// Sprays, and their length, metres.
+    /// Number of sprays, and their length, metres.
     pub sprays: (usize, f32),
 }
 
@@ -67,7 +66,7 @@ impl<'a> Shape<'a> {
         }
     }
 
-    /// How much of the clumps is at a place, 1 on the surface, and the direction outwards.
+    /// Density of the clumps at a place (1 on the surface), and the direction outwards.
     fn at(&self, p: V) -> (f32, V) {
         let (mut sum, mut out) = (0.0, V::zeros());
         for clump in self.clumps {
@@ -86,8 +85,8 @@ impl<'a> Shape<'a> {
     /// The outermost place of the surface towards a point of the unit sphere, and the normal there.
     fn surface(&self, towards: V) -> (V, V) {
         let ray = towards.component_mul(&self.reach);
-        // The surface lies at or beyond where the ray leaves the last clump; where it meets none,
-        // somewhere in a crease.
+        // The surface lies at or beyond the point where the ray leaves the last clump. A ray that
+        // meets no clump ends in a crease.
         let farthest = self
             .clumps
             .iter()
@@ -111,7 +110,7 @@ impl<'a> Shape<'a> {
         (p, self.at(p).1)
     }
 
-    /// Darker below, where little light comes.
+    /// Lightness at a height: the lower part of a crown is darker because little light reaches it.
     fn light(&self, z: f32) -> f32 {
         0.80 + 0.26 * ((z - self.span[0]) / (self.span[1] - self.span[0])).clamp(0.0, 1.0)
     }
@@ -170,8 +169,8 @@ fn globe((n_rings, n, is_whole): (usize, usize, bool)) -> (Vec<V>, Vec<[usize; 3
     (corners, triangles)
 }
 
-/// A triangle of leaves. Normals turn towards the face as far as they must: light from behind it
-/// would be a lie.
+/// Adds a triangle of leaves. Normals that point away from the face are turned towards it, since a
+/// face must not be lit from behind.
 fn leaf(builder: &mut MeshBuilder, surface: Surface, corners: [V; 3], normals: [V; 3]) {
     let Some(face) = (corners[1] - corners[0])
         .cross(&(corners[2] - corners[0]))
@@ -213,7 +212,8 @@ pub fn crown(
     }
     let (n, length_m) = cover.sprays;
     for i in 0..n {
-        // Spread over the hull: each triangle in turn, with few sprays each some leap.
+        // Sprays are spread evenly over the hull: each triangle gets one in turn; if there are few
+        // sprays, triangles are skipped.
         let corners =
             &hull[(i * hull.len() / n.min(hull.len()).max(1) + i / hull.len()) % hull.len()];
         spray(builder, &shape, corners, length_m, rgb, random);
@@ -250,7 +250,7 @@ fn hull(shape: &Shape<'_>, cover: Cover) -> Vec<[Corner; 3]> {
         .collect()
 }
 
-/// A scale of leaves: its foot in the hull, its tip a little off it.
+/// Adds a spray of leaves: its foot lies in the hull, its tip stands a little off it.
 fn spray(
     builder: &mut MeshBuilder,
     shape: &Shape<'_>,

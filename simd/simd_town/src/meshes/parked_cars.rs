@@ -70,7 +70,8 @@ fn parked_car(shape: &VehicleShape, rgb: [u8; 3]) -> Mesh {
         });
     }
     for vertex in &mut car.vertices {
-        // Nobody sits in it: its lamps are lenses, and do not come on with the street's.
+        // Nobody sits in a parked car: its lamps become plain lenses, which do not come on with the
+        // street lamps.
         if vertex.material == sensor_core::Material::Lamp as u8 {
             (vertex.material, vertex.lamp) = (sensor_core::Material::Glass as u8, 0);
             vertex.color = std::array::from_fn(|i| {

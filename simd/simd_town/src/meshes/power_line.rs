@@ -8,7 +8,7 @@ use simd_body::solid::tube;
 use crate::geometry::{P2, left, unit};
 use crate::scenery::{Chunks, Key, Layer};
 
-/// Height of the cross-arm of a power pole, and where on it the wires hang.
+/// Height of a power pole's cross-arm, and the places on it where wires hang.
 const WIRES_M: (f64, [f64; 3]) = (8.15, [-0.85, 0.0, 0.85]);
 
 /// A wooden pole with a cross-arm across y.

@@ -1,4 +1,4 @@
-//! Meshes of which a town has one each, put up in many places.
+//! Meshes that a town holds once and places many times.
 
 use std::collections::BTreeSet;
 
@@ -19,7 +19,7 @@ pub struct Lamp {
     pub height_m: f64,
 }
 
-/// Meshes that stand in many places.
+/// Meshes that stand in many places, by their use.
 pub struct SharedMeshes {
     pub trees: Vec<MeshId>,
     pub conifers: Vec<MeshId>,

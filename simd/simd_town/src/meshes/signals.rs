@@ -8,7 +8,7 @@ use simd_body::solid::{post, tube};
 use super::street_lamps::steel;
 use crate::network::SignalKind;
 
-/// Height of a traffic light's head over the pavement: the one on the pole and the one on the arm.
+/// Heights of a traffic light's heads over the pavement: on the pole and on the arm.
 pub const HEADS_M: (f64, f64) = (2.75, 5.4);
 
 /// A traffic light's pole: +x faces the traffic that must obey; an arm reaches `arm_m` towards −y,
@@ -43,8 +43,8 @@ pub fn light_pole(arm_m: f32) -> Mesh {
         }
         builder.end_level(until_m);
     }
-    // Heads are drawn at any distance, and so is what carries them: thicker than it is, as pixels
-    // miss what is much narrower than they.
+    // Heads are drawn at any distance, so their poles are too. Far poles are thicker than near
+    // ones, because pixels miss what is much narrower than they are.
     for (radius, until_m) in [(0.14, 220.0), (0.24, f32::INFINITY)] {
         post(
             &mut builder,
@@ -77,7 +77,7 @@ pub fn light_head() -> Mesh {
             builder.cuboid(black, [0.0, 0.0, 0.0], [0.10, 0.16, 0.46]);
             builder.cuboid(black, [-0.09, 0.0, 0.0], [0.012, 0.27, 0.58]);
         } else {
-            // From far away the board alone, seen from both sides.
+            // From far away only the board is drawn, visible from both sides.
             let board = [
                 [0.0, -0.27, -0.58],
                 [0.0, 0.27, -0.58],
@@ -155,8 +155,8 @@ pub fn sign(kind: SignalKind) -> Mesh {
                 6,
             );
         } else {
-            // From afar thicker than it is, so that the board stands on something; no part of it
-            // before the board.
+            // From afar the pole is drawn thicker, so that the board visibly stands on something,
+            // but never in front of the board.
             let radius = if n == 8 { 0.055 } else { 0.11 };
             let x = 0.03 - 0.9 * radius;
             post(
@@ -169,7 +169,7 @@ pub fn sign(kind: SignalKind) -> Mesh {
         }
         let (sides, turn, radius) = match kind {
             SignalKind::Stop => (8, 0.5, 0.40),
-            // Its point is below.
+            // A yield sign's point is below.
             SignalKind::Yield => (3, 0.25, 0.46),
             _ => (n, 0.0, 0.36),
         };

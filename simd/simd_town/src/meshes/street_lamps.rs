@@ -146,11 +146,11 @@ pub fn mast() -> Mesh {
     builder.finish()
 }
 
-/// Two levels of a lamp from far away: its pole up to a place, from there an arm whose end glows;
-/// at last the pole alone, whose end glows.
+/// Adds two levels of a lamp seen from far away: first a pole up to `top` and an arm whose end
+/// glows, then the pole alone with a glowing top.
 ///
-/// Poles are thicker than they are: a head without a pole would hang in the air, and pixels miss
-/// what is much narrower than they.
+/// Poles are drawn thicker than they are: pixels miss what is much narrower than they are, and the
+/// lamp's head would hang in the air.
 fn far_lamps(
     builder: &mut MeshBuilder,
     (metal, glow): (Surface, Surface),

@@ -15,7 +15,7 @@ struct Species {
     reach_m: f32,
     /// Share of the height below the crown.
     bare_ratio: f32,
-    /// Clumps of leaves, and their half width over the crown's.
+    /// Number of clumps of leaves, and their half width relative to the crown's.
     n_clumps: usize,
     clump_ratio: f32,
     leaves: [u8; 3],
@@ -239,7 +239,7 @@ fn branches(
             let a = std::f32::consts::TAU * (i as f32 + random.between(-0.22, 0.22) as f32)
                 / (2 * n) as f32
                 + turn;
-            // Tips hang, and between two branches one sees the next whorl.
+            // Tips hang down, and the next whorl is visible between two branches.
             let (r, lift) = if i.is_multiple_of(2) {
                 (random.between(0.86, 1.1) as f32, 0.0)
             } else {
@@ -252,7 +252,8 @@ fn branches(
             ]
         })
         .collect();
-    // Lit as the cone that it is from afar, and a little as the ridges that it has.
+    // Normals are mostly those of the cone that it looks like from afar, and a little those of its
+    // ridges.
     let slope = radius / (top - low);
     let round = |p: [f32; 3], face: V| {
         let out = V::new(p[0], p[1], 0.0)
@@ -353,7 +354,7 @@ fn pine(builder: &mut MeshBuilder) {
                 );
             }
         }
-        // Its clouds hang apart.
+        // The clouds of needles do not touch.
         let groups: Vec<&[Clump]> = match level {
             0 => clumps.chunks(1).collect(),
             1 => clumps[..4].chunks(1).collect(),
@@ -394,7 +395,7 @@ pub fn palm() -> Mesh {
         );
         for i in 0..n_fronds {
             let a = 2.399_963 * i as f32 + random.between(-0.2, 0.2) as f32;
-            // The inner ones stand up, the outer ones hang.
+            // Inner fronds stand up, outer fronds hang down.
             let rise = 1.15 - 1.75 * (i as f32 + 0.5) / n_fronds as f32;
             let k = 0.74 + 0.3 * rise.max(0.0) + random.between(-0.05, 0.05) as f32;
             frond(&mut builder, k, (top, a, rise), n_parts);
@@ -404,7 +405,7 @@ pub fn palm() -> Mesh {
     builder.finish()
 }
 
-/// One frond from the stem's top: bent down by its weight, roofed along its rib, seen from both
+/// Adds a frond at the stem's top: bent down by its weight, folded along its rib, visible from both
 /// sides.
 fn frond(
     builder: &mut MeshBuilder,

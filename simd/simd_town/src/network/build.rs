@@ -59,7 +59,8 @@ impl Network {
                     path.cut(trim[0], path.length_m() - trim[1]),
                 );
                 let (from_m, to_m) = (plan.heights_m[street.from], plan.heights_m[street.to]);
-                // Shares of the whole street are shares of what the junctions left of it.
+                // Rises are given as shares of the whole street; the road is what the junctions
+                // leave of it.
                 let share = |share: f64| (share * whole_m - trim[0]) / path.length_m();
                 let rises: Vec<(f64, f64)> = street
                     .rises_m
@@ -154,7 +155,7 @@ fn corner_needs(a: Profile, b: Profile, angle: f64) -> (f64, f64) {
         return (6.0, 6.0);
     }
     if angle < 0.6 {
-        // Where a ramp leaves: up to where the verges of both part.
+        // Where a ramp leaves, the junction reaches to where the verges of both roads part.
         let along = |own: f64, other: f64| (other + own * angle.cos()) / angle.sin() + 8.0;
         return (along(a.back_m(), b.back_m()), along(b.back_m(), a.back_m()));
     }

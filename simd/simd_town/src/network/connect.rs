@@ -12,8 +12,8 @@ enum Turn {
     Right,
 }
 
-/// Lane index (0 beside the middle) to OpenDRIVE id of the lane that enters or leaves a junction on
-/// this arm.
+/// OpenDRIVE id of the lane with this index (0 is beside the middle) that enters or leaves a
+/// junction on this arm.
 fn lane_id(arm: &Arm, lane: usize, entering: bool) -> i32 {
     let id = lane as i32 + 1;
     if arm.at_start == entering { id } else { -id }
@@ -64,7 +64,8 @@ pub(super) fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
             }
         }
     }
-    // Lanes that nothing reaches, or that lead nowhere, get a way of the straightest kind there is.
+    // Lanes that nothing reaches or that lead nowhere are connected in the straightest way that
+    // exists.
     let rank = |a: usize, b: usize| match turn(a, b) {
         Turn::Straight => 0,
         Turn::Left => 1,

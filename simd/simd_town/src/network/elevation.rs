@@ -1,6 +1,6 @@
 //! Heights along a road.
 
-/// A cubic of the distance from its start, level at both ends.
+/// A piece of the height profile: a cubic of the distance from its start, level at both ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Piece {
     /// Station where it begins.
@@ -22,8 +22,8 @@ pub struct Elevation {
 }
 
 impl Elevation {
-    /// From one height to another over `length_m`; on the way this much above the straight line
-    /// between both, at shares of the length.
+    /// A profile from one height to another over `length_m`. `rises_m` gives heights over the
+    /// straight line between both, at shares of the length.
     pub fn between(length_m: f64, from_m: f64, to_m: f64, rises_m: &[(f64, f64)]) -> Elevation {
         let mut knots = vec![(0.0, from_m)];
         knots.extend(
@@ -66,7 +66,7 @@ impl Elevation {
         for (i, piece) in self.pieces.iter().enumerate() {
             let end = self.pieces.get(i + 1).map_or(length_m, |next| next.s_m);
             let length = end - piece.s_m;
-            // Of a cubic that is level at both ends, the ends are bent most.
+            // A cubic that is level at both ends has its greatest curvature at its ends.
             let wanted = (8.0 * 0.003 / (2.0 * piece.c.abs()).max(1e-9))
                 .sqrt()
                 .clamp(2.5, 16.0);

@@ -1,10 +1,9 @@
 //! Numbers of Town10HD's spawn points that CARLA's guides use.
 //!
-//! Its guide to the Traffic Manager sends cars from two spawn points along lists of others, by
-//! number. Numbers mean places here as there: at
-//! those numbers stand points that follow each other along lanes, one per road, so that cars which
-//! are led from one to the next need not
-//! turn round.
+//! CARLA's guide to the Traffic Manager sends cars from two spawn points along lists of other spawn
+//! points, which it names by number. The same numbers must make sense in our town: the points with
+//! these numbers follow each other along lanes, one per road, so that a car that is led from one to
+//! the next never has to turn round.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,8 +19,8 @@ pub const ROUTES: [&[usize]; 2] = [
 /// Spawn points by the lane that they stand on, in its direction.
 type OnLanes = BTreeMap<LaneKey, Vec<usize>>;
 
-/// Exchanges points so that the guide's routes lie along lanes. The first and the last point stay:
-/// other guides drive from one to the other.
+/// Renumbers spawn points so that the guide's routes lie along lanes. The first and the last point
+/// stay where they are, because other guides drive from one to the other.
 pub fn number(points: &mut [Pose], open_drive: &str) {
     let Ok(roads) = RoadMap::parse(open_drive) else {
         return;
@@ -55,7 +54,7 @@ pub fn number(points: &mut [Pose], open_drive: &str) {
                 .map(|(number, lane)| (*number, on_lanes[lane][on_lanes[lane].len() / 2])),
         );
     }
-    // Where each of the old points is by now.
+    // Current index of each original point.
     let mut now: Vec<usize> = (0..points.len()).collect();
     for (number, old) in places {
         let from = now.iter().position(|at| *at == old).unwrap_or(number);
@@ -83,8 +82,8 @@ fn on_lanes(points: &[Pose], roads: &RoadMap) -> OnLanes {
         .collect()
 }
 
-/// Goes on from the last lane, through one junction at a time, to as many lanes with points as are
-/// wanted; no road twice.
+/// Extends the list from its last lane, through one junction at a time, to the wanted number of
+/// lanes with spawn points. Uses no road twice.
 fn extend(
     roads: &RoadMap,
     on_lanes: &OnLanes,

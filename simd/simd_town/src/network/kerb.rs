@@ -1,5 +1,5 @@
-//! The kerb round a junction's corners: rounded where that leaves the lanes alone, else along the
-//! outermost connecting lane.
+//! The kerb round a junction's corners: rounded where that stays clear of the lanes, otherwise
+//! along the outermost connecting lane.
 
 use std::f64::consts::PI;
 
@@ -33,7 +33,7 @@ pub fn corner(network: &Network, junction: usize, i: usize) -> Corner {
             .iter()
             .filter(|link| link.junction == junction)
     };
-    // Where a carriageway only gains or loses a lane, its edges follow the lanes.
+    // In a junction where a carriageway only gains or loses a lane, the edges follow the lanes.
     let is_taper = arms.len() == 2;
     if !is_taper && links().all(|link| link.clearance_m(&rounded.kerb_m) >= CLEAR_M) {
         return rounded;
@@ -47,7 +47,7 @@ pub fn corner(network: &Network, junction: usize, i: usize) -> Corner {
             lane(link.from, i, profile(i).n_lanes) && lane(link.to, next, profile(next).n_lanes)
         })
     };
-    // The left of one-way roads, where they do not turn back.
+    // The left side of one-way roads whose directions agree.
     let one_way = profile(i).one_way
         && profile(next).one_way
         && wrap(arms[i].heading_rad - arms[next].heading_rad - PI).abs() < 1.2;
@@ -84,7 +84,7 @@ fn rounded(network: &Network, a: &Arm, b: &Arm) -> Corner {
     }
 }
 
-/// Always the same number of points, those of the arc where there is one.
+/// Points along the corner, always the same number; where there is an arc, its points.
 fn corner_points(path: &Path) -> Vec<P2> {
     let length = path.length_m();
     let arcs: Vec<usize> = (0..path.segments.len())
@@ -104,7 +104,7 @@ fn corner_points(path: &Path) -> Vec<P2> {
         .collect()
 }
 
-/// Of a lane, as its drivers see it.
+/// Side of a lane as its drivers see it.
 #[derive(Clone, Copy, PartialEq)]
 enum Side {
     Left,

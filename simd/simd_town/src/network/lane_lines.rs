@@ -1,5 +1,5 @@
-//! Lines of a carriageway where it goes on through a junction: the map says of them what is
-//! painted.
+//! Lines that a carriageway has inside a junction. Both the map's text and the paint are made from
+//! them.
 
 use super::model::{Link, Network};
 
@@ -12,9 +12,8 @@ pub enum LaneLine {
     Broken,
 }
 
-/// Lines at the left and right edge of a connecting lane. There are some only where a motorway goes
-/// on, past ramps and where it gains or loses
-/// a lane: elsewhere nothing is painted inside a junction.
+/// Lines at the left and right edge of a connecting lane. Only a motorway that goes on past ramps,
+/// or gains or loses a lane, has them; elsewhere nothing is painted inside a junction.
 pub fn lines(network: &Network, link: &Link) -> [Option<LaneLine>; 2] {
     let junction = &network.junctions[link.junction];
     let profile = |arm: usize| &network.roads[junction.arms[arm].road].profile;

@@ -19,7 +19,7 @@ pub const KERB_HEIGHT_M: f64 = 0.15;
 pub const PARAPET_M: (f64, f64) = (0.95, 0.3);
 /// Least distance of a kerb from the lanes that lead through its junction.
 pub const CLEAR_M: f64 = 0.3;
-/// Between the places of a kerb where its distance from lanes is looked at.
+/// Distance between the points of a kerb at which its clearance is measured.
 const PROBE_M: f64 = 0.5;
 
 /// A street between two junctions, without the junctions' areas.
@@ -45,7 +45,7 @@ pub struct Road {
 }
 
 impl Road {
-    /// The same between two stations, both included.
+    /// The stations between two stations, both included.
     pub fn stations_between(&self, from_m: f64, to_m: f64) -> Vec<f64> {
         let mut stations = vec![from_m];
         let first = self.stations.partition_point(|&s| s <= from_m + 0.05);
@@ -63,7 +63,7 @@ impl Road {
         self.bridge.is_some_and(|(from, to)| s_m > from && s_m < to)
     }
 
-    /// Parts that lie on the ground: the whole road, or what is before and behind a bridge.
+    /// Stretches that lie on the ground: the whole road, or what lies before and behind its bridge.
     pub fn on_ground(&self) -> Vec<(f64, f64)> {
         let length = self.path.length_m();
         self.bridge.map_or(vec![(0.0, length)], |(from, to)| {
@@ -127,7 +127,7 @@ pub struct Junction {
     pub control: Control,
 }
 
-/// One way of one lane through a junction.
+/// A connecting lane: one way from one lane through a junction to another.
 #[derive(Clone, Debug)]
 pub struct Link {
     /// OpenDRIVE road id.
@@ -247,8 +247,8 @@ impl Network {
 }
 
 impl Link {
-    /// How much of the change from one end to the other is done at a station: level at both ends,
-    /// as the lane's width in OpenDRIVE.
+    /// Progress from the start's width to the end's at a station, 0 to 1, with slope 0 at both
+    /// ends, as OpenDRIVE's cubic has it.
     pub fn share_at(&self, s_m: f64) -> f64 {
         let u = (s_m / self.path.length_m()).clamp(0.0, 1.0);
         u * u * (3.0 - 2.0 * u)
@@ -293,7 +293,7 @@ impl Link {
             cross(p - q, unit(heading)),
         );
         let aside = (rightward - self.width_at(s)).max(-rightward);
-        // Before its start or behind its end.
+        // The point lies before the lane's start or behind its end.
         if forward > 1e-3 {
             aside.max(0.0).hypot(forward)
         } else {

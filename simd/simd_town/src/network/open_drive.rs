@@ -240,8 +240,8 @@ fn lanes(out: &mut String, profile: &Profile) {
         (false, true) => "solid solid",
         (false, false) => "broken",
     };
-    // Overtaking may cross a broken line, but to stay beyond it is no lane change: route planners
-    // would turn round there.
+    // Overtaking may cross the broken centre line, but the map must not call that a lane change:
+    // route planners would turn round there.
     line!(
         out,
         r#"        <center><lane id="0" type="none" level="false">"#
@@ -328,9 +328,9 @@ fn signal(out: &mut String, signal: &Signal, profile: &Profile) {
     line!(out, "      </signal>");
 }
 
-/// Speed, km/h in steps of five, at which a turn asks for side forces below 0.45 of the weight:
-/// brisk, and half of what tyres hold when dry.
-/// What bends by less than a quarter of a right angle is no turn.
+/// Speed of a connecting road, km/h in steps of five. The side force in the turn stays below 0.45
+/// of the weight, which is brisk and half of what tyres hold on a dry road. A bend of less than a
+/// quarter of a right angle does not count as a turn.
 fn turn_kmh(path: &Path) -> u32 {
     const SIDE_FRICTION: f64 = 0.45;
     let turns = path

@@ -6,7 +6,7 @@ use super::model::{Arm, Control, Junction, Network, STOP_M, Signal, SignalKind, 
 use crate::geometry::wrap;
 use crate::plan::Plan;
 
-/// Who waits, and at what. Nobody waits where nobody arrives.
+/// Decides which arms wait, and at what. An arm on which no traffic arrives does not wait.
 pub(super) fn control(junction: Junction, plan: &Plan) -> Junction {
     let mut junction = rules(junction, plan);
     for arm in &mut junction.arms {
@@ -15,9 +15,9 @@ pub(super) fn control(junction: Junction, plan: &Plan) -> Junction {
     junction
 }
 
-/// Ramps give way to the motorway unless they get a lane of their own; lights where four arms or an
-/// avenue meet, and at every junction of a dense
-/// centre; elsewhere the stem of the T waits.
+/// Ramps give way to the motorway unless they get a lane of their own. Traffic lights stand where
+/// four arms or a main road meet, and at every junction of a dense centre. Elsewhere the stem of
+/// the T waits.
 fn rules(mut junction: Junction, plan: &Plan) -> Junction {
     let arms = &mut junction.arms;
     let motorway = |arm: &&Arm| plan.streets[arm.road].profile.motorway;
@@ -86,10 +86,10 @@ pub(super) fn place_signals(network: &mut Network, junction_idx: usize) {
     if junction.control != Control::Lights {
         return;
     }
-    // Opposite arms are green together where four narrow ones meet. On several lanes who turns left
-    // would meet two lanes of oncoming traffic, and
-    // cars that wait for each other's gaps in the middle of a junction lock it; of a T, half of an
-    // arm's traffic turns left.
+    // Opposite arms are green together only where four narrow arms meet. On wider roads, traffic
+    // that turns left would meet two lanes of oncoming traffic, and cars that wait in the middle of
+    // the junction for each other's gaps would lock it. At a T, half of an arm's traffic turns
+    // left.
     let waiting: Vec<usize> = (0..junction.arms.len())
         .filter(|&i| junction.arms[i].waits)
         .collect();

@@ -5,9 +5,9 @@ use schema_types::Pose;
 use super::model::Network;
 use crate::geometry::wrap;
 
-/// Between spawn points of one lane: more than the longest vehicle.
+/// Distance between spawn points of one lane: more than the longest vehicle.
 const SPACING_M: f64 = 16.0;
-/// From the stop line and from the junction behind.
+/// Distance of spawn points from the junction ahead and from the junction behind.
 const MARGINS_M: (f64, f64) = (13.5, 6.0);
 
 /// Spawn points on driving lanes between junctions, x along the lane, 0.3 m above the road.

@@ -14,7 +14,8 @@ const LEFT_OUT: [(usize, usize, bool); 5] = [
     (1, 4, true),
     (4, 2, false),
 ];
-/// Grid edges that bow: the same and metres to the left.
+/// Grid edges that bow: the edge as in `LEFT_OUT`, and by how many metres its middle lies to the
+/// left.
 const BOWED: [(usize, usize, bool, f64); 5] = [
     (1, 2, true, 7.0),
     (4, 1, false, -8.0),

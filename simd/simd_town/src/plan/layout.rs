@@ -23,7 +23,7 @@ pub struct Profile {
     pub lane_m: f64,
     /// What lies beside the driving lanes.
     pub edge: Edge,
-    /// Width of that.
+    /// Width of that strip.
     pub edge_m: f64,
     /// Width of the pavement.
     pub pavement_m: f64,
@@ -107,7 +107,7 @@ pub const RING: Profile = Profile {
     motorway: false,
 };
 
-/// Three lanes each way round the town, fast.
+/// The fast ring round a town, with three lanes each way.
 pub const HIGHWAY: Profile = Profile {
     n_lanes: 3,
     lane_m: 3.6,
@@ -124,15 +124,15 @@ pub const HIGHWAY: Profile = Profile {
 /// What is built in the blocks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Houses {
-    /// One or two floors, gardens between.
+    /// Houses of one or two floors with gardens between them.
     Cottages,
     /// Farms and barns far apart.
     Farms,
-    /// Two to four floors, wall to wall.
+    /// Houses of two to four floors that stand wall to wall.
     Terraces,
-    /// Tall within this distance of the origin, three to six floors elsewhere.
+    /// Tall houses within this distance of the origin, houses of three to six floors elsewhere.
     Towers {
-        /// Metres.
+        /// Distance from the origin, metres.
         within_m: f64,
     },
 }
@@ -148,13 +148,13 @@ pub struct Street {
     pub bends: Vec<Bend>,
     /// Cross-section.
     pub profile: Profile,
-    /// The whole course from node to node, where `bends` do not say it.
+    /// The course from node to node; `None` if `bends` describe it.
     pub course: Option<Path>,
     /// Heights on the way: share of the length, and metres over the straight line between the ends.
     pub rises_m: Vec<(f64, f64)>,
     /// Runs through a tunnel.
     pub tunnel: bool,
-    /// Where it stands on a deck: metres from the middle of the first node.
+    /// Where it stands on a bridge deck: metres from the middle of the first node.
     pub bridge_m: Option<(f64, f64)>,
 }
 

@@ -65,22 +65,21 @@ const BUILT_UP: Profile = Profile {
 };
 /// Grass between the verges of both carriageways.
 const MEDIAN_M: f64 = 3.0;
-/// Clear height and deck of a bridge.
+/// Height of a bridge over what it crosses: clear height and thickness of the deck.
 const OVER_M: f64 = 7.2;
 
-/// Lengths of the lanes beside the others in which one gets slower before a ramp and faster behind
-/// one.
+/// Lengths of the extra lanes in which traffic slows down before a ramp and gains speed behind one.
 const SLOWING_M: f64 = 150.0;
 const GAINING_M: f64 = 190.0;
 /// Length over which such a lane begins or ends, half of it before its node.
 const TAPER_M: f64 = 70.0;
-/// Between a taper and the next thing on the carriageway.
+/// Least distance between a taper and the next node or bridge on the carriageway.
 const APART_M: f64 = 60.0;
 
 /// What happens to a carriageway at a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum At {
-    /// It ends, or crosses streets.
+    /// The carriageway ends, or crosses streets.
     End,
     /// A ramp leaves.
     Off,
@@ -94,7 +93,7 @@ enum At {
 
 /// One carriageway while it is being laid out.
 struct Carriageway {
-    /// In the direction of travel; closed, or from end to end.
+    /// Course in the direction of travel: a closed line, or one with two ends.
     path: Path,
     closed: bool,
     profile: Profile,
@@ -134,7 +133,7 @@ impl Carriageway {
         node
     }
 
-    /// Metres from one station on to another.
+    /// Distance from one station to another in the direction of travel.
     fn along(&self, from_m: f64, to_m: f64) -> f64 {
         if self.closed {
             (to_m - from_m).rem_euclid(self.path.length_m())
@@ -143,7 +142,7 @@ impl Carriageway {
         }
     }
 
-    /// No deck is near a taper about this station.
+    /// Whether a taper about this station would be clear of all bridge decks.
     fn is_plain(&self, s_m: f64) -> bool {
         let reach = 0.5 * TAPER_M + 10.0;
         self.bridges.iter().all(|&(begin, end)| {
@@ -152,9 +151,8 @@ impl Carriageway {
         })
     }
 
-    /// Lanes for gaining speed behind ramps and for losing it before them, where there is room;
-    /// where there is not room for both, one
-    /// lane leads from ramp to ramp.
+    /// Adds lanes for gaining speed behind ramps and for losing it before them, where there is
+    /// room. Where there is no room for both, one lane leads from ramp to ramp.
     fn widen(&mut self, sketch: &mut Sketch) {
         self.nodes.sort_by(|a, b| a.0.total_cmp(&b.0));
         let n = self.nodes.len();
@@ -186,7 +184,7 @@ impl Carriageway {
         }
     }
 
-    /// A deck from `from` to `to`, highest in the middle.
+    /// Puts the carriageway on a deck from `from_m` to `to_m` that is highest in the middle.
     fn over(&mut self, from_m: f64, to_m: f64, rise_m: f64) {
         self.bridges
             .push((self.station(from_m), self.station(to_m)));
@@ -194,7 +192,7 @@ impl Carriageway {
             .push((self.station(0.5 * (from_m + to_m)), rise_m));
     }
 
-    /// Streets between neighbouring nodes.
+    /// Adds the streets between neighbouring nodes to the sketch.
     fn lay(mut self, sketch: &mut Sketch) {
         self.widen(sketch);
         self.nodes.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -252,15 +250,14 @@ struct Crossing {
     reach_m: [f64; 2],
     /// Distance of the ramps' ends on the street from the carriageways.
     away_m: f64,
-    /// The street runs over the motorway, else under it.
+    /// Whether the street runs over the motorway; otherwise it runs under it.
     over: bool,
     /// Height of the motorway and of the street's ends.
     heights_m: (f64, f64),
 }
 
-/// Ramps on the right of both carriageways, their meeting points with the street, and the street
-/// between these.
-/// Gives the two meeting points.
+/// Draws ramps on the right of both carriageways and the street that joins them. Returns the nodes
+/// at which the ramps meet the street.
 fn interchange(
     sketch: &mut Sketch,
     ways: &mut [Carriageway; 2],
@@ -278,8 +275,8 @@ fn interchange(
         );
         sketch.plan.heights_m[off] = crossing.heights_m.0;
         sketch.plan.heights_m[on] = crossing.heights_m.0;
-        // Off at a small angle, larger where the motorway bends towards the ramp, then along the
-        // motorway to the street.
+        // A ramp leaves at a small angle, which is larger where the motorway bends towards the
+        // ramp; then it follows the motorway to the street.
         let bends = |sign: f64| {
             let (p, heading) = way.path.at(way.station(at + sign * reach));
             let ahead = way.path.at(way.station(at + sign * (reach - 10.0))).1;
@@ -349,7 +346,7 @@ fn eight(loops_m: f64, radius_m: f64) -> (Path, [f64; 2]) {
         length_m: turn * radius_m,
         curvature_per_m: k,
     };
-    // Down to the right, round, down to the left, round.
+    // Down to the right, round the right loop, down to the left, round the left loop.
     let down = line(-unit(-angle) * reach, -angle);
     let right = arc(unit(-angle) * reach, -angle, 1.0 / radius_m);
     let back = line(unit(angle) * reach, angle + PI);
@@ -388,7 +385,7 @@ pub fn figure_of_eight(name: &str, seed: u64) -> Plan {
     // The second line passes over the first.
     for way in &mut ways {
         let at = way.path.nearest(middle.at(crossings[1]).0).0;
-        // Both lines pass near the origin: the one that leads to the left is wanted.
+        // Both lines pass near the origin; this is the one that leads to the left.
         let heading = middle.at(crossings[1]).1;
         let candidates = [at, at + 0.5 * way.path.length_m()];
         let is_along = |s: f64| {
@@ -471,7 +468,7 @@ pub fn figure_of_eight(name: &str, seed: u64) -> Plan {
         (P2::new(LOOPS_M - 20.0, 132.0), 17.0),
         (P2::new(-70.0, 190.0), 32.0),
     ];
-    // Country roads round the whole, from a junction beyond either interchange.
+    // Country roads round the whole town start from a junction beyond either interchange.
     let far = LOOPS_M + RADIUS_M + 150.0;
     let beyond = [far, -far].map(|x| s.node(x, 0.0));
     s.chain(&[east_out, beyond[0]], LANE_OUT);

@@ -17,7 +17,7 @@ pub const LANE: Profile = Profile {
     one_way: false,
     motorway: false,
 };
-/// The same with priority and traffic lights.
+/// A street as `LANE` with priority and traffic lights.
 pub const HIGH_STREET: Profile = Profile {
     pavement_m: 3.5,
     speed_kmh: 40,
@@ -34,7 +34,7 @@ pub const COUNTRY: Profile = Profile {
     verge: true,
     ..LANE
 };
-/// Round a roundabout, counter-clockwise.
+/// The one-way street round a roundabout, counter-clockwise.
 const CIRCLE: Profile = Profile {
     lane_m: 5.0,
     pavement_m: 2.5,
@@ -56,7 +56,7 @@ pub const BOULEVARD: Profile = Profile {
     motorway: false,
 };
 
-/// Over the streets of a town.
+/// An elevated road over the streets of a town.
 pub const ELEVATED: Profile = Profile {
     n_lanes: 2,
     lane_m: 3.5,
@@ -67,7 +67,7 @@ pub const ELEVATED: Profile = Profile {
     ..LANE
 };
 
-/// Collects nodes and streets.
+/// Collects nodes and streets of a plan.
 pub struct Sketch {
     pub plan: Plan,
     pub random: Random,
@@ -106,14 +106,14 @@ impl Sketch {
         self.plan.nodes_m.len() - 1
     }
 
-    /// Streets along a line of nodes.
+    /// Adds streets along a line of nodes.
     pub fn chain(&mut self, nodes: &[usize], profile: Profile) {
         for pair in nodes.windows(2) {
             self.street(pair[0], pair[1], &[], profile);
         }
     }
 
-    /// A street through rounded corners: (x, y, radius).
+    /// Adds a street through rounded corners: (x, y, radius).
     pub fn street(
         &mut self,
         from: usize,
@@ -133,7 +133,7 @@ impl Sketch {
             .push(Street::new(from, to, bends, profile));
     }
 
-    /// A roundabout about a point with one junction per heading (counter-clockwise, radians).
+    /// Adds a roundabout about a point with one junction per heading (counter-clockwise, radians).
     pub fn roundabout(&mut self, centre: P2, radius_m: f64, headings: &[f64]) -> Vec<usize> {
         let nodes: Vec<usize> = headings
             .iter()
@@ -171,7 +171,7 @@ impl Sketch {
         }
     }
 
-    /// The same value for each, moved by up to `by_m`.
+    /// The values, each moved by a random distance of up to `by_m`.
     pub fn moved<const N: usize>(&mut self, values: [f64; N], by_m: f64) -> [f64; N] {
         values.map(|x| x + self.random.between(-by_m, by_m))
     }

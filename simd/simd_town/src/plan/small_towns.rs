@@ -110,7 +110,7 @@ pub fn multi_lane_grid(name: &str, seed: u64) -> Plan {
         column.push(north[c]);
         s.chain(&column, [AVENUE, AVENUE, BOULEVARD, STREET, AVENUE][c]);
     }
-    // Through the middle, over five streets.
+    // The elevated road crosses the middle of the town over five streets.
     let over_y = 0.5 * (ys[1] + ys[2]);
     let ends = [-w, w].map(|x| s.node(x, over_y));
     s.street(ends[0], ends[1], &[], ELEVATED);
@@ -174,7 +174,7 @@ pub fn country(name: &str, seed: u64) -> Plan {
         s.street(square[i], square[(i + 1) % 6], &[], HIGH_STREET);
     }
     s.street(square[1], square[4], &[], HIGH_STREET);
-    // From the village to the loop, winding.
+    // Winding roads from the village to the loop.
     for i in 0..6 {
         let (p, q) = (s.plan.nodes_m[square[i]], s.plan.nodes_m[outer[i]]);
         let across = left((q - p).normalize()) * [16.0, -14.0][i % 2];

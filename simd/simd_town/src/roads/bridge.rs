@@ -1,4 +1,4 @@
-//! What carries a road over another one: deck, parapets, piers, abutments.
+//! Bridges: deck, parapets, piers and abutments.
 
 use schema_types::{Class, ObjectId};
 use sensor_core::Material;
@@ -13,7 +13,7 @@ use crate::scenery::{ALL, Chunks, CollisionMesh, Key, Layer, Levels};
 /// Thickness of a deck.
 pub const DECK_M: f64 = 1.1;
 
-/// Most metres between two piers.
+/// Greatest distance between two piers.
 const SPAN_M: f64 = 26.0;
 
 /// Collects faces of one bridge.
@@ -58,8 +58,7 @@ impl Works<'_> {
     }
 }
 
-/// Builds the bridge of a road that has one. The road's own surface and paint are the ground
-/// module's.
+/// Builds the bridge of a road that has one, without the road's asphalt and paint.
 pub fn build(
     chunks: &mut Chunks,
     solid: &mut CollisionMesh,
@@ -192,7 +191,7 @@ fn piers(
     let n = ((to - from) / SPAN_M).ceil().max(1.0) as usize;
     for k in 1..n {
         let s = from + (to - from) * k as f64 / n as f64;
-        // Beside the road below if one is in the way.
+        // If a road below is in the way, the pier moves along the bridge.
         let place = [0.0, 4.0, -4.0, 8.0, -8.0, 11.0, -11.0]
             .iter()
             .map(|d| s + d)
@@ -236,7 +235,7 @@ fn columns(road: &Road, s_m: f64) -> Vec<P2> {
     vec![road.path.beside(s_m, t), road.path.beside(s_m, -t)]
 }
 
-/// No pavement or lane of a road on the ground is near.
+/// Whether no pavement or lane of a road on the ground is near.
 fn is_clear(network: &Network, own: &Road, p: P2) -> bool {
     let off_roads = network
         .roads

@@ -36,7 +36,7 @@ pub fn rails(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, object
                 ]
             };
             for pair in stations.windows(2) {
-                // Seen from the road and from behind.
+                // The rail is visible from the road and from behind.
                 let front = post(pair[0], pair[1], RAIL_M.0, RAIL_M.1);
                 let back = post(pair[1], pair[0], RAIL_M.0, RAIL_M.1);
                 for face in [front, back] {
@@ -46,7 +46,7 @@ pub fn rails(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, object
                 solid.polygon(object, &wall);
                 solid.polygon(object, &[wall[1], wall[0], wall[3], wall[2]]);
             }
-            // From far away chords over two pieces do.
+            // From far away one chord spans two pieces.
             for k in (0..stations.len() - 1).step_by(2) {
                 let (a, b) = (stations[k], stations[(k + 2).min(stations.len() - 1)]);
                 panel(chunks, steel, 2..=2, post(a, b, RAIL_M.0, RAIL_M.1));

@@ -10,7 +10,7 @@ use crate::network::{Arm, CROSSWALK_M, Network, Road, STOP_M};
 use crate::plan::Edge;
 use crate::scenery::{Chunks, Layer, Levels};
 
-/// Height of paint over the road: far enough for depth buffers, too thin to notice.
+/// Height of paint over the road: enough for depth buffers, too little to notice.
 const PAINT_M: f64 = 0.005;
 
 fn white(object: ObjectId) -> Surface {
@@ -140,7 +140,7 @@ fn long_lines(chunks: &mut Chunks, road: &Road, arms: &[Arm; 2], object: ObjectI
     }
 }
 
-/// Stop line and zebra of one end.
+/// Stop line and zebra crossing of one end of a road.
 fn across(chunks: &mut Chunks, network: &Network, arm: &Arm, road: &Road, object: ObjectId) {
     let span = |a: f64, b: f64| {
         let (a, b) = (network.arm_station(arm, a), network.arm_station(arm, b));
@@ -260,8 +260,8 @@ fn bays(chunks: &mut Chunks, road: &Road, object: ObjectId) {
 /// than half a line's width.
 const LINE_CHORD_M: f64 = 2.5;
 
-/// Lines of a motorway where ramps leave and arrive and where lanes begin and end: those of its
-/// roads go on.
+/// Lines of a motorway inside a junction, where ramps leave and arrive or lanes begin and end: they
+/// continue the lines of its roads.
 fn carriageway_lines(chunks: &mut Chunks, network: &Network, idx: usize, object: ObjectId) {
     let junction = &network.junctions[idx];
     for link in network.links.iter().filter(|link| link.junction == idx) {

@@ -13,7 +13,7 @@ const CLEAR_M: f64 = 5.8;
 /// Shortest stretch of motorway that gets one.
 const MIN_M: f64 = 130.0;
 
-/// Puts a sign bridge over a long stretch, some way behind its start.
+/// Puts a sign bridge over a long stretch of motorway, 62 m behind its start.
 pub fn build(builder: &mut Builder<'_>, road: &Road) {
     if road.path.length_m() < MIN_M {
         return;
@@ -64,7 +64,7 @@ pub fn build(builder: &mut Builder<'_>, road: &Road) {
         let middle = -(road.profile.lane_left_m(lane) + 0.5 * road.profile.lane_m);
         let half = 0.43 * road.profile.lane_m;
         let (low, high) = (z + CLEAR_M - 0.2, z + CLEAR_M + 2.3);
-        // The panel looks against the traffic.
+        // The panel faces the traffic.
         let face = |t0: f64, t1: f64, back: f64| (p - u * back + v * t0, p - u * back + v * t1);
         builder.chunks.wall(
             key,

@@ -14,7 +14,7 @@ fn asphalt(object: ObjectId) -> Surface {
     Surface::new(Class::ROADS, Material::Asphalt, [74, 74, 77]).of(object)
 }
 
-/// Surface and paint of a road.
+/// Asphalt and paint of a road.
 pub fn road(
     chunks: &mut Chunks,
     floor: &mut Floor,
@@ -37,7 +37,7 @@ pub fn road(
     paint::road(chunks, network, road, object);
 }
 
-/// The area between the roads' ends.
+/// Asphalt and paint of a junction: the area between the roads' ends.
 pub fn junction(
     chunks: &mut Chunks,
     floor: &mut Floor,

@@ -14,9 +14,8 @@ const TUNNEL_M: (f64, f64) = (5.6, 1.6);
 /// Distance between a tunnel's lamps.
 const LAMP_PITCH_M: f64 = 8.0;
 
-/// A tunnel over the middle of a road: walls behind the pavements, a ceiling, grass on top and at
-/// the sides. Returns where lamps belong,
-/// counter-clockwise from below.
+/// Builds a tunnel over the middle of a road: walls behind the pavements, a ceiling, grass on top
+/// and at the sides. Returns the corners of its lamps, counter-clockwise from below.
 fn walls(
     chunks: &mut Chunks,
     solid: &mut CollisionMesh,

@@ -1,8 +1,8 @@
-//! What years leave on a road: gutters and gullies along the kerbs, repaired patches, cut trenches,
-//! sealed cracks.
+//! Wear of roads: gutters and gullies along the kerbs, repaired patches, cut trenches, sealed
+//! cracks.
 //!
-//! All of it is road, a few millimetres over the asphalt and under the paint, with the road's own
-//! id.
+//! Everything here has the road's class and id and lies a few millimetres over the asphalt, under
+//! the paint.
 
 use schema_types::{Class, ObjectId};
 use sensor_core::Material;
@@ -15,15 +15,14 @@ use crate::scenery::{Chunks, Key, Layer, Levels};
 
 /// Stream of random numbers.
 const WEAR: u64 = 0x7a;
-/// Heights over the asphalt: what is sealed, what is filled, what lies in the gutter. Paint is
-/// higher.
+/// Heights over the asphalt of sealed cracks, filled patches and gutters. Paint is higher.
 const TAR_M: f64 = 0.0015;
 const PATCH_M: f64 = 0.003;
 const GUTTER_M: f64 = 0.002;
 /// Width of the gutter's stones; distance of a gully's middle from the kerb, and between gullies.
 const GUTTER_WIDTH_M: f64 = 0.30;
 const GULLY_M: (f64, f64) = (0.17, 24.0);
-/// Left free at both ends of a road, where lines and zebras are.
+/// Length left free at both ends of a road, where stop lines and zebra crossings are.
 const END_M: f64 = 9.0;
 
 /// Draws on one road.
@@ -152,8 +151,8 @@ impl Brush<'_> {
         }
     }
 
-    /// Asphalt of other years: pieces along a lane, and trenches across it, their rims sealed with
-    /// tar.
+    /// Patches of newer or older asphalt: pieces along a lane and trenches across it, with rims
+    /// sealed with tar.
     fn patches(&mut self, random: &mut Random) {
         let length = self.road.path.length_m();
         let rgbs = [[58, 58, 61], [64, 64, 66], [84, 84, 85], [90, 89, 88]];

@@ -13,10 +13,10 @@ use crate::scenery::{Builder, LampGroup, MapLayer, SceneryLamp};
 
 /// Stream of random numbers.
 const ROADSIDE: u64 = 0x72;
-/// Between power poles.
+/// Distance between power poles.
 const SPAN_M: f64 = 38.0;
 
-/// Everything along one road.
+/// Adds everything along one road.
 pub fn roadside(builder: &mut Builder<'_>, meshes: &SharedMeshes, idx: usize) {
     let road = &builder.network.roads[idx];
     if road.tunnel {
@@ -34,7 +34,7 @@ pub fn roadside(builder: &mut Builder<'_>, meshes: &SharedMeshes, idx: usize) {
     road_decals(builder, meshes, road, &mut random);
 }
 
-/// Nothing passes over this station, and the road lies on the ground.
+/// Whether nothing passes over this station and the road lies on the ground.
 fn is_open(builder: &Builder<'_>, road: &Road, s_m: f64) -> bool {
     let p = road.path.at(s_m).0;
     !road.is_on_bridge(s_m)
@@ -221,7 +221,7 @@ fn avenue(builder: &mut Builder<'_>, meshes: &SharedMeshes, road: &Road, random:
     }
 }
 
-/// Covers in the road, where no paint is.
+/// Manhole covers in the road, where no paint is.
 fn road_decals(builder: &mut Builder<'_>, meshes: &SharedMeshes, road: &Road, random: &mut Random) {
     if road.profile.verge {
         return;
@@ -244,7 +244,7 @@ fn road_decals(builder: &mut Builder<'_>, meshes: &SharedMeshes, road: &Road, ra
     }
 }
 
-/// A street lamp with its switch.
+/// Adds a street lamp that can be switched.
 fn lamp(builder: &mut Builder<'_>, lamp: &Lamp, p: P2, z_m: f64, yaw_rad: f64) {
     let object = builder.object_in(Some(MapLayer::StreetLights), Class::POLES, "street_lamp");
     builder.stand_as(object, lamp.mesh, p, z_m, yaw_rad);

@@ -26,7 +26,7 @@ pub fn parked(builder: &mut Builder<'_>, meshes: &SharedMeshes, idx: usize) {
             }
             let (mesh, shape) = random.pick(&meshes.cars);
             let s = BAYS_M.0 + (k as f64 + 0.5) * BAYS_M.1 + random.between(-0.25, 0.25);
-            // In a bend a lorry that passes needs the room.
+            // Bays in bends stay empty, because a passing lorry needs the room.
             if (road.path.at(s - 9.0).1 - road.path.at(s + 9.0).1).abs() > 0.02 {
                 continue;
             }

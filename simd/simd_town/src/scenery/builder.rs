@@ -1,4 +1,4 @@
-//! Scenery while it grows: what builders add to, and what they ask about.
+//! The scenery of a town under construction: builders add objects to it and ask it what is free.
 
 use nalgebra::{Isometry3, Vector3};
 use schema_types::{Class, ObjectId};
@@ -13,7 +13,7 @@ use crate::geometry::{P2, contains, unit};
 use crate::network::Network;
 use crate::plan::Plan;
 
-/// A town's scenery while it grows.
+/// A town's scenery under construction.
 pub struct Builder<'a> {
     pub network: &'a Network,
     pub plan: &'a Plan,
@@ -25,11 +25,11 @@ pub struct Builder<'a> {
     pub floor: Floor,
     pub solid: CollisionMesh,
     pub lights: Vec<LightSite>,
-    /// Driveways beside houses and the room round them, where nothing else is to stand.
+    /// Driveways beside houses with the room round them, where nothing else may stand.
     pub driveway_plots_m: Vec<[P2; 4]>,
 }
 
-/// What [`Builder::finish`] gives.
+/// The finished scenery.
 pub struct Scenery {
     pub assets: SceneAssets,
     pub objects: Vec<SceneryObject>,
@@ -39,7 +39,7 @@ pub struct Scenery {
 }
 
 impl<'a> Builder<'a> {
-    /// Nothing yet, on this ground.
+    /// An empty collection on this ground.
     pub fn new(plan: &'a Plan, network: &'a Network, seed: u64, terrain: Terrain) -> Builder<'a> {
         let named = |name: &str| CollisionMesh {
             name: name.to_owned(),
@@ -86,12 +86,12 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// A new object of no layer.
+    /// Adds an object that belongs to no layer.
     pub fn object(&mut self, class: Class, name: &str) -> ObjectId {
         self.object_in(None, class, name)
     }
 
-    /// A new object of a layer.
+    /// Adds an object of a layer.
     pub fn object_in(&mut self, layer: Option<MapLayer>, class: Class, name: &str) -> ObjectId {
         let number = 1 + self.objects.len() as u32;
         let id = ObjectId::scenery(number);
@@ -104,7 +104,7 @@ impl<'a> Builder<'a> {
         id
     }
 
-    /// Puts a mesh on the ground, `z_m` over it.
+    /// Places a mesh as a new object, `z_m` over the ground.
     pub fn stand(
         &mut self,
         mesh: MeshId,
@@ -118,7 +118,7 @@ impl<'a> Builder<'a> {
         object
     }
 
-    /// Puts a mesh at a height.
+    /// Places a mesh at a height as an existing object.
     pub fn stand_as(&mut self, object: ObjectId, mesh: MeshId, p: P2, z_m: f64, yaw_rad: f64) {
         place(
             &mut self.assets,
@@ -128,13 +128,13 @@ impl<'a> Builder<'a> {
         );
     }
 
-    /// A solid pole on the ground.
+    /// Adds a pole on the ground to the solids.
     pub fn pole_solid(&mut self, object: ObjectId, p: P2, radius_m: f64, height_m: f64) {
         let z = self.chunks.terrain.at(p);
         self.pole_at(object, p, z, radius_m, height_m);
     }
 
-    /// A solid pole whose foot is at a height.
+    /// Adds a pole to the solids; its foot is at `z_m`.
     pub fn pole_at(&mut self, object: ObjectId, p: P2, z_m: f64, radius_m: f64, height_m: f64) {
         let ring: Vec<P2> = (0..6)
             .map(|k| p + unit(std::f64::consts::TAU * k as f64 / 6.0) * radius_m)
@@ -142,7 +142,7 @@ impl<'a> Builder<'a> {
         self.solid.prism(object, &ring, (z_m - 0.1, z_m + height_m));
     }
 
-    /// No tunnel, bridge or pond is at this place or near it.
+    /// Whether no tunnel, bridge or pond is at this place or near it.
     pub fn is_free(&self, p: P2, margin_m: f64) -> bool {
         let in_tunnel = self
             .network
@@ -158,7 +158,7 @@ impl<'a> Builder<'a> {
         !in_tunnel && !in_pond && !self.network.is_near_bridge(p, margin_m)
     }
 
-    /// A driveway is at this place.
+    /// Whether a driveway is at this place.
     pub fn is_on_driveway(&self, p: P2) -> bool {
         self.driveway_plots_m.iter().any(|plot| contains(plot, p))
     }

@@ -13,7 +13,7 @@ use crate::geometry::P2;
 /// Side of a cell.
 const CELL_M: f64 = 50.0;
 
-/// Kinds of scenery with distances of their own.
+/// Kinds of scenery; each has its own distances for levels of detail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Layer {
     /// Road, pavement, grass, paint.
@@ -60,7 +60,7 @@ impl Key {
     }
 }
 
-/// From this level of detail on, up to and including that one.
+/// Range of levels of detail, both ends included.
 pub type Levels = std::ops::RangeInclusive<usize>;
 
 /// All levels.
@@ -70,12 +70,12 @@ pub const ALL: Levels = 0..=2;
 #[derive(Default)]
 pub struct Chunks {
     cells: BTreeMap<Key, [MeshBuilder; 3]>,
-    /// What [`Chunks::flat`] lies on.
+    /// Height of the ground.
     pub terrain: Terrain,
 }
 
 impl Chunks {
-    /// Nothing yet, on this ground.
+    /// An empty collection on this ground.
     pub fn on(terrain: Terrain) -> Chunks {
         Chunks {
             terrain,
@@ -179,7 +179,7 @@ impl Chunks {
         self.polygon(key, levels, surface, &lid, &uv);
     }
 
-    /// Turns every cell into a mesh of the scene.
+    /// Turns every cell into a mesh and places it.
     pub fn finish(self, assets: &mut SceneAssets) {
         for (key, builders) in self.cells {
             let mut whole = Mesh {
@@ -210,7 +210,7 @@ impl Chunks {
     }
 }
 
-/// Puts a mesh into the scene.
+/// Adds an instance of a mesh to the static scenery.
 pub fn place(
     assets: &mut SceneAssets,
     mesh: MeshId,

@@ -7,7 +7,7 @@ use crate::geometry::P2;
 /// Triangles for collision, `f32` about [`Town::origin_m`](crate::Town::origin_m).
 #[derive(Clone, Debug, Default)]
 pub struct CollisionMesh {
-    /// What it is, for messages.
+    /// Name for messages.
     pub name: String,
     /// Corners.
     pub vertices_m: Vec<[f32; 3]>,
@@ -47,7 +47,7 @@ impl CollisionMesh {
     }
 }
 
-/// Triangles of the ground that vehicles feel.
+/// The ground that vehicles drive on.
 #[derive(Default)]
 pub struct Floor {
     /// Road.

@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 use schema_types::{ObjectId, Pose};
 
-/// Who a lamp belongs to.
+/// What a lamp belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LampGroup {
     /// Along streets.
@@ -25,7 +25,7 @@ pub struct SceneryLamp {
     pub rgb: [u8; 3],
     /// Luminous flux, lumen.
     pub intensity_lm: f32,
-    /// Whose it is.
+    /// What the lamp belongs to.
     pub group: LampGroup,
 }
 

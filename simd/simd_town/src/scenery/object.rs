@@ -18,7 +18,7 @@ pub enum MapLayer {
     Ground = 8,
     /// Parked cars.
     ParkedVehicles = 16,
-    /// Smoke and the like; no town has any.
+    /// Smoke and the like; our towns have none.
     Particles = 32,
     /// Benches, bins, shelters, hydrants and other small things.
     Props = 64,
@@ -35,13 +35,13 @@ pub struct SceneryObject {
     pub id: ObjectId,
     /// Main class of its triangles.
     pub class: Class,
-    /// What it is, with a number of its own.
+    /// Kind of object and a number, such as `tree_17`.
     pub name: String,
     /// Layer, if it belongs to one: roads, signs, traffic lights, bridges and terrain do not.
     pub layer: Option<MapLayer>,
     /// Where it stands: the pose of its mesh, or the middle of its box.
     pub pose: Pose,
-    /// Box about its triangles: pose of its middle.
+    /// Pose of the middle of the box about its triangles.
     pub box_pose: Pose,
     /// Half extents of the box.
     pub box_half_m: [f64; 3],
@@ -88,9 +88,8 @@ impl Extent {
     }
 }
 
-/// Measures every object's box: along its mesh's axes where it is one mesh, along the world's where
-/// it is part of larger ones.
-/// Objects without a triangle are taken out.
+/// Measures every object's box: along its mesh's axes if the object is one mesh, along the world's
+/// axes if it is part of larger meshes. Removes objects without triangles.
 pub fn measure(objects: &mut Vec<SceneryObject>, assets: &SceneAssets) {
     let index = |id: ObjectId| (id.0 & !schema_types::id::SCENERY_BIT) as usize;
     let mut part_of = vec![Extent::NONE; objects.len() + 1];

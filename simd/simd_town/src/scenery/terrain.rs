@@ -56,7 +56,7 @@ impl Terrain {
                 cross(a - c, p - c) / area,
                 cross(b - a, p - a) / area,
             ];
-            // How far inside: metres from the nearest edge.
+            // Distance of the point from the nearest edge, positive inside, metres.
             let inside = (w[0] * area / (c - b).norm())
                 .min(w[1] * area / (a - c).norm())
                 .min(w[2] * area / (b - a).norm());
