@@ -8,7 +8,7 @@ use simd_world::World;
 
 use crate::episode::Episode;
 use crate::frames::Sensors;
-use crate::gate::Gate;
+use crate::lockstep::Gate;
 
 /// Writers of the five documents, and what each sent last.
 pub struct Documents {

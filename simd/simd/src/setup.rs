@@ -15,7 +15,7 @@ use crate::daemon::Daemon;
 use crate::debug_shapes::DebugShapes;
 use crate::episode::{self, EpisodeId};
 use crate::frames::Sensors;
-use crate::gate::Gate;
+use crate::lockstep::Gate;
 use crate::maps::Maps;
 use crate::pace::Pace;
 use crate::ports::Ports;
