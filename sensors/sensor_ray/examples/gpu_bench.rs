@@ -35,7 +35,7 @@ fn main() {
     })
     .unwrap_or_else(|error| panic!("{error}"));
     println!("adapter {}, can import: {}", gpu.name(), gpu.can_import());
-    let mut result = BenchResult::new("gpu_bench", Some(&gpu.name()));
+    let mut result = BenchResult::new("gpu_bench", Some(gpu.name()));
     let assets = mesh_file::read(&path);
     let scene = RayScene::load_for_gpu(&assets);
     println!("{} triangles", scene.n_static_triangles());

@@ -61,7 +61,7 @@ fn main() {
         for_cpu.push(micros(|| scene.update(&instances)));
     }
     let n = crowd(n_people, n_cars, 0.0).len();
-    let mut result = BenchResult::new("tick_bench", Some(&gpu.name()));
+    let mut result = BenchResult::new("tick_bench", Some(gpu.name()));
     for (what, mut times) in [
         ("place", placed),
         ("tell the GPU", told),

@@ -1,11 +1,11 @@
 //! Spinning lidar, plain and semantic: a frame holds one full turn that ends at the tick, or the
 //! sweep of one tick as in CARLA.
 //!
-//! Columns of a turn run counter-clockwise seen from above. Column `i` looks at azimuth −π + 2π·(i
-//! + 1)/columns, so the last one looks straight back at the time of the tick; a narrower field of
-//! view is spread in the same way about the front. Columns of a sweep run clockwise, as CARLA's
-//! head turns, from where the head stood after the previous firing: with `h` the width of the turn,
-//! column `i` looks at h/2 − mod(was + step·i, h).
+//! Columns of a turn run counter-clockwise seen from above. Column `i` looks at azimuth
+//! `−π + 2π·(i + 1)/columns`, so the last one looks straight back at the time of the tick; a
+//! narrower field of view is spread in the same way about the front. Columns of a sweep run
+//! clockwise, as CARLA's head turns, from where the head stood after the previous firing: with `h`
+//! the width of the turn, column `i` looks at `h/2 − mod(was + step·i, h)`.
 //!
 //! Points come channel after channel, channel 0 on top, in the order of columns within each; rays
 //! without a return leave no gap. Losses are CARLA's, in CARLA's order: general drop-off, range

@@ -517,7 +517,7 @@ fn main() {
         }
     }
     let bench = Bench {
-        result: RefCell::new(BenchResult::new("rendering_bench", Some(&gpu.name()))),
+        result: RefCell::new(BenchResult::new("rendering_bench", Some(gpu.name()))),
         gpu,
         quality,
         in_flight,

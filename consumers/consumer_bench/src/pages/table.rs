@@ -96,32 +96,42 @@ fn line(cells: &[String]) -> String {
     format!("|{}\n", cells.iter().map(cell).collect::<String>())
 }
 
+/// Results that one command gave at one commit, named together in the list below a table.
+struct Run<'a> {
+    text: String,
+    names: Vec<&'a str>,
+}
+
 /// Where the figures come from: machines, and below each one line per commit and command.
 fn sources(figures: &Figures, used: &BTreeSet<String>) -> String {
-    let mut machines: Vec<(String, Vec<(String, Vec<&str>)>)> = Vec::new();
+    let mut machines: Vec<(String, Vec<Run<'_>>)> = Vec::new();
     for name in used {
         let result = figures.file(name).unwrap_or(&Value::Null);
-        let (machine, run) = (machine_text(result), run_text(result));
+        let (machine, text) = (machine_text(result), run_text(result));
         let place = machines.iter().position(|(known, _)| *known == machine);
         let place = place.unwrap_or_else(|| {
             machines.push((machine, Vec::new()));
             machines.len() - 1
         });
         let runs = &mut machines[place].1;
-        match runs.iter_mut().find(|(known, _)| *known == run) {
-            Some((_, names)) => names.push(name),
-            None => runs.push((run, vec![name])),
+        match runs.iter_mut().find(|run| run.text == text) {
+            Some(run) => run.names.push(name),
+            None => runs.push(Run {
+                text,
+                names: vec![name],
+            }),
         }
     }
     let mut text = String::new();
     for (machine, runs) in machines {
         text += &format!("{machine}:\n\n");
-        for (run, names) in runs {
-            let links: Vec<String> = names
+        for run in runs {
+            let links: Vec<String> = run
+                .names
                 .iter()
                 .map(|name| format!("[{name}](raw/{name}.json)"))
                 .collect();
-            text += &format!("- {}: {run}\n", links.join(", "));
+            text += &format!("- {}: {}\n", links.join(", "), run.text);
         }
         text += "\n";
     }
