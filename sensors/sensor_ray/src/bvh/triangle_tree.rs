@@ -121,6 +121,7 @@ impl TriangleTree {
     }
 
     /// Lower and upper corner of the box around everything; `None` without triangles.
+    #[inline]
     pub fn bounds(&self) -> Option<([f32; 3], [f32; 3])> {
         self.tree.bounds
     }

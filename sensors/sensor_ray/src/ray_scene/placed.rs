@@ -26,6 +26,7 @@ pub(crate) struct Placed {
 
 impl Placed {
     /// A mesh that stands still.
+    #[inline]
     pub fn new(mesh: MeshId, world_from_mesh: &Isometry3<f64>, object: ObjectId) -> Self {
         Placed {
             mesh_idx: mesh.0,
@@ -47,6 +48,7 @@ impl Placed {
     }
 
     /// Labels of a triangle as this instance shows them.
+    #[inline]
     pub fn labels(&self, of_mesh: Labels) -> Labels {
         Labels {
             object: self.object_of(of_mesh.object),
@@ -65,6 +67,7 @@ pub(crate) struct Labels {
 
 impl Labels {
     /// Labels of a mesh's triangle.
+    #[inline]
     pub fn of(mesh: &Mesh, triangle: u32) -> Labels {
         let [first, ..] = mesh.triangle(triangle as usize);
         Labels {
@@ -75,6 +78,7 @@ impl Labels {
 }
 
 /// Box about an instance, relative to `origin_m`.
+#[inline]
 pub(crate) fn box_about(
     origin_m: &Point3<f64>,
     world_from_mesh: &Isometry3<f64>,
@@ -94,6 +98,7 @@ pub(crate) fn box_about(
 }
 
 /// Whether all numbers of a pose are finite and small enough for the hierarchies' `f32`.
+#[inline]
 pub(crate) fn is_finite(pose: &Isometry3<f64>) -> bool {
     pose.translation
         .vector
