@@ -34,11 +34,9 @@ fn walk(dir: &Path, found: &mut Vec<PathBuf>) {
         let name = entry.file_name().to_string_lossy().into_owned();
         let path = entry.path();
         if path.is_dir() {
-            if !(name == "target"
-                || name == "shared"
-                || name.starts_with('.')
-                || name == "__pycache__")
-            {
+            // Only the root's own folder of build products: a module may be called `target`, too.
+            let is_product = name == "target" && dir == repository();
+            if !(is_product || name == "shared" || name.starts_with('.') || name == "__pycache__") {
                 walk(&path, found);
             }
         } else {
