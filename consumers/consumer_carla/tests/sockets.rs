@@ -221,7 +221,7 @@ fn odd_handshakes_cost_a_listener_nothing() {
     }
 }
 
-/// Who loads a world hears no more of the old one meanwhile, and others do.
+/// A client that loads a world hears nothing of the old one until then; other clients do.
 #[test]
 fn a_load_silences_one_clients_world_stream() {
     let ((listener, port), feeds) = (listener(), feeds());

@@ -49,7 +49,7 @@ pub struct Driver {
     pedals: Pedals,
     rescue: Rescue,
     wait: Wait,
-    /// Who is in the way, while the vehicle stands because of that.
+    /// The actor that blocks the way, while the vehicle stands because of it.
     blocked_by: Option<u32>,
     blocked_secs: f64,
     entry: Option<Entry>,
@@ -116,7 +116,8 @@ impl Driver {
         self.rescue.n_rescues()
     }
 
-    /// Who keeps it from going on, and for how long, seconds; `None` while it moves.
+    /// The actor that keeps the vehicle from driving on, and for how long, in seconds; `None` while
+    /// it moves.
     pub fn blocked_by(&self) -> Option<(u32, f64)> {
         self.blocked_by.map(|id| (id, self.blocked_secs))
     }

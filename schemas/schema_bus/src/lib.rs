@@ -61,7 +61,7 @@ mod control;
 mod document;
 mod snapshot;
 
-// All of it on one page.
+// Everything a process can open on the bus, on one page.
 mod bus;
 
 pub use bus::Bus;

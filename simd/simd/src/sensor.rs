@@ -44,7 +44,7 @@ pub struct Sensor {
     pub n_event_frames: u64,
 }
 
-/// Who a sensor is, before it has a schedule and topics.
+/// Identity of a sensor, before it has a schedule and topics.
 pub struct SensorIdentity {
     /// Its rig.
     pub rig: Rc<Rig>,

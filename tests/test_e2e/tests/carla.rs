@@ -30,7 +30,7 @@ fn the_stock_client_looks_round_steps_and_drives() {
     stage.end();
 }
 
-/// Sends bytes and returns what came until the server closed the connection.
+/// Sends bytes and returns everything that the server sent before it closed the connection.
 fn exchange(port: u16, bytes: &[u8]) -> Vec<u8> {
     let mut connection = TcpStream::connect(("127.0.0.1", port)).unwrap();
     connection
@@ -38,7 +38,7 @@ fn exchange(port: u16, bytes: &[u8]) -> Vec<u8> {
         .unwrap();
     connection.write_all(bytes).unwrap();
     let mut answer = Vec::new();
-    // A reset is as good as an end.
+    // A reset ends the connection as well as a close does.
     let _ = connection.read_to_end(&mut answer);
     answer
 }
@@ -77,7 +77,7 @@ fn broken_messages_close_their_connection_and_nothing_else() {
             String::from_utf8_lossy(&text[..n])
         );
     }
-    // Seeded handshakes on the streaming port: odd numbers, half ones, hang-ups.
+    // Seeded handshakes on the streaming port: unknown stream numbers, half numbers, hang-ups.
     let mut state = 9u32;
     for n in 0..200 {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -101,8 +101,8 @@ fn the_world_goes_on_when_the_client_that_stepped_it_is_killed() {
     daemon.stop().expect_code(0);
 }
 
-/// Far more connections than are served: those beyond are refused with a sentence, memory stays
-/// bounded, and who is in goes on.
+/// Opens far more connections than the gateway serves: those beyond the limit are refused with a
+/// sentence, memory stays bounded, and the connected clients go on.
 #[test]
 fn thousands_of_connections_are_refused_and_nothing_else_happens() {
     let sandbox = Sandbox::new("carlaflood");

@@ -15,12 +15,12 @@ fn the_stock_client_lists_loads_and_generates_maps() {
         &empty_town("Town02"),
         &["--data", data.to_str().unwrap()],
     );
-    // A town's own text, read back as anybody's file.
+    // The text of a generated town is loaded like any user's file.
     let bus = join_bus(&stage.sandbox, "test");
     let file = data.join("maps/mine.xodr");
     std::fs::write(&file, document(&bus, names::WORLD_MAP).text).unwrap();
     drop(bus);
-    // Outside of the map folder: no client may reach it.
+    // A file outside the map folder, which no client may reach.
     std::fs::copy(&file, stage.sandbox.path("secret.xodr")).unwrap();
     stage.run(
         "carla_maps.py",

@@ -1,5 +1,5 @@
-//! Clients that come while the gateway is still getting to know the world: they wait for the whole
-//! of it.
+//! Clients that connect while the gateway is still reading the world: they wait until it has read
+//! everything.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;

@@ -5,7 +5,7 @@ use test_e2e::carla::{empty_town, start_gateway, start_script};
 use test_e2e::{assert_nothing_left, counter, join_bus, start_daemon};
 use test_kit::{Sandbox, eventually};
 
-/// Whether nobody reads any picture.
+/// Whether no camera topic has a reader.
 fn nobody_looks(bus: &Bus) -> Option<()> {
     let pictures = ["rgb", "depth", "semantic"];
     let is_read = |name: &str, subscribers: usize| {

@@ -65,7 +65,7 @@ impl Run {
         (0..n).map(|_| self.tick()).collect()
     }
 
-    /// Every vehicle drives; controls hold.
+    /// Every vehicle drives; each control holds until the next one.
     fn drive_off(&mut self, records: &[ActorRecord]) {
         for (idx, record) in records
             .iter()
@@ -168,7 +168,7 @@ fn runs_go_on_bit_for_bit_from_memory_from_a_file_and_from_the_start() {
         serde_json::from_str(&document(&run.bus, "world/info").text).unwrap();
     assert_eq!(info["episode_start_nanos"], again[0].0.episode_start_nanos);
 
-    // The start of the episode: without the controls given since, so all stand as they did.
+    // At the start of the episode no control had been given, so all vehicles stand.
     assert_eq!(
         run.ask(Command::Reset),
         CommandReply::Restored { gone: Vec::new() }
@@ -235,7 +235,8 @@ fn what_cannot_be_restored_is_a_sentence_and_changes_nothing() {
     run.daemon.stop().expect_code(0);
 }
 
-/// Sensors are instruments: those made later stay, those on what did not exist go.
+/// A restore keeps sensors that were made later, and removes those whose carrier did not exist at
+/// the checkpoint.
 #[test]
 fn sensors_stay_unless_their_vehicle_goes() {
     let sandbox = Sandbox::new("checkpointsensors");

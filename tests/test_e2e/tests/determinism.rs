@@ -3,7 +3,7 @@
 use test_e2e::{SMALL_RIG, spawn_daemon};
 use test_kit::Sandbox;
 
-/// Lines "TICK TOPIC HASH" of a run of its own.
+/// The lines "TICK TOPIC HASH" that one run of the daemon prints.
 fn hashes(launch: &str, extra: &[&str]) -> Vec<String> {
     let sandbox = Sandbox::new("hash");
     let args = [&["--hash", "--unpaced", "--ticks", "12"], extra].concat();
@@ -30,15 +30,15 @@ fn another_seed_gives_other_pictures() {
     );
 }
 
-/// The one-copy fallback is forced; only the header's count of copies, which is not hashed, may
-/// differ.
+/// With the one-copy fallback forced, only the header's count of copies may differ, and that is not
+/// hashed.
 #[test]
 fn staged_and_imported_frames_are_the_same_bytes() {
     assert_eq!(hashes(SMALL_RIG, &[]), hashes(SMALL_RIG, &["--staged"]));
 }
 
-/// A sensor more changes no byte of the others: noise and ids are functions of the sensor, not of
-/// who else is there.
+/// One more sensor changes no byte of the others: noise and ids follow from the sensor itself, not
+/// from what else exists.
 #[test]
 fn another_rig_changes_nothing_for_the_first() {
     let more = format!(

@@ -1,5 +1,5 @@
-//! `gantry-drive` and a daemon, with nobody looking: a simulated minute in lockstep, as fast as the
-//! machine can.
+//! `gantry-drive` and a daemon without any reader of frames: a simulated minute in lockstep, as fast
+//! as the machine can.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -11,7 +11,7 @@ use schema_roads::RoadMap;
 use test_e2e::{counter, document, join_bus, spawn_consumer, start_daemon};
 use test_kit::{Sandbox, eventually};
 
-/// 1200 ticks of 50 ms are 60 s: longer than any light of a T is red.
+/// 1200 ticks of 50 ms are 60 s, which is longer than a light of a T-junction stays red.
 const LAST_TICK: u64 = 1200;
 /// A camera that nobody reads: it must cost nothing.
 const LAUNCH: &str = r#"version = 1

@@ -101,7 +101,7 @@ fn a_paused_reader_does_not_slow_the_daemon() {
     watcher.signal(Signal::SIGCONT);
 }
 
-/// A participant of the lockstep dies without a word: the daemon says so and goes on.
+/// A lockstep participant dies without leaving: the daemon says so and goes on.
 #[test]
 fn a_lockstep_participant_that_is_killed_is_removed() {
     let sandbox = Sandbox::new("lockstep");

@@ -78,7 +78,7 @@ fn every_topic_delivers_each_scheduled_frame_with_a_true_header() {
     }
 }
 
-/// The pictures show something: a road in front of the car, the sky above, and depth and classes
+/// The images show the scene: a road in front of the car, the sky above it, and depth and classes
 /// that agree.
 #[test]
 fn one_view_shows_the_same_world_in_every_modality() {

@@ -1,5 +1,5 @@
-//! `kill -9` with every consumer running: whoever is left goes on, whoever comes back carries on,
-//! and shared memory ends empty.
+//! `kill -9` with every consumer running: the surviving processes go on, a restarted process carries
+//! on, and nothing is left in shared memory.
 
 use nix::sys::signal::Signal;
 use schema_frames::ActorKind;
@@ -159,8 +159,8 @@ fn all_consumers_carry_on_by_themselves_after_the_simulator_was_killed() {
     assert_nothing_left(&sandbox);
 }
 
-/// A reader that holds all the frames it may is killed; its place and its frames are free again.
-/// More often than there are places.
+/// A reader that holds as many frames as it may is killed; its place and its frames become free
+/// again. This is done more often than the topic has places for readers.
 #[test]
 fn readers_killed_while_they_hold_frames_give_their_places_back() {
     let sandbox = Sandbox::new("holders");

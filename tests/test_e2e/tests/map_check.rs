@@ -21,7 +21,7 @@ fn made_maps(sandbox: &Sandbox) -> std::path::PathBuf {
     folder
 }
 
-/// Road networks by lot, as SUMO's netgenerate writes them: U-turns tighter than a lane is wide,
+/// Random road networks as SUMO's netgenerate writes them: U-turns tighter than a lane is wide,
 /// several lanes, pavements, lights.
 #[test]
 fn networks_of_sumo_are_read_as_by_the_stock_client() {
@@ -117,7 +117,7 @@ fn towns_and_made_maps_are_read_as_by_the_stock_client() {
             ended.lines
         );
     }
-    // The comparison compared: every town has hundreds of waypoints and lane links.
+    // The comparison was not empty: every town has hundreds of waypoints and lane links.
     let n_waypoints = |line: &String| {
         line.trim()
             .strip_prefix("carla: ")?

@@ -9,7 +9,7 @@ use schema_frames::{Command, CommandReply, SpawnPoints, WorldInfo};
 use test_e2e::{ask, document, join_bus, start_daemon, step};
 use test_kit::{Process, Sandbox, eventually};
 
-/// No sensors: nothing is rendered.
+/// A launch file without sensors, so that nothing is rendered.
 const LAUNCH: &str = "version = 1\n[scenario]\nmap = \"Town02\"\nseed = 7\ntick_hz = 20\nmode = \"stepped\"\nvehicles = 3\n";
 
 struct Bench {
@@ -39,7 +39,7 @@ impl Bench {
         ask(&mut self.client, Command::LoadMap { map: map.into() })
     }
 
-    /// The map is in force: its name, its text; the ego stands on it.
+    /// Asserts that the map is loaded: its name, its text, and the ego standing on it.
     fn expect(&mut self, name: &str, text: &str) {
         eventually(&format!("world/info names {name}"), || {
             (document(&self.bus, names::WORLD_INFO)

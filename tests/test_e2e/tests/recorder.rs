@@ -151,7 +151,7 @@ fn a_restart_of_the_simulator_does_not_stop_the_recorder() {
     });
     assert!(recorder.is_running());
     recorder.stop().expect_code(0);
-    // The run that was killed ends where it was killed; until there both are whole.
+    // The recording of the killed run ends where it was killed; before that both are complete.
     for file in ["drive.mcap", "drive.2.mcap"] {
         assert_whole(&sequences(&sandbox.path(file)), 4);
     }

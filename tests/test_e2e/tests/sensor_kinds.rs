@@ -49,7 +49,7 @@ rotation_hz = 10
 mount.position_m = [0.0, 0.0, 2.2]
 "#;
 
-/// Frames that wait, as (header, records).
+/// All frames that wait to be read, as (header, records).
 fn drain<T: bytemuck::Pod>(reader: &mut FrameReader) -> Vec<(FrameHeader, Vec<T>)> {
     let mut frames = Vec::new();
     while let Some(frame) = reader.next().unwrap() {
@@ -138,7 +138,7 @@ fn a_run_into_a_parked_car_is_seen_coming_and_felt() {
             seen.len() > 50,
             "4000 rays a second are 200 a tick, most of them on the car"
         );
-        // What the snapshot says of both, at the radar's own place.
+        // The expected values: what the snapshot says of both vehicles, seen from the radar.
         let lever = world_from_ego.rotation * Vector3::new(2.0, 0.0, 0.8);
         let own = Vector3::from(ego.velocity_in_world_mps)
             + Vector3::from(ego.angular_velocity_in_world_radps).cross(&lever);

@@ -181,7 +181,7 @@ fn the_last_line_counts_the_frames_of_ended_sensors() {
     );
 }
 
-/// A hundred sensors come and go; what they leave is nothing.
+/// A hundred sensors are made and ended, and nothing is left of them.
 #[test]
 fn sensors_that_come_and_go_leave_nothing() {
     let sandbox = Sandbox::new("churn");

@@ -9,7 +9,7 @@ use schema_types::Class;
 use test_e2e::{SMALL_RIG, assert_nothing_left, spawn_consumer, start_daemon, venv_program};
 use test_kit::{Process, Sandbox, eventually};
 
-/// A picture, RGB.
+/// An RGB image.
 struct Picture {
     width: usize,
     pixels: Vec<[u8; 3]>,
@@ -36,7 +36,7 @@ impl Picture {
         self.pixels.len() / self.width
     }
 
-    /// Pixels of a part; shares of the whole's width and height.
+    /// The pixels of a part, given as shares of the whole image's width and height.
     fn part(&self, x: Range<f64>, y: Range<f64>) -> Vec<[u8; 3]> {
         let scaled = |range: Range<f64>, n: usize| {
             (range.start * n as f64) as usize..(range.end * n as f64) as usize
@@ -63,7 +63,7 @@ impl Picture {
     }
 }
 
-/// Pixels of about this colour.
+/// Counts the pixels of about this colour.
 fn count(pixels: &[[u8; 3]], rgb: [u8; 3]) -> usize {
     pixels
         .iter()

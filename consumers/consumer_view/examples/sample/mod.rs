@@ -169,7 +169,7 @@ pub fn topic(modality: Modality) -> String {
     )
 }
 
-/// Who is there.
+/// The actors of the sample world.
 pub fn actors() -> ActorList {
     let actor = |id: u32, role: &str| ActorInfo {
         id,

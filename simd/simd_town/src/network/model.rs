@@ -103,7 +103,7 @@ pub struct Arm {
     pub crosswalk: bool,
 }
 
-/// Who goes first.
+/// Right of way at a junction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Control {
     /// Traffic lights.
@@ -123,7 +123,7 @@ pub struct Junction {
     pub height_m: f64,
     /// Counter-clockwise.
     pub arms: Vec<Arm>,
-    /// Who goes first.
+    /// Which arms give way.
     pub control: Control,
 }
 

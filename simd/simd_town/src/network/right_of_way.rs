@@ -1,4 +1,4 @@
-//! Who waits at a junction, and the lights and signs that say so.
+//! Right of way: which arms of a junction wait, and the lights and signs that say so.
 
 use std::f64::consts::PI;
 
