@@ -66,6 +66,16 @@ impl Drop for Inner {
         {
             return;
         }
+        // wgpu's own fence may be signalled before the timelines of the same submission are, and a
+        // driver that still signals a destroyed one hangs or crashes. Idle queues signal nothing.
+        // SAFETY: the guard only lends the device for the call below.
+        if let Some(hal) = unsafe { self.device.as_hal::<wgpu::hal::api::Vulkan>() } {
+            // SAFETY: the last handle that could submit is being dropped, so no queue of the device
+            // is used while it waits.
+            if unsafe { hal.raw_device().device_wait_idle() }.is_err() {
+                return;
+            }
+        }
         if let Some(queue) = self.copy_queue.take() {
             // SAFETY: the drawing queue has finished everything, and the last handle that could
             // submit more is being dropped.
