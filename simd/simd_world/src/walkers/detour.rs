@@ -7,7 +7,7 @@ const ROOM_M: f64 = 0.3;
 /// A vehicle is in the way if it is nearer to the line of walk than this, metres. It is less than
 /// `ROOM_M`, so that the way around the vehicle is free.
 const TOUCH_M: f64 = 0.15;
-/// A standing vehicle farther ahead than this is ignored for now, metres.
+/// A standing vehicle is gone round once it is nearer ahead than this, metres.
 const AHEAD_M: f64 = 4.0;
 /// A walker waits for a moving vehicle that is as near as this, metres.
 const YIELD_M: f64 = 1.5;
