@@ -8,10 +8,11 @@ use schema_types::Pose;
 
 use crate::control::{ControlHeader, VehicleControlRecord};
 use crate::{
-    AckRecord, ActorRecord, CollisionEvent, DocumentHeader, DvsEvent, FrameHeader, GnssSample,
-    ImuSample, LaneCrossing, LidarPoint, ObstacleEvent, RadarDetection, SemanticLidarPoint,
-    SnapshotHeader, TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart,
-    command::RequestHeader,
+    AckRecord, ActorRecord, Box2d, Box3d, CollisionEvent, DocumentHeader, DvsEvent, FrameHeader,
+    GnssSample, ImuSample, InputRecord, Keypoint, KeypointSet, LaneCrossing, LidarPoint,
+    MaskRecord, ObstacleEvent, Odometry, PathPoint, PoseEstimate, RadarDetection, ResultHeader,
+    Scalar, SemanticLidarPoint, SnapshotHeader, Track, TrafficLightPart, TrafficSignPart,
+    VehiclePart, WalkerPart, command::RequestHeader,
 };
 
 /// One field of a struct.
@@ -126,6 +127,39 @@ layouts! {
     AckRecord as "GantryAck" { participant: u32, reserved: u32, epoch: u64, tick: u64, reserved1: u64 }
     RequestHeader as "GantryRequestHeader" { magic: u32, codec_version: u32, seq: u64, payload_bytes: u64, client: [u8; 40] }
     Pose { translation_m: [f64; 3], rotation_xyzw: [f64; 4] }
+    ResultHeader as "GantryResultHeader" {
+        magic: u32, schema_version: u16, header_bytes: u16, result_type: u16, encoding: u16, flags: u32, tick: u64, sim_nanos: u64,
+        seq: u64, episode: u32, n_inputs: u32, payload_bytes: u64, body_bytes: u64, width: u32, height: u32, row_stride: u32,
+        element_bytes: u32, n_items: u32, n_dims: u32, shape: [u32; 8], world_from_space: Pose, intrinsics_px: [f64; 4], space: u32,
+        reserved0: u32, epoch: u64, writer_epoch: u64, origin_mono_nanos: u64, taken_mono_nanos: u64, published_mono_nanos: u64,
+        reserved1: [u64; 8],
+    }
+    InputRecord {
+        topic: [u8; 200], tick: u64, seq: u64, sim_nanos: u64, epoch: u64, published_mono_nanos: u64, taken_mono_nanos: u64,
+        reserved: u64,
+    }
+    Box2d { min_px: [f32; 2], max_px: [f32; 2], score: f32, class: u32, id: u32, reserved: u32 }
+    Box3d {
+        pose: Pose, half_m: [f32; 3], velocity_mps: [f32; 3], score: f32, class: u32, id: u32, n_points: u32, reserved: [u32; 2],
+    }
+    Track {
+        id: u32, class: u32, state: u32, flags: u32, score: f32, n_hits: u32, n_missed: u32, age_secs: f32, min_px: [f32; 2],
+        max_px: [f32; 2], velocity_pxps: [f32; 2], reserved0: [u32; 2], pose: Pose, half_m: [f32; 3], velocity_mps: [f32; 3],
+        yaw_rate_radps: f32, reserved1: u32,
+    }
+    MaskRecord {
+        min_px: [f32; 2], max_px: [f32; 2], score: f32, class: u32, id: u32, first_run: u32, n_runs: u32, reserved: [u32; 3],
+    }
+    KeypointSet { score: f32, class: u32, id: u32, first_point: u32, n_points: u32, reserved: [u32; 3] }
+    Keypoint { at_px: [f32; 2], score: f32, visibility: u32 }
+    PoseEstimate { pose: Pose, covariance: [f64; 36] }
+    Odometry {
+        pose: Pose, pose_covariance: [f64; 36], velocity_mps: [f64; 3], angular_velocity_radps: [f64; 3], twist_covariance: [f64; 36],
+    }
+    PathPoint {
+        pose: Pose, after_secs: f32, speed_mps: f32, acceleration_mps2: f32, curvature_pm: f32, reserved: [u32; 2],
+    }
+    Scalar { value: f64, name: [u8; 56] }
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
-//! The contract of the bytes in shared memory: frames, the snapshot, documents, controls and
-//! commands.
+//! The contract of the bytes in shared memory: frames, the snapshot, documents, controls, commands
+//! and the results of users' programs.
 //!
 //! `SPEC.md` beside this crate is the same contract as byte tables, for readers in other languages;
 //! a test compares the two. Every type here is plain data that survives any bit pattern: codes are
@@ -47,9 +47,17 @@ pub mod query;
 pub mod scenery;
 pub mod skeleton;
 
+// What users' programs say about frames.
+pub mod about;
+pub mod result;
+pub mod result_body;
+pub mod result_records;
+pub mod result_type;
+
 // All layouts as data.
 pub mod layout;
 
+pub use about::{About, BytesSchema, PointField};
 pub use attachment::Attachment;
 pub use command::{Command, CommandBatch, CommandReply, ReplyBatch};
 pub use control::{AckRecord, VehicleControl, VehicleControlRecord, WalkerControl};
@@ -69,6 +77,13 @@ pub use physics::{
 };
 pub use query::{DebugDraw, DebugShape, PosedBox, RayHit, RaySegment};
 pub use radar::RadarDetection;
+pub use result::{InputRecord, RESULT_ATTRIBUTE, ResultError, ResultHeader};
+pub use result_body::Body;
+pub use result_records::{
+    Box2d, Box3d, Keypoint, KeypointSet, MaskRecord, Odometry, PathPoint, PoseEstimate,
+    ResultRecord, Scalar, Track,
+};
+pub use result_type::{ElementType, PixelFormat, ResultType, Space};
 pub use skeleton::{BoneReading, HeldBone, SkeletonAction};
 pub use snapshot::{
     ActorKind, ActorRecord, LightState, SnapshotHeader, TrafficLightPart, TrafficSignPart,

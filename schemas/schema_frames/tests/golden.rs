@@ -9,8 +9,9 @@ use std::path::{Path, PathBuf};
 
 use schema_frames::layout::{Layout, all};
 use schema_frames::{
-    ActorKind, LightState, Modality, SCHEMA_ATTRIBUTE, SCHEMA_VERSION, SensorKind, command,
-    control, document, header, snapshot,
+    ActorKind, Body, ElementType, InputRecord, LightState, Modality, PixelFormat, ResultHeader,
+    ResultType, SCHEMA_ATTRIBUTE, SCHEMA_VERSION, SensorKind, Space, command, control, document,
+    header, result, snapshot,
 };
 use schema_types::class::CLASSES;
 
@@ -189,6 +190,8 @@ fn constants_of_the_python_package_agree_with_the_types() {
         ("CONTROL_MAGIC", control::CONTROL_MAGIC),
         ("REQUEST_MAGIC", command::REQUEST_MAGIC),
         ("COMMAND_VERSION", command::COMMAND_VERSION),
+        ("RESULT_MAGIC", result::RESULT_MAGIC),
+        ("MAX_INPUTS", result::MAX_INPUTS as u32),
     ] {
         writeln!(py, "{name} = {value}").unwrap();
     }
@@ -221,6 +224,24 @@ fn constants_of_the_python_package_agree_with_the_types() {
             modality.element_bytes()
         )
         .unwrap();
+    }
+    py += "}\n\nRESULT_TYPES: dict[int, str] = {\n";
+    for kind in ResultType::ALL {
+        writeln!(py, "    {}: \"{}\",", *kind as u16, kind.name()).unwrap();
+    }
+    py += "}\n\n# number: (name, bytes)\nPIXEL_FORMATS: dict[int, tuple[str, int]] = {\n";
+    for format in PixelFormat::ALL {
+        let (name, bytes) = (format.name(), format.element_bytes());
+        writeln!(py, "    {}: (\"{name}\", {bytes}),", *format as u16).unwrap();
+    }
+    py += "}\n\n# number: (name, bytes)\nELEMENT_TYPES: dict[int, tuple[str, int]] = {\n";
+    for of in ElementType::ALL {
+        let (name, bytes) = (of.name(), of.element_bytes());
+        writeln!(py, "    {}: (\"{name}\", {bytes}),", *of as u16).unwrap();
+    }
+    py += "}\n\nSPACES: dict[int, str] = {\n";
+    for space in Space::ALL {
+        writeln!(py, "    {}: \"{}\",", *space as u16, space.name()).unwrap();
     }
     py += "}\n\nSENSOR_KINDS: dict[int, str] = {\n";
     for kind in (0..100).filter_map(SensorKind::from_code) {
@@ -322,4 +343,67 @@ fn golden_frames_are_what_readers_in_other_languages_test_with() {
         writeln!(text, "{} {hex}", modality.name()).unwrap();
     }
     check("tests/golden/frames.txt", &text);
+}
+
+/// One result of type `kind` whose every byte follows from its place, with two inputs.
+fn result(kind: ResultType) -> Vec<u8> {
+    let mut header = ResultHeader::new(kind);
+    match kind.body() {
+        Body::Pixels => header.set_image(4, 2, kind.pixel_format().unwrap_or(PixelFormat::Bgr8)),
+        Body::Tensor => header.set_tensor(ElementType::U16, &[2, 3]).unwrap(),
+        Body::Records(bytes) => header.set_list(2, bytes as u32, 0),
+        Body::RecordsAndTail(bytes, tail) => {
+            header.set_list(2, bytes as u32, 3 * tail as u64);
+            (header.width, header.height) = (4, 2);
+        }
+        Body::Points => header.set_list(3, 16, 0),
+        Body::Bytes => header.set_list(2, 1, 0),
+    }
+    (header.tick, header.sim_nanos, header.seq, header.episode) = (1 << 40, 123_456_789_012, 7, 2);
+    header.flags = ResultHeader::FIRST;
+    header.world_from_space.translation_m = [1.5, -2.0, 0.25];
+    header.intrinsics_px = [400.0, 401.0, 2.0, 1.0];
+    (header.epoch, header.writer_epoch) = (u64::MAX - 1, 99);
+    (
+        header.origin_mono_nanos,
+        header.taken_mono_nanos,
+        header.published_mono_nanos,
+    ) = (3, 5, 6);
+    header.n_inputs = 2;
+    header.payload_bytes = ResultHeader::payload_for(header.body_bytes, 2);
+    let mut bytes = bytemuck::bytes_of(&header).to_vec();
+    bytes.extend((0..header.body_bytes as usize).map(|i| match kind {
+        ResultType::Text => b"hi"[i],
+        ResultType::Json => b"{}"[i],
+        // Exponents that are neither infinite nor NaN, so that values compare.
+        _ => [0, 0, 0x20 + (i % 64) as u8, 0x41][i % 4],
+    }));
+    bytes.resize(320 + header.inputs_offset() as usize, 0);
+    for topic in ["ego/front/rgb", "detector/boxes"] {
+        let mut input = InputRecord::new(topic);
+        (input.tick, input.seq, input.sim_nanos) = (1 << 40, 11, 123_456_789_012);
+        (
+            input.epoch,
+            input.published_mono_nanos,
+            input.taken_mono_nanos,
+        ) = (8, 4, 5);
+        bytes.extend_from_slice(bytemuck::bytes_of(&input));
+    }
+    bytes
+}
+
+#[test]
+fn golden_results_are_what_readers_in_other_languages_test_with() {
+    let mut text = String::from("# type, then header and payload in hex\n");
+    for kind in ResultType::ALL.iter().copied() {
+        let bytes = result(kind);
+        let header: ResultHeader = bytemuck::pod_read_unaligned(&bytes[..320]);
+        assert_eq!(header.check(bytes.len() - 320), Ok(kind));
+        let hex = bytes.iter().fold(String::new(), |mut hex, byte| {
+            write!(hex, "{byte:02x}").unwrap();
+            hex
+        });
+        writeln!(text, "{} {hex}", kind.name()).unwrap();
+    }
+    check("tests/golden/results.txt", &text);
 }

@@ -10,6 +10,8 @@ DOCUMENT_MAGIC = 1129268295
 CONTROL_MAGIC = 1280590663
 REQUEST_MAGIC = 1363497543
 COMMAND_VERSION = 1
+RESULT_MAGIC = 1397051975
+MAX_INPUTS = 8
 
 # name: (type name on the bus or None, size, [(field, numpy type, shape, offset), ...])
 STRUCTS: dict[str, tuple] = {
@@ -235,6 +237,131 @@ STRUCTS: dict[str, tuple] = {
         ("translation_m", "<f8", (3,), 0),
         ("rotation_xyzw", "<f8", (4,), 24),
     ]),
+    "ResultHeader": ("GantryResultHeader", 320, [
+        ("magic", "<u4", (), 0),
+        ("schema_version", "<u2", (), 4),
+        ("header_bytes", "<u2", (), 6),
+        ("result_type", "<u2", (), 8),
+        ("encoding", "<u2", (), 10),
+        ("flags", "<u4", (), 12),
+        ("tick", "<u8", (), 16),
+        ("sim_nanos", "<u8", (), 24),
+        ("seq", "<u8", (), 32),
+        ("episode", "<u4", (), 40),
+        ("n_inputs", "<u4", (), 44),
+        ("payload_bytes", "<u8", (), 48),
+        ("body_bytes", "<u8", (), 56),
+        ("width", "<u4", (), 64),
+        ("height", "<u4", (), 68),
+        ("row_stride", "<u4", (), 72),
+        ("element_bytes", "<u4", (), 76),
+        ("n_items", "<u4", (), 80),
+        ("n_dims", "<u4", (), 84),
+        ("shape", "<u4", (8,), 88),
+        ("world_from_space", "Pose", (), 120),
+        ("intrinsics_px", "<f8", (4,), 176),
+        ("space", "<u4", (), 208),
+        ("reserved0", "<u4", (), 212),
+        ("epoch", "<u8", (), 216),
+        ("writer_epoch", "<u8", (), 224),
+        ("origin_mono_nanos", "<u8", (), 232),
+        ("taken_mono_nanos", "<u8", (), 240),
+        ("published_mono_nanos", "<u8", (), 248),
+        ("reserved1", "<u8", (8,), 256),
+    ]),
+    "InputRecord": (None, 256, [
+        ("topic", "u1", (200,), 0),
+        ("tick", "<u8", (), 200),
+        ("seq", "<u8", (), 208),
+        ("sim_nanos", "<u8", (), 216),
+        ("epoch", "<u8", (), 224),
+        ("published_mono_nanos", "<u8", (), 232),
+        ("taken_mono_nanos", "<u8", (), 240),
+        ("reserved", "<u8", (), 248),
+    ]),
+    "Box2d": (None, 32, [
+        ("min_px", "<f4", (2,), 0),
+        ("max_px", "<f4", (2,), 8),
+        ("score", "<f4", (), 16),
+        ("class", "<u4", (), 20),
+        ("id", "<u4", (), 24),
+        ("reserved", "<u4", (), 28),
+    ]),
+    "Box3d": (None, 104, [
+        ("pose", "Pose", (), 0),
+        ("half_m", "<f4", (3,), 56),
+        ("velocity_mps", "<f4", (3,), 68),
+        ("score", "<f4", (), 80),
+        ("class", "<u4", (), 84),
+        ("id", "<u4", (), 88),
+        ("n_points", "<u4", (), 92),
+        ("reserved", "<u4", (2,), 96),
+    ]),
+    "Track": (None, 152, [
+        ("id", "<u4", (), 0),
+        ("class", "<u4", (), 4),
+        ("state", "<u4", (), 8),
+        ("flags", "<u4", (), 12),
+        ("score", "<f4", (), 16),
+        ("n_hits", "<u4", (), 20),
+        ("n_missed", "<u4", (), 24),
+        ("age_secs", "<f4", (), 28),
+        ("min_px", "<f4", (2,), 32),
+        ("max_px", "<f4", (2,), 40),
+        ("velocity_pxps", "<f4", (2,), 48),
+        ("reserved0", "<u4", (2,), 56),
+        ("pose", "Pose", (), 64),
+        ("half_m", "<f4", (3,), 120),
+        ("velocity_mps", "<f4", (3,), 132),
+        ("yaw_rate_radps", "<f4", (), 144),
+        ("reserved1", "<u4", (), 148),
+    ]),
+    "MaskRecord": (None, 48, [
+        ("min_px", "<f4", (2,), 0),
+        ("max_px", "<f4", (2,), 8),
+        ("score", "<f4", (), 16),
+        ("class", "<u4", (), 20),
+        ("id", "<u4", (), 24),
+        ("first_run", "<u4", (), 28),
+        ("n_runs", "<u4", (), 32),
+        ("reserved", "<u4", (3,), 36),
+    ]),
+    "KeypointSet": (None, 32, [
+        ("score", "<f4", (), 0),
+        ("class", "<u4", (), 4),
+        ("id", "<u4", (), 8),
+        ("first_point", "<u4", (), 12),
+        ("n_points", "<u4", (), 16),
+        ("reserved", "<u4", (3,), 20),
+    ]),
+    "Keypoint": (None, 16, [
+        ("at_px", "<f4", (2,), 0),
+        ("score", "<f4", (), 8),
+        ("visibility", "<u4", (), 12),
+    ]),
+    "PoseEstimate": (None, 344, [
+        ("pose", "Pose", (), 0),
+        ("covariance", "<f8", (36,), 56),
+    ]),
+    "Odometry": (None, 680, [
+        ("pose", "Pose", (), 0),
+        ("pose_covariance", "<f8", (36,), 56),
+        ("velocity_mps", "<f8", (3,), 344),
+        ("angular_velocity_radps", "<f8", (3,), 368),
+        ("twist_covariance", "<f8", (36,), 392),
+    ]),
+    "PathPoint": (None, 80, [
+        ("pose", "Pose", (), 0),
+        ("after_secs", "<f4", (), 56),
+        ("speed_mps", "<f4", (), 60),
+        ("acceleration_mps2", "<f4", (), 64),
+        ("curvature_pm", "<f4", (), 68),
+        ("reserved", "<u4", (2,), 72),
+    ]),
+    "Scalar": (None, 64, [
+        ("value", "<f8", (), 0),
+        ("name", "u1", (56,), 8),
+    ]),
 }
 
 # number: (name, bytes of an element, kind of sensor)
@@ -254,6 +381,69 @@ MODALITIES: dict[int, tuple[str, int, str]] = {
     13: ("collision", 64, "event"),
     14: ("lane_invasion", 32, "event"),
     15: ("obstacle", 32, "event"),
+}
+
+RESULT_TYPES: dict[int, str] = {
+    1: "image",
+    2: "tensor",
+    3: "boxes2d",
+    4: "boxes3d",
+    5: "tracks",
+    6: "masks",
+    7: "keypoints",
+    8: "flow",
+    9: "depth",
+    10: "semantic",
+    11: "instance",
+    12: "points",
+    13: "pose",
+    14: "odometry",
+    15: "path",
+    16: "control",
+    17: "scalars",
+    18: "text",
+    19: "json",
+    20: "bytes",
+}
+
+# number: (name, bytes)
+PIXEL_FORMATS: dict[int, tuple[str, int]] = {
+    1: ("bgra8", 4),
+    2: ("depth", 4),
+    3: ("class", 1),
+    4: ("id", 4),
+    5: ("flow", 8),
+    6: ("normals", 8),
+    32: ("bgr8", 3),
+    33: ("rgb8", 3),
+    34: ("rgba8", 4),
+    35: ("mono8", 1),
+    36: ("mono16", 2),
+    37: ("mono32f", 4),
+}
+
+# number: (name, bytes)
+ELEMENT_TYPES: dict[int, tuple[str, int]] = {
+    1: ("u8", 1),
+    2: ("i8", 1),
+    3: ("u16", 2),
+    4: ("i16", 2),
+    5: ("u32", 4),
+    6: ("i32", 4),
+    7: ("u64", 8),
+    8: ("i64", 8),
+    9: ("f16", 2),
+    10: ("f32", 4),
+    11: ("f64", 8),
+    12: ("bool", 1),
+}
+
+SPACES: dict[int, str] = {
+    0: "none",
+    1: "image",
+    2: "sensor",
+    3: "vehicle",
+    4: "world",
 }
 
 SENSOR_KINDS: dict[int, str] = {
