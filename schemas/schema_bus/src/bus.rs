@@ -2,19 +2,25 @@
 
 use schema_frames::DocumentHeader;
 
+use crate::any_reader::AnyReader;
 use crate::command::{CommandClient, CommandServer};
 use crate::control::{AckReader, AckWriter, ControlReader, ControlWriter};
 use crate::document::{DocumentPublisher, DocumentReader};
 use crate::error::BusError;
 use crate::event::{Listener, Notifier};
 use crate::frame::{FramePublisher, FrameService};
-use crate::memory::FrameTopic;
+use crate::introspect::{ServicePorts, services};
+use crate::memory::{FrameTopic, ResultTopic};
 use crate::names;
 use crate::node::{BusNode, BusOptions};
 use crate::reader::FrameReader;
+use crate::result_reader::ResultReader;
+use crate::result_service::ResultService;
+use crate::result_writer::ResultPublisher;
 use crate::service::is_published;
 use crate::snapshot::{SnapshotPublisher, SnapshotReader};
 use crate::topics::{TopicDetails, topics};
+use crate::watch::Watch;
 
 /// A process's place on the bus, from which it opens ports.
 #[derive(Debug)]
@@ -91,6 +97,28 @@ impl Bus {
         topics(&self.node)
     }
 
+    /// All services of this domain by name, with the processes that have them open. It opens no
+    /// port and starts nothing, so looking every second disturbs nobody.
+    ///
+    /// # Errors
+    /// [`BusError::Service`] if iceoryx2 cannot list.
+    pub fn services(&self) -> Result<Vec<ServicePorts>, BusError> {
+        services(&self.node)
+    }
+
+    /// A look at the newest sample of every writer, without reading.
+    pub fn watch(&self) -> Watch {
+        Watch::new(&self.node)
+    }
+
+    /// Opens a topic of any types for reading its samples as bytes.
+    ///
+    /// # Errors
+    /// [`BusError::NoSuchTopic`], [`BusError::TooManyReaders`], [`BusError::Service`].
+    pub fn any_reader(&self, topic: &str) -> Result<AnyReader, BusError> {
+        AnyReader::open(&self.node, topic)
+    }
+
     /// Opens an event for notifying, and makes it if it does not exist.
     ///
     /// # Errors
@@ -137,6 +165,42 @@ impl Bus {
     /// [`BusError::TooManyReaders`].
     pub fn frame_reader(&self, topic: &str) -> Result<FrameReader, BusError> {
         FrameReader::open(&self.node, topic)
+    }
+
+    /// Makes a topic of results without a writer, or joins it with the capacities that it has, and
+    /// keeps it for as long as the service is kept: readers can come before the writer.
+    ///
+    /// # Errors
+    /// [`BusError::Reserved`], [`BusError::OtherKind`] if the topic exists with another type,
+    /// [`BusError::Description`].
+    pub fn result_service(
+        &self,
+        topic: &str,
+        spec: &ResultTopic,
+    ) -> Result<ResultService, BusError> {
+        ResultService::make(&self.node, topic, spec)
+    }
+
+    /// Opens a topic of results for writing, and makes it if it does not exist.
+    ///
+    /// # Errors
+    /// As [`Bus::result_service`], [`BusError::TopicTaken`] if another process writes it,
+    /// [`BusError::Memory`] if `/dev/shm` has no room.
+    pub fn result_publisher(
+        &self,
+        topic: &str,
+        spec: &ResultTopic,
+    ) -> Result<ResultPublisher, BusError> {
+        ResultPublisher::open(&self.node, topic, spec)
+    }
+
+    /// Opens a topic of results for reading.
+    ///
+    /// # Errors
+    /// [`BusError::NoSuchTopic`] if no process has made it, [`BusError::OtherKind`] if it carries
+    /// something else, [`BusError::SchemaSkew`], [`BusError::TooManyReaders`].
+    pub fn result_reader(&self, topic: &str) -> Result<ResultReader, BusError> {
+        ResultReader::open(&self.node, topic)
     }
 
     /// Opens `world/snapshot` for writing, for up to `max_actors` records.

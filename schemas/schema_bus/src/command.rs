@@ -3,6 +3,7 @@
 //! iceoryx2 wakes nobody for a request, so a client notifies `control/wake` and the server
 //! `control/replied`.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use iceoryx2::active_request::ActiveRequest;
@@ -15,12 +16,15 @@ use iceoryx2::service::port_factory::request_response::PortFactory;
 use schema_frames::command::{COMMAND_VERSION, REQUEST_MAGIC, RequestHeader};
 use schema_frames::{CommandBatch, CommandReply, ReplyBatch};
 
+use crate::complaints::Complaints;
 use crate::control::{name_bytes, name_text};
+use crate::drain::{Gaps, round};
 use crate::error::BusError;
 use crate::event::{Listener, Notifier};
-use crate::iceoryx_error::{other_error, service_error};
+use crate::iceoryx_error::{other_error, receive_error, service_error};
 use crate::names::{CONTROL_REPLIED, CONTROL_WAKE, CONTROL_WORLD};
 use crate::node::{BusNode, Service};
+use crate::origin::{Origin, Origins};
 use crate::qos;
 use crate::service::{check_schema, schema_attribute, settle};
 use crate::wire::Wire;
@@ -127,9 +131,25 @@ impl CommandClient {
         batch: &CommandBatch,
         timeout: Duration,
     ) -> Result<ReplyBatch, CommandError> {
-        let text = serde_json::to_vec(batch).map_err(|e| CommandError::Answer {
+        let unreadable = |e: serde_json::Error| CommandError::Answer {
             cause: e.to_string(),
-        })?;
+        };
+        let text = serde_json::to_vec(batch).map_err(unreadable)?;
+        let answer = self.request_text(&text, timeout, &mut || true)?;
+        serde_json::from_slice(&answer).map_err(unreadable)
+    }
+
+    /// As [`CommandClient::request`] for a batch that is JSON already; returns the answer's JSON.
+    /// `go_on` is asked at least twenty times a second, and ends the wait with `false`.
+    ///
+    /// # Errors
+    /// As [`CommandClient::request`]; [`CommandError::Timeout`] also after `go_on` said `false`.
+    pub fn request_text(
+        &mut self,
+        text: &[u8],
+        timeout: Duration,
+        go_on: &mut dyn FnMut() -> bool,
+    ) -> Result<Vec<u8>, CommandError> {
         let start = Instant::now();
         if self.service.dynamic_config().number_of_servers() == 0 {
             return Err(CommandError::NoServer {
@@ -141,7 +161,7 @@ impl CommandClient {
             .port
             .loan_slice_uninit(text.len())
             .map_err(|e| other_error("ask", full, &e))?;
-        let mut request = loan.write_from_slice(&text);
+        let mut request = loan.write_from_slice(text);
         self.seq += 1;
         request.user_header_mut().0 = RequestHeader {
             magic: REQUEST_MAGIC,
@@ -159,14 +179,10 @@ impl CommandClient {
                 .receive()
                 .map_err(|e| other_error("ask", full, &e))?
             {
-                return serde_json::from_slice(answer.payload()).map_err(|e| {
-                    CommandError::Answer {
-                        cause: e.to_string(),
-                    }
-                });
+                return Ok(answer.payload().to_vec());
             }
             let waited = start.elapsed();
-            if waited >= timeout {
+            if waited >= timeout || !go_on() {
                 return Err(CommandError::Timeout { waited });
             }
             self.replied.wait(LOOK_AGAIN.min(timeout - waited))?;
@@ -179,6 +195,9 @@ impl CommandClient {
 pub struct CommandServer {
     port: Server<Service, [u8], Wire<RequestHeader>, [u8], ()>,
     replied: Notifier,
+    origins: Origins,
+    gaps: Gaps,
+    complaints: Complaints,
     service: Commands,
 }
 
@@ -189,6 +208,8 @@ pub struct Request {
     pub client: String,
     /// The client's count.
     pub seq: u64,
+    /// The client's process.
+    pub origin: Arc<Origin>,
     /// The commands, or the reason why they cannot be read, to be answered with one refusal.
     pub batch: Result<CommandBatch, String>,
     active: ActiveRequest<Service, [u8], Wire<RequestHeader>, [u8], ()>,
@@ -206,6 +227,9 @@ impl CommandServer {
         Ok(CommandServer {
             port,
             replied: Notifier::open(node, CONTROL_REPLIED)?,
+            origins: Origins::default(),
+            gaps: Gaps::default(),
+            complaints: Complaints::default(),
             service,
         })
     }
@@ -219,27 +243,56 @@ impl CommandServer {
         let Some(active) = self
             .port
             .receive()
-            .map_err(|e| other_error("serve", full, &e))?
+            .map_err(|e| receive_error(full, qos::COMMAND_ACTIVE, e))?
         else {
             return Ok(None);
         };
         let header = active.user_header().0;
+        let origin = self.origins.of(active.origin().value(), |see| {
+            self.service.dynamic_config().list_clients(|details| {
+                see(
+                    details.client_id.value(),
+                    details.node_id,
+                    details.client_name.as_str(),
+                );
+                CallbackProgression::Continue
+            });
+        });
+        let client = name_text(&header.client);
+        let gap = self.gaps.before(active.origin().value(), header.seq);
+        if gap > 0 && self.complaints.count(&origin, "flood") {
+            tracing::warn!(
+                "{origin} floods control/world as {client:?}: {gap} requests were lost, because at most {} of one client wait; wait for each answer before the next request, and put several commands into one. Further losses are not logged",
+                qos::COMMAND_ACTIVE
+            );
+        }
         Ok(Some(Request {
-            client: name_text(&header.client),
+            client,
             seq: header.seq,
+            origin,
             batch: parse(&header, active.payload()),
             active,
         }))
     }
 
-    /// Takes all requests that wait, sorted by (client, seq), which is the order in which they run.
+    /// Takes the requests that wait, at most four of each client, sorted by (client, seq), which is
+    /// the order in which they run. The next call takes what is left. The first request of a
+    /// process that cannot be read is logged.
     ///
     /// # Errors
     /// As [`CommandServer::take`].
     pub fn take_all(&mut self) -> Result<Vec<Request>, BusError> {
-        let mut requests = Vec::new();
-        while let Some(request) = self.take()? {
-            requests.push(request);
+        let mut requests = round(|| self.take())?;
+        for request in &requests {
+            if let Err(error) = &request.batch
+                && self.complaints.count(&request.origin, "garbage")
+            {
+                tracing::warn!(
+                    "{} sent a request on control/world as {:?} that was refused: {error}; further ones are refused without a line here",
+                    request.origin,
+                    request.client
+                );
+            }
         }
         requests.sort_by(|a, b| (&a.client, a.seq).cmp(&(&b.client, b.seq)));
         Ok(requests)
@@ -282,6 +335,11 @@ impl CommandServer {
         }
         self.replied.notify();
         Ok(())
+    }
+
+    /// Requests that could not be read.
+    pub fn n_faults(&self) -> u64 {
+        self.complaints.n()
     }
 
     /// Number of clients now.

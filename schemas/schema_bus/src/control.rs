@@ -1,5 +1,8 @@
 //! `control/vehicles` and `control/ack`: records that are sent in bulk every tick.
 
+use std::sync::Arc;
+
+use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
@@ -9,12 +12,15 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use schema_frames::control::{CONTROL_MAGIC, ControlHeader};
 use schema_frames::{AckRecord, SCHEMA_VERSION, VehicleControlRecord};
 
+use crate::complaints::Complaints;
+use crate::drain::{Gaps, drain};
 use crate::error::BusError;
 use crate::event::Notifier;
-use crate::iceoryx_error::{other_error, reader_error, service_error, writer_error};
+use crate::iceoryx_error::{other_error, reader_error, receive_error, service_error, writer_error};
 use crate::memory::segment_bytes;
 use crate::names::{CONTROL_ACK, CONTROL_VEHICLES, CONTROL_WAKE};
 use crate::node::{BusNode, Service};
+use crate::origin::{Origin, Origins};
 use crate::qos;
 use crate::reader::{receive, subscribe};
 use crate::service::{Slices, check_schema, make, schema_attribute, settle};
@@ -22,6 +28,8 @@ use crate::wire::Wire;
 
 /// Records of a slot before the segment grows for the first time.
 const FIRST_SLOT_RECORDS: usize = 64;
+/// Most records of one sample that are read: one for each actor that a snapshot can carry.
+const MAX_RECORDS: usize = 4096;
 
 fn ack_service(node: &BusNode) -> Result<Acks, BusError> {
     let (full, name) = node.service_name(CONTROL_ACK)?;
@@ -139,12 +147,18 @@ pub struct ControlBatch {
     pub tick: u64,
     /// The controls.
     pub records: Vec<VehicleControlRecord>,
+    /// The process that sent it.
+    pub origin: Arc<Origin>,
 }
 
 /// Reads vehicle controls.
 #[derive(Debug)]
 pub struct ControlReader {
     port: Subscriber<Service, [u8], Wire<ControlHeader>>,
+    origins: Origins,
+    gaps: Gaps,
+    complaints: Complaints,
+    n_lost: u64,
     service: Slices<ControlHeader>,
 }
 
@@ -152,44 +166,118 @@ impl ControlReader {
     pub(crate) fn open(node: &BusNode) -> Result<ControlReader, BusError> {
         let service = make::<ControlHeader>(node, CONTROL_VEHICLES, &qos::CONTROL)?;
         let port = subscribe(&service)?;
-        Ok(ControlReader { port, service })
+        Ok(ControlReader {
+            port,
+            origins: Origins::default(),
+            gaps: Gaps::default(),
+            complaints: Complaints::default(),
+            n_lost: 0,
+            service,
+        })
     }
 
-    /// Takes all samples that wait, sorted by (writer, seq), so that applying them in order lets
-    /// the last one count. Samples that break the contract are dropped with a warning.
+    /// Takes the samples that wait, at most 64 of each writer, sorted by (writer, seq), so that
+    /// applying them in order lets the last one count. Samples that break the contract are dropped
+    /// and counted; the first one of a process is logged, and so is the first time that a process
+    /// sent more than can wait.
     ///
     /// # Errors
     /// [`BusError::Service`].
     pub fn drain(&mut self) -> Result<Vec<ControlBatch>, BusError> {
+        let ControlReader {
+            port,
+            origins,
+            gaps,
+            complaints,
+            n_lost,
+            service,
+        } = self;
         let mut batches = Vec::new();
-        while let Some(sample) = receive(&self.service, &self.port)? {
-            let header = sample.user_header().0;
-            let records = bytemuck::try_cast_slice::<u8, VehicleControlRecord>(sample.payload());
-            match records {
-                Ok(records)
-                    if header.magic == CONTROL_MAGIC && header.schema_version == SCHEMA_VERSION =>
-                {
-                    batches.push(ControlBatch {
-                        writer: name_text(&header.writer),
-                        seq: header.seq,
-                        tick: header.tick,
-                        records: records.to_vec(),
-                    })
+        drain(
+            &qos::CONTROL,
+            || receive(service, port),
+            |sample| {
+                let id = sample.origin().value();
+                let origin = origins.of_writer(id, service);
+                let header = sample.user_header().0;
+                let writer = name_text(&header.writer);
+                match records_of(&header, sample.payload()) {
+                    Ok(records) => {
+                        let gap = gaps.before(id, header.seq);
+                        *n_lost = n_lost.saturating_add(gap);
+                        if gap > 0 && complaints.count(&origin, "flood") {
+                            tracing::warn!(
+                                "{origin} floods control/vehicles as {writer:?}: {gap} samples were lost, because at most {} of one writer wait for a tick; send one sample a tick with the records of all its vehicles. Further losses are only counted",
+                                qos::CONTROL.buffer
+                            );
+                        }
+                        batches.push(ControlBatch {
+                            writer,
+                            seq: header.seq,
+                            tick: header.tick,
+                            records,
+                            origin,
+                        });
+                    }
+                    Err(fault) => {
+                        if complaints.count(&origin, "garbage") {
+                            tracing::warn!(
+                                "{origin} sent a sample on control/vehicles as {writer:?} that {fault}; it was dropped, further ones are only counted"
+                            );
+                        }
+                    }
                 }
-                _ => tracing::warn!(
-                    writer = name_text(&header.writer),
-                    "dropped a sample that is not a list of vehicle controls"
-                ),
-            }
-        }
+            },
+        )?;
         batches.sort_by(|a, b| (&a.writer, a.seq).cmp(&(&b.writer, b.seq)));
         Ok(batches)
+    }
+
+    /// Samples that broke the contract or were too many for one writer to wait.
+    pub fn n_faults(&self) -> u64 {
+        self.complaints.n()
+    }
+
+    /// Samples that were lost because their writer sent more than can wait.
+    pub fn n_lost(&self) -> u64 {
+        self.n_lost
     }
 
     /// Number of writers now.
     pub fn n_writers(&self) -> usize {
         self.service.dynamic_config().number_of_publishers()
     }
+}
+
+/// The records of a sample, or the rule that it breaks as a predicate.
+fn records_of(header: &ControlHeader, payload: &[u8]) -> Result<Vec<VehicleControlRecord>, String> {
+    if header.magic != CONTROL_MAGIC {
+        return Err(format!(
+            "starts with {:#010x}, not with \"GCTL\"",
+            header.magic
+        ));
+    }
+    if header.schema_version != SCHEMA_VERSION {
+        return Err(format!(
+            "carries schema {}, this simulator reads {SCHEMA_VERSION}",
+            header.schema_version
+        ));
+    }
+    let record_bytes = size_of::<VehicleControlRecord>();
+    if payload.len() > MAX_RECORDS * record_bytes {
+        return Err(format!(
+            "has {} bytes, at most {MAX_RECORDS} records of {record_bytes} are read",
+            payload.len()
+        ));
+    }
+    bytemuck::try_cast_slice::<u8, VehicleControlRecord>(payload)
+        .map(<[_]>::to_vec)
+        .map_err(|_| {
+            format!(
+                "has {} bytes, not a whole number of records of {record_bytes}",
+                payload.len()
+            )
+        })
 }
 
 /// Writes lockstep acknowledgements.
@@ -245,10 +333,24 @@ impl AckWriter {
     }
 }
 
+/// One acknowledgement, with the process that sent it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Ack {
+    /// Number of the participant.
+    pub participant: u32,
+    /// Epoch the tick belongs to.
+    pub epoch: u64,
+    /// The tick that is done.
+    pub tick: u64,
+    /// Who sent it; the name of its port is the participant's.
+    pub origin: Arc<Origin>,
+}
+
 /// Reads lockstep acknowledgements.
 #[derive(Debug)]
 pub struct AckReader {
     port: Subscriber<Service, Wire<AckRecord>, ()>,
+    origins: Origins,
     service: Acks,
 }
 
@@ -260,31 +362,94 @@ impl AckReader {
             .subscriber_builder()
             .create()
             .map_err(|e| reader_error(&full, qos::CONTROL.readers, e))?;
-        Ok(AckReader { port, service })
+        Ok(AckReader {
+            port,
+            origins: Origins::default(),
+            service,
+        })
     }
 
-    /// Takes all acknowledgements that wait.
+    /// Takes the acknowledgements that wait, at most 64 of each writer.
     ///
     /// # Errors
     /// [`BusError::Service`].
-    pub fn drain(&mut self) -> Result<Vec<AckRecord>, BusError> {
-        let failed = |e: &dyn std::fmt::Debug| other_error("read", CONTROL_ACK, e);
-        let mut records = Vec::new();
-        while let Some(sample) = self.port.receive().map_err(|e| failed(&e))? {
-            records.push(sample.payload().0);
-        }
-        Ok(records)
+    pub fn drain(&mut self) -> Result<Vec<Ack>, BusError> {
+        let AckReader {
+            port,
+            origins,
+            service,
+        } = self;
+        let full = service.name().as_str();
+        let mut acks = Vec::new();
+        drain(
+            &qos::CONTROL,
+            || {
+                port.receive()
+                    .map_err(|e| receive_error(full, qos::CONTROL.borrowed, e))
+            },
+            |sample| {
+                let AckRecord {
+                    participant,
+                    epoch,
+                    tick,
+                    ..
+                } = sample.payload().0;
+                acks.push(Ack {
+                    participant,
+                    epoch,
+                    tick,
+                    origin: origins.of(sample.origin().value(), |see| list_writers(service, see)),
+                });
+            },
+        )?;
+        Ok(acks)
     }
 
-    /// Names of the participants whose writers are open, sorted. Call
-    /// [`crate::Bus::clean_dead_nodes`] first, so that killed ones are not among them.
-    pub fn writers(&self) -> Vec<String> {
-        let mut names = Vec::new();
-        self.service.dynamic_config().list_publishers(|details| {
-            names.push(details.publisher_name.as_str().to_string());
-            CallbackProgression::Continue
+    /// The processes whose writers are open; the names of their ports are those of the participants.
+    /// Call [`crate::Bus::clean_dead_nodes`] first, so that killed ones are not among them.
+    pub fn writers(&self) -> Vec<Origin> {
+        let mut writers = Vec::new();
+        list_writers(&self.service, &mut |_, node, port| {
+            writers.push(Origin::new(node, port));
         });
-        names.sort();
-        names
+        writers.sort_by(|a, b| (&a.port, a.pid).cmp(&(&b.port, b.pid)));
+        writers
+    }
+}
+
+fn list_writers(service: &Acks, see: &mut dyn FnMut(u128, UniqueNodeId, &str)) {
+    service.dynamic_config().list_publishers(|details| {
+        see(
+            details.publisher_id.value(),
+            details.node_id,
+            details.publisher_name.as_str(),
+        );
+        CallbackProgression::Continue
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_that_are_no_records_are_told_apart() {
+        let good = ControlHeader {
+            magic: CONTROL_MAGIC,
+            schema_version: SCHEMA_VERSION,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        let fault = |header: &ControlHeader, n_bytes| records_of(header, &vec![0; n_bytes]).err();
+        assert_eq!(records_of(&good, &[]).unwrap(), []);
+        let other = ControlHeader { magic: 7, ..good };
+        assert!(fault(&other, 0).unwrap().contains("starts with 0x00000007"));
+        let other = ControlHeader {
+            schema_version: 9,
+            ..good
+        };
+        assert!(fault(&other, 0).unwrap().contains("schema 9"));
+        assert!(fault(&good, 33).unwrap().contains("whole number"));
+        let too_long = (MAX_RECORDS + 1) * size_of::<VehicleControlRecord>();
+        assert!(fault(&good, too_long).unwrap().contains("at most 4096"));
     }
 }

@@ -14,6 +14,7 @@ use crate::iceoryx_error::{other_error, writer_error};
 use crate::memory::segment_bytes;
 use crate::names::CONTROL_WAKE;
 use crate::node::{BusNode, Service};
+use crate::origin::Origins;
 use crate::qos;
 use crate::reader::{receive, subscribe};
 use crate::service::{Slices, join, make};
@@ -118,6 +119,7 @@ impl DocumentPublisher {
 #[derive(Debug)]
 pub struct DocumentReader {
     port: Subscriber<Service, [u8], Wire<DocumentHeader>>,
+    origins: Origins,
     service: Slices<DocumentHeader>,
 }
 
@@ -135,7 +137,11 @@ impl DocumentReader {
         let service = join::<DocumentHeader>(node, name)?;
         let port = subscribe(&service)?;
         Notifier::open(node, CONTROL_WAKE)?.notify();
-        Ok(DocumentReader { port, service })
+        Ok(DocumentReader {
+            port,
+            origins: Origins::default(),
+            service,
+        })
     }
 
     /// Takes the newest text, if one was sent since the last call.
@@ -144,15 +150,21 @@ impl DocumentReader {
     /// [`BusError::BadSample`] for a text that breaks the contract.
     pub fn latest(&mut self) -> Result<Option<Document>, BusError> {
         let mut newest = None;
-        while let Some(sample) = receive(&self.service, &self.port)? {
-            newest = Some(sample);
+        // Bounded, so that a process that floods the document cannot hold its readers here.
+        for _ in 0..qos::MAX_PASSED_OVER {
+            match receive(&self.service, &self.port)? {
+                Some(sample) => newest = Some(sample),
+                None => break,
+            }
         }
         let Some(sample) = newest else {
             return Ok(None);
         };
         let header = sample.user_header().0;
-        let bad = |fault: String| BusError::BadSample {
+        let writer = sample.origin().value();
+        let mut bad = |fault: String| BusError::BadSample {
             service: self.service.name().as_str().into(),
+            writer: Some(self.origins.of_writer(writer, &self.service)),
             fault,
         };
         if header.magic != DOCUMENT_MAGIC {
@@ -193,6 +205,7 @@ impl Document {
     pub fn json<T: serde::de::DeserializeOwned>(&self) -> Result<T, BusError> {
         serde_json::from_str(&self.text).map_err(|e| BusError::BadSample {
             service: std::any::type_name::<T>().into(),
+            writer: None,
             fault: format!("is not the JSON expected ({e})"),
         })
     }

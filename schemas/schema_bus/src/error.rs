@@ -1,8 +1,11 @@
 //! Errors of the bus, as sentences that say what failed, with which value, and what to do.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
-use schema_frames::{FrameError, SCHEMA_VERSION};
+use schema_frames::{FrameError, ResultError, SCHEMA_VERSION};
+
+use crate::origin::Origin;
 
 /// Why an operation on the bus failed.
 #[derive(Debug, thiserror::Error)]
@@ -83,6 +86,52 @@ pub enum BusError {
         /// The limit.
         limit: usize,
     },
+    /// Another process writes the topic of results.
+    #[error(
+        "topic {topic:?} is written by {writer}, and a topic has one writer; stop that process, or publish under another name"
+    )]
+    TopicTaken {
+        /// The service.
+        topic: String,
+        /// Who writes it.
+        writer: String,
+    },
+    /// A name that users' programs may not take.
+    #[error(
+        "topic {topic:?} cannot be published: names that begin with \"world/\" or \"control/\" are the simulator's, and names that end in \"/about\" are descriptions; choose another"
+    )]
+    Reserved {
+        /// What was given.
+        topic: String,
+    },
+    /// The topic carries something else than was asked for.
+    #[error("topic {topic:?} carries {theirs}, not {wanted}; {advice}")]
+    OtherKind {
+        /// The service.
+        topic: String,
+        /// What it carries.
+        theirs: String,
+        /// What was asked for.
+        wanted: String,
+        /// What to do.
+        advice: &'static str,
+    },
+    /// A topic that cannot be described so.
+    #[error("topic {topic:?} cannot be made: {fault}")]
+    Description {
+        /// The service.
+        topic: String,
+        /// What is wrong, as a sentence.
+        fault: String,
+    },
+    /// A result breaks the contract.
+    #[error("{service}: {source}")]
+    BadResult {
+        /// The service.
+        service: String,
+        /// The broken rule.
+        source: ResultError,
+    },
     /// The service is open in as many processes as it allows.
     #[error("service {service:?} is already open in {limit} processes (limit {limit}); stop one")]
     TooManyProcesses {
@@ -130,18 +179,22 @@ pub enum BusError {
         limit: usize,
     },
     /// A frame breaks the contract.
-    #[error("{service}: {source}")]
+    #[error("{service}{}: {source}", from(.writer))]
     BadFrame {
         /// The service.
         service: String,
+        /// Who sent it; `None` if this process was about to.
+        writer: Option<Arc<Origin>>,
         /// The broken rule.
         source: FrameError,
     },
     /// Another sample breaks the contract.
-    #[error("sample of {service:?} {fault}; the writer is broken or of another version")]
+    #[error("sample of {service:?}{} {fault}; the writer is broken or of another version", from(.writer))]
     BadSample {
         /// The service.
         service: String,
+        /// Who sent it, if that is known.
+        writer: Option<Arc<Origin>>,
         /// The broken rule, as a predicate.
         fault: String,
     },
@@ -196,6 +249,16 @@ pub enum LoanError {
         /// Loans at a time.
         loans: usize,
     },
+    /// A longer slot than there is memory for.
+    #[error("cannot reserve {need} of shared memory for longer results of {topic:?}: /dev/shm has {free} free; free space, make it larger, or publish less", need = mebibytes(*.need_bytes), free = mebibytes(*.free_bytes))]
+    Memory {
+        /// The topic.
+        topic: String,
+        /// Bytes of the longer segment.
+        need_bytes: u64,
+        /// Bytes that are free.
+        free_bytes: u64,
+    },
     /// Longer than a slot.
     #[error("cannot loan {len} bytes on {topic:?}: its slots have {limit}")]
     TooLong {
@@ -214,6 +277,14 @@ pub enum LoanError {
         /// iceoryx2's name for the error.
         cause: String,
     },
+}
+
+/// The writer as part of a sentence.
+fn from(writer: &Option<Arc<Origin>>) -> String {
+    writer
+        .as_ref()
+        .map(|writer| format!(" from {writer}"))
+        .unwrap_or_default()
 }
 
 /// `n` bytes as MiB, rounded up.

@@ -1,6 +1,6 @@
 //! Wake-ups. Several notifications may arrive as one, so a listener looks at everything it reads.
 
-use std::os::fd::{AsRawFd as _, BorrowedFd};
+use std::os::fd::{AsFd, AsRawFd as _, BorrowedFd};
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::*;
@@ -33,6 +33,14 @@ impl Notifier {
     /// A listener whose queue is full has been woken before, so no failure here loses a wake-up.
     pub fn notify(&self) -> usize {
         self.port.notify().unwrap_or(0)
+    }
+
+    /// As [`Notifier::notify`], without any call of iceoryx2 if nobody listens.
+    pub fn notify_listeners(&self) -> usize {
+        if self.n_listeners() == 0 {
+            return 0;
+        }
+        self.notify()
     }
 
     /// Number of listeners now. If it is 0, a notification has no effect.
@@ -75,6 +83,13 @@ impl Listener {
         Ok(false)
     }
 
+    /// Waits as [`Listener::wait`], but leaves the notifications pending. A woken reader then has
+    /// its sample two system calls earlier, and calls [`Listener::drain`] before it looks for
+    /// samples and sleeps the next time.
+    pub fn wait_pending(&self, timeout: Duration) -> bool {
+        poll(&mut [self.pollfd()], timeout)
+    }
+
     /// Takes all pending notifications without waiting. Returns whether there were any.
     ///
     /// # Errors
@@ -94,6 +109,14 @@ impl Listener {
             events: libc::POLLIN,
             revents: 0,
         }
+    }
+}
+
+/// For event loops: the descriptor is readable while notifications are pending.
+impl AsFd for Listener {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        // SAFETY: the descriptor is open as long as the port, which the result borrows.
+        unsafe { BorrowedFd::borrow_raw(self.pollfd().fd) }
     }
 }
 

@@ -272,6 +272,7 @@ impl FrameLoan {
         let checked = self.header().check(self.len());
         checked.map_err(|source| BusError::BadFrame {
             service: topic.to_string(),
+            writer: None,
             source,
         })?;
         self.header_mut().published_mono_nanos = mono_now().0;

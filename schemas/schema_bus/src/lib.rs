@@ -1,5 +1,5 @@
-//! The bus: frames, snapshots, documents, controls, commands and wake-ups between processes, by
-//! name, in shared memory. This is the only crate that knows iceoryx2.
+//! The bus: frames, results, snapshots, documents, controls, commands and wake-ups between
+//! processes, by name, in shared memory. This is the only crate that knows iceoryx2.
 //!
 //! A program opens one [`Bus`] and asks it for ports. Names are given without the domain
 //! (`ego/front/rgb`); the bus puts the domain in front. Nothing here waits unless its name or a
@@ -37,6 +37,7 @@
 
 // What the contract fixes: names, capacities, sizes, clock, errors.
 mod clock;
+mod complaints;
 mod error;
 mod iceoryx_error;
 mod memory;
@@ -45,39 +46,60 @@ pub mod qos;
 mod wire;
 
 // A process's place on the bus, and the services there.
+mod declared;
 mod event;
 mod node;
+mod origin;
 mod service;
 mod topics;
+
+// Looking at others without taking part.
+mod any_reader;
+mod introspect;
+mod watch;
 
 // Sensor frames.
 mod frame;
 mod reader;
 mod segment;
 
+// Results of users' programs.
+mod result_reader;
+mod result_service;
+mod result_writer;
+
 // Everything else that is sent.
 mod command;
 mod control;
 mod document;
+mod drain;
 mod snapshot;
 
 // Everything a process can open on the bus, on one page.
 mod bus;
 
+pub use any_reader::{AnyReader, AnySample};
 pub use bus::Bus;
 pub use clock::mono_now;
 pub use command::{CommandClient, CommandError, CommandServer, Request};
-pub use control::{AckReader, AckWriter, ControlBatch, ControlReader, ControlWriter};
+pub use complaints::Complaints;
+pub use control::{Ack, AckReader, AckWriter, ControlBatch, ControlReader, ControlWriter};
 pub use document::{Document, DocumentPublisher, DocumentReader};
 pub use error::{BusError, LoanError};
 pub use event::{Listener, Notifier, Token, WaitSet};
 pub use frame::{FrameLoan, FramePublisher, FrameService};
+pub use introspect::{Exchange, Port, ServicePorts};
 pub use memory::{
-    FrameTopic, MemoryShortage, OTHER_BYTES, check_shared_memory, shared_memory_free,
+    FrameTopic, MemoryShortage, OTHER_BYTES, ResultTopic, check_shared_memory, shared_memory_free,
     shared_memory_needed,
 };
 pub use node::{BusOptions, write_private_config};
+pub use origin::Origin;
 pub use reader::{Frame, FrameReader, ReaderCounts};
+pub use result_reader::{ResultReader, ResultSample};
+pub use result_service::ResultService;
+pub use result_writer::{Answerable, ResultLoan, ResultPublisher};
 pub use segment::Segment;
 pub use snapshot::{Snapshot, SnapshotPublisher, SnapshotReader};
 pub use topics::{TopicDetails, TopicKind};
+pub use watch::{Newest, Watch};

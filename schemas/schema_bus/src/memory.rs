@@ -3,15 +3,18 @@
 //! Every sum of shared memory in the workspace is made here, so that the launcher, the daemon and
 //! the publisher itself agree on what fits.
 
-use schema_frames::Modality;
+use schema_frames::result::MAX_INPUTS;
+use schema_frames::{About, FrameHeader, Modality, ResultHeader, ResultType};
 
 use crate::qos::{
-    FRAMES_IN_FLIGHT, Qos, RUN_TIME_FRAME_READERS, RUN_TIME_TOPIC_BYTES, SPARE_LOANS,
+    FRAMES_IN_FLIGHT, Qos, RUN_TIME_FRAME_READERS, RUN_TIME_TOPIC_BYTES, SPARE_LOANS, USUAL_LOANS,
 };
 
 /// iceoryx2's own header before our user header, and the rounding of both, bytes per slot
 /// (measured: the payload begins at 384).
 const SLOT_OVERHEAD_BYTES: u64 = 384;
+/// What the header of a result is longer than that of a frame, bytes.
+const RESULT_HEADER_SURPLUS_BYTES: usize = size_of::<ResultHeader>() - size_of::<FrameHeader>();
 /// Slots begin at multiples of this, bytes.
 const SLOT_ALIGN_BYTES: u64 = 64;
 /// iceoryx2's bookkeeping of one segment, bytes; an upper bound.
@@ -28,17 +31,25 @@ pub struct FrameTopic {
     pub max_payload_bytes: usize,
     /// Frames that the writer works on at a time, 1 or more.
     pub frames_in_flight: usize,
-    /// Readers at a time; [`FrameTopic::new`] takes the number of the modality's [`Qos`].
+    /// Readers at a time; [`FrameTopic::new`] takes the number of the modality's [`Qos`], as for
+    /// the next two.
     pub max_readers: usize,
+    /// Frames that wait for a reader.
+    pub buffer: usize,
+    /// Frames that a reader may hold at a time.
+    pub borrowed: usize,
 }
 
 impl FrameTopic {
     /// A topic with the usual number of readers for its modality and of frames in flight.
     pub fn new(modality: Modality, max_payload_bytes: usize) -> Self {
+        let usual = Qos::of(modality);
         FrameTopic {
             max_payload_bytes,
             frames_in_flight: FRAMES_IN_FLIGHT,
-            max_readers: Qos::of(modality).readers,
+            max_readers: usual.readers,
+            buffer: usual.buffer,
+            borrowed: usual.borrowed,
         }
     }
 
@@ -77,9 +88,55 @@ impl FrameTopic {
     pub(crate) fn qos(&self, modality: Modality) -> Qos {
         Qos {
             readers: self.max_readers,
+            buffer: self.buffer,
+            borrowed: self.borrowed,
             ..Qos::of(modality)
         }
     }
+}
+
+/// What a topic of results is made with. Who finds the topic there joins it with the capacities
+/// that it has.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ResultTopic {
+    /// Type of its results.
+    pub kind: ResultType,
+    /// Bytes of a body that the first slots hold; a longer one makes the slots grow.
+    pub body_bytes: usize,
+    /// Results that the writer may fill at a time.
+    pub max_loans: usize,
+    /// Readers' places, samples that wait for a reader and that it may hold.
+    pub qos: Qos,
+    /// What the type leaves open.
+    pub about: About,
+}
+
+impl ResultTopic {
+    /// A topic with the usual capacities of its type, for bodies of 4 KiB until a longer one comes.
+    pub fn new(kind: ResultType) -> Self {
+        ResultTopic {
+            kind,
+            body_bytes: 4096,
+            max_loans: USUAL_LOANS,
+            qos: Qos::of_results(kind),
+            about: About::default(),
+        }
+    }
+
+    /// Shared memory of the topic once it is in use, bytes. The segment is sparse until then.
+    pub fn segment_bytes(&self) -> u64 {
+        result_segment_bytes(&self.qos, self.max_loans, loan_bytes(self.body_bytes))
+    }
+}
+
+/// Bytes of a loan for a body of `body_bytes`: the inputs lie behind it.
+pub(crate) fn loan_bytes(body_bytes: usize) -> usize {
+    ResultHeader::payload_for(body_bytes as u64, MAX_INPUTS) as usize
+}
+
+/// Shared memory of a writer's segment of results whose loans have `loan_bytes`, bytes.
+pub(crate) fn result_segment_bytes(qos: &Qos, max_loans: usize, loan_bytes: usize) -> u64 {
+    segment_bytes(qos, max_loans, loan_bytes + RESULT_HEADER_SURPLUS_BYTES)
 }
 
 /// Shared memory of one writer's segment, bytes.
@@ -149,6 +206,17 @@ mod tests {
             ..rgb
         };
         assert_eq!(more.segment_bytes(Modality::Rgb), 86_482_816);
+        // 2 readers × (5 + 1) + 3 = 15 slots.
+        let other = FrameTopic {
+            max_readers: 2,
+            buffer: 5,
+            borrowed: 1,
+            ..rgb
+        };
+        assert_eq!(
+            other.segment_bytes(Modality::Rgb),
+            15 * 1_920_384 + (1 << 16)
+        );
         // 16 readers × (16 + 4) + 0 + 3 = 323 slots of 72 + 384, rounded up to 512 bytes.
         let imu = FrameTopic::new(Modality::Imu, 72);
         assert_eq!(imu.segment_bytes(Modality::Imu), 230_912);

@@ -1,5 +1,7 @@
 //! Names of the services that every domain has, without the domain.
 
+use schema_frames::about::ABOUT;
+
 /// Topic of the snapshot after every tick.
 pub const WORLD_SNAPSHOT: &str = "world/snapshot";
 /// Document: who publishes, and what a reader must know first.
@@ -23,6 +25,21 @@ pub const CONTROL_WAKE: &str = "control/wake";
 /// Event from the daemon: replies were sent.
 pub const CONTROL_REPLIED: &str = "control/replied";
 
+/// Domain of a program that is told no other.
+pub const DEFAULT_DOMAIN: &str = "gantry";
+/// The one environment variable that is an interface: the domain of a program that is told no
+/// other. `gantry up` sets it for the processes that it starts.
+pub const DOMAIN_VARIABLE: &str = "GANTRY_DOMAIN";
+
+/// Domain of a program that is told no other: [`DOMAIN_VARIABLE`] if it is set and not empty, else
+/// [`DEFAULT_DOMAIN`]. Whether it can be a domain is checked where it is opened.
+pub fn default_domain() -> String {
+    std::env::var_os(DOMAIN_VARIABLE)
+        .map(|domain| domain.to_string_lossy().into_owned())
+        .filter(|domain| !domain.is_empty())
+        .unwrap_or_else(|| DEFAULT_DOMAIN.to_owned())
+}
+
 /// Name of the event after a rig's last frame of a tick.
 pub fn rig_tick(rig: &str) -> String {
     format!("{rig}/tick")
@@ -31,6 +48,17 @@ pub fn rig_tick(rig: &str) -> String {
 /// Rig of a frame topic: `ego` of `ego/front/rgb`.
 pub fn rig_of(topic: &str) -> &str {
     topic.split('/').next().unwrap_or(topic)
+}
+
+/// Name of the document that describes the result topic `topic`.
+pub fn about(topic: &str) -> String {
+    format!("{topic}/{ABOUT}")
+}
+
+/// Whether users' programs may not publish on `topic`: `world/` and `control/` are the
+/// simulator's, and a last segment `about` is a description's.
+pub fn is_reserved(topic: &str) -> bool {
+    ["world", "control"].contains(&rig_of(topic)) || topic.rsplit('/').next() == Some(ABOUT)
 }
 
 /// Whether `topic` is a valid name without a domain.

@@ -70,6 +70,11 @@ impl BusNode {
         &self.domain
     }
 
+    /// Name of this program.
+    pub fn program(&self) -> &str {
+        self.node.name().as_str()
+    }
+
     pub fn clean_dead_nodes(&self) -> u64 {
         self.node.try_cleanup_dead_nodes().cleanups
     }

@@ -1,7 +1,8 @@
-//! Quality of service of every kind of topic: constants per schema version, never per run.
+//! Quality of service of every kind of topic: constants per schema version. A launch file can give
+//! single topics other numbers of readers and samples (`[topic."NAME"]`), never another kind.
 //!
-//! Readers keep a service alive while a daemon restarts, and a daemon that came back with other
-//! numbers could not join it.
+//! Readers keep a service alive while a daemon restarts, and a daemon that came back with larger
+//! numbers could not join it; within a run they are therefore the same at every start.
 
 /// Capacity of one kind of publish-subscribe topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,6 +69,12 @@ pub const CONTROL: Qos = Qos {
     history: 0,
 };
 
+/// Results that are lists or texts: boxes, tracks, a path.
+pub const RESULT: Qos = SMALL_FRAME;
+/// Results as large as images: pixels, tensors, point clouds, bytes of unknown size. One more of
+/// them may wait than of a frame, because several users' programs rarely keep a steady pace.
+pub const LARGE_RESULT: Qos = Qos { buffer: 4, ..FRAME };
+
 /// Processes that may open one service.
 pub const MAX_NODES: usize = 64;
 /// Listeners of one event service.
@@ -89,6 +96,10 @@ pub const SPARE_LOANS: usize = 1;
 /// Loans of a publisher that asks for no number of its own: iceoryx2's default.
 pub(crate) const USUAL_LOANS: usize = 2;
 
+/// Most samples that a reader passes over in one call to find the newest: more than wait in any
+/// buffer of all writers together, so only a flood is longer.
+pub(crate) const MAX_PASSED_OVER: usize = 256;
+
 /// Longest text of a request or an answer that is parsed, bytes.
 pub const MAX_COMMAND_BYTES: usize = 16 << 20;
 
@@ -99,6 +110,15 @@ impl Qos {
         match modality.sensor_kind() {
             Imu | Gnss | Event => SMALL_FRAME,
             Camera | Lidar | Radar => FRAME,
+        }
+    }
+
+    /// The capacity for results of type `kind`.
+    pub const fn of_results(kind: schema_frames::ResultType) -> Qos {
+        if kind.is_large() {
+            LARGE_RESULT
+        } else {
+            RESULT
         }
     }
 

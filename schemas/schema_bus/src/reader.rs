@@ -1,16 +1,21 @@
 //! Reading frames: each is checked, gaps are counted, and the bytes stay in place.
 
 use std::ops::Deref;
+use std::sync::Arc;
 
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
 
 use schema_frames::{FrameHeader, Modality};
+use schema_types::MonoTime;
 
+use crate::clock::mono_now;
 use crate::error::BusError;
 use crate::iceoryx_error::{other_error, reader_error, receive_error};
 use crate::node::{BusNode, Service};
+use crate::origin::Origins;
+use crate::qos;
 use crate::service::{Slices, join};
 use crate::wire::{OnBus, Wire};
 
@@ -59,7 +64,8 @@ pub struct ReaderCounts {
 pub struct FrameReader {
     port: Subscriber<Service, [u8], Wire<FrameHeader>>,
     service: Slices<FrameHeader>,
-    topic: String,
+    origins: Origins,
+    topic: Arc<str>,
     /// Epoch and `seq` of the newest frame.
     place: Option<(u64, u64)>,
     counts: ReaderCounts,
@@ -72,6 +78,7 @@ impl FrameReader {
         Ok(FrameReader {
             port,
             service,
+            origins: Origins::default(),
             topic: topic.into(),
             place: None,
             counts: ReaderCounts::default(),
@@ -104,7 +111,11 @@ impl FrameReader {
     /// As [`FrameReader::next`].
     pub fn latest(&mut self) -> Result<Option<Frame>, BusError> {
         let mut newest = None;
-        while self.waiting()? {
+        // Bounded, so that a process that floods the topic cannot hold its readers here.
+        for _ in 0..qos::MAX_PASSED_OVER {
+            if !self.waiting()? {
+                break;
+            }
             // The older frame is given back first, so that a caller that may hold only one more can
             // still drain.
             if newest.take().is_some() {
@@ -151,6 +162,8 @@ impl FrameReader {
             Ok(modality) => {
                 self.count_gap(&header);
                 Ok(Some(Frame {
+                    topic: self.topic.clone(),
+                    taken: mono_now(),
                     modality,
                     used: header.payload_bytes as usize,
                     header,
@@ -161,6 +174,10 @@ impl FrameReader {
                 self.counts.refused += 1;
                 Err(BusError::BadFrame {
                     service: self.service.name().as_str().into(),
+                    writer: Some(
+                        self.origins
+                            .of_writer(sample.origin().value(), &self.service),
+                    ),
                     source,
                 })
             }
@@ -186,6 +203,8 @@ impl FrameReader {
 pub struct Frame {
     sample: Sample<Service, [u8], Wire<FrameHeader>>,
     header: FrameHeader,
+    topic: Arc<str>,
+    taken: MonoTime,
     modality: Modality,
     used: usize,
 }
@@ -194,6 +213,16 @@ impl Frame {
     /// The header, checked.
     pub fn header(&self) -> &FrameHeader {
         &self.header
+    }
+
+    /// Its topic without the domain.
+    pub fn topic(&self) -> &str {
+        &self.topic
+    }
+
+    /// When this reader took it.
+    pub fn taken(&self) -> MonoTime {
+        self.taken
     }
 
     /// The modality of the payload.

@@ -8,6 +8,7 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 
 use schema_frames::{SCHEMA_ATTRIBUTE, SCHEMA_VERSION};
 
+use crate::declared::{attribute_key, declared};
 use crate::error::BusError;
 use crate::iceoryx_error::{Meaning, ServiceFailure as _, service_error};
 use crate::node::{BusNode, Service};
@@ -58,19 +59,14 @@ pub(crate) fn make<H: OnBus>(
 /// Joins a service that exists.
 pub(crate) fn join<H: OnBus>(node: &BusNode, topic: &str) -> Result<Slices<H>, BusError> {
     let (full, name) = node.service_name(topic)?;
-    let advice = "rebuild the consumer";
-    if !check_schema(
-        node,
-        &full,
-        &name,
-        MessagingPattern::PublishSubscribe,
-        advice,
-    )? {
+    let Some(declared) = declared(node, &full, &name)? else {
         return Err(BusError::NoSuchTopic {
             topic: full,
             hint: hint(node, topic),
         });
-    }
+    };
+    declared.expect_schema(&full, "rebuild the consumer")?;
+    declared.expect_header(&full, H::NAME)?;
     node.iceoryx()
         .service_builder(&name)
         .publish_subscribe::<[u8]>()
@@ -111,7 +107,7 @@ pub(crate) fn check_schema(
     let Some(details) = details else {
         return Ok(false);
     };
-    let key = attribute_key();
+    let key = attribute_key(SCHEMA_ATTRIBUTE);
     let theirs = details
         .static_details
         .attributes()
@@ -128,7 +124,7 @@ pub(crate) fn check_schema(
 }
 
 /// The rest of the sentence "there is no topic …": which topics there are instead.
-fn hint(node: &BusNode, wanted: &str) -> String {
+pub(crate) fn hint(node: &BusNode, wanted: &str) -> String {
     let topics = topics(node).unwrap_or_default();
     let names: Vec<&str> = topics.iter().map(|topic| topic.name.as_str()).collect();
     if names.is_empty() {
@@ -179,12 +175,6 @@ pub(crate) fn settle<T>(mut open: impl FnMut() -> Result<T, BusError>) -> Result
     }
 }
 
-fn attribute_key() -> iceoryx2::service::attribute::AttributeKey {
-    SCHEMA_ATTRIBUTE
-        .try_into()
-        .expect("the attribute's name is shorter than iceoryx2's limit of 64")
-}
-
 pub(crate) fn schema_attribute() -> AttributeVerifier {
     let value = SCHEMA_VERSION.to_string();
     let value = value
@@ -192,6 +182,6 @@ pub(crate) fn schema_attribute() -> AttributeVerifier {
         .try_into()
         .expect("a number of at most five digits fits an attribute");
     AttributeVerifier::new()
-        .require(&attribute_key(), &value)
+        .require(&attribute_key(SCHEMA_ATTRIBUTE), &value)
         .expect("one attribute fits the set")
 }

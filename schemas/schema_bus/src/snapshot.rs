@@ -16,6 +16,7 @@ use crate::iceoryx_error::{other_error, writer_error};
 use crate::memory::segment_bytes;
 use crate::names::{CONTROL_WAKE, WORLD_SNAPSHOT};
 use crate::node::{BusNode, Service};
+use crate::origin::Origins;
 use crate::qos;
 use crate::reader::{receive, subscribe};
 use crate::service::{Slices, join, make};
@@ -105,6 +106,7 @@ impl SnapshotPublisher {
 #[derive(Debug)]
 pub struct SnapshotReader {
     port: Subscriber<Service, [u8], Wire<SnapshotHeader>>,
+    origins: Origins,
     service: Slices<SnapshotHeader>,
 }
 
@@ -113,7 +115,11 @@ impl SnapshotReader {
         let service = join::<SnapshotHeader>(node, WORLD_SNAPSHOT)?;
         let port = subscribe(&service)?;
         Notifier::open(node, CONTROL_WAKE)?.notify();
-        Ok(SnapshotReader { port, service })
+        Ok(SnapshotReader {
+            port,
+            origins: Origins::default(),
+            service,
+        })
     }
 
     /// Takes the oldest snapshot that waits, if any.
@@ -154,6 +160,10 @@ impl SnapshotReader {
         match fault {
             Some(fault) => Err(BusError::BadSample {
                 service: self.service.name().as_str().into(),
+                writer: Some(
+                    self.origins
+                        .of_writer(sample.origin().value(), &self.service),
+                ),
                 fault,
             }),
             None => Ok(Some(Snapshot { sample, header })),
@@ -166,8 +176,12 @@ impl SnapshotReader {
     /// As [`SnapshotReader::next`].
     pub fn latest(&mut self) -> Result<Option<Snapshot>, BusError> {
         let mut newest = None;
-        while let Some(snapshot) = self.next()? {
-            newest = Some(snapshot);
+        // Bounded, as in `FrameReader::latest`.
+        for _ in 0..qos::MAX_PASSED_OVER {
+            match self.next()? {
+                Some(snapshot) => newest = Some(snapshot),
+                None => break,
+            }
         }
         Ok(newest)
     }

@@ -6,8 +6,12 @@ use iceoryx2::service::port_factory::publish_subscribe;
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as Pattern;
 
 use schema_frames::control::ControlHeader;
-use schema_frames::{DocumentHeader, FrameHeader, Modality, SCHEMA_ATTRIBUTE, SnapshotHeader};
+use schema_frames::{
+    DocumentHeader, FrameHeader, Modality, RESULT_ATTRIBUTE, ResultHeader, ResultType,
+    SCHEMA_ATTRIBUTE, SnapshotHeader,
+};
 
+use crate::declared::attribute_key;
 use crate::error::BusError;
 use crate::iceoryx_error::service_error;
 use crate::node::{BusNode, Service};
@@ -24,6 +28,8 @@ pub enum TopicKind {
     Document,
     /// Vehicle controls.
     Controls,
+    /// Results of a user's program.
+    Results,
     /// Anything else, for example acknowledgements, or a service of another program.
     Other,
 }
@@ -37,6 +43,8 @@ pub struct TopicDetails {
     pub kind: TopicKind,
     /// Modality of a frame topic.
     pub modality: Option<Modality>,
+    /// Type of a topic of results.
+    pub result: Option<ResultType>,
     /// Number of writers now.
     pub publishers: usize,
     /// Number of readers now.
@@ -53,9 +61,10 @@ pub struct TopicDetails {
 pub(crate) fn topics(node: &BusNode) -> Result<Vec<TopicDetails>, BusError> {
     let mut topics = Vec::new();
     let start = format!("{}/", node.domain());
-    let key = SCHEMA_ATTRIBUTE
-        .try_into()
-        .expect("the attribute's name is shorter than iceoryx2's limit of 64");
+    let (schema_key, result_key) = (
+        attribute_key(SCHEMA_ATTRIBUTE),
+        attribute_key(RESULT_ATTRIBUTE),
+    );
     Service::list(node.config(), |details| {
         let service = &details.static_details;
         if let (Some(name), Pattern::PublishSubscribe(qos)) = (
@@ -67,11 +76,14 @@ pub(crate) fn topics(node: &BusNode) -> Result<Vec<TopicDetails>, BusError> {
                 .user_header
                 .type_name()
                 .to_string();
-            let schema = service
-                .attributes()
-                .key_value(&key, 0)
-                .map(|value| value.to_string())
-                .unwrap_or_default();
+            let value = |key| {
+                service
+                    .attributes()
+                    .key_value(key, 0)
+                    .map(|value| value.to_string())
+                    .unwrap_or_default()
+            };
+            let schema = value(&schema_key);
             topics.push(TopicDetails {
                 kind: kind_of(&header),
                 modality: name
@@ -79,6 +91,8 @@ pub(crate) fn topics(node: &BusNode) -> Result<Vec<TopicDetails>, BusError> {
                     .next()
                     .and_then(Modality::from_name)
                     .filter(|_| header == FrameHeader::NAME),
+                result: ResultType::from_name(&value(&result_key))
+                    .filter(|_| header == ResultHeader::NAME),
                 name: name.to_string(),
                 publishers: 0,
                 subscribers: 0,
@@ -102,6 +116,7 @@ fn count_ports(node: &BusNode, topic: &mut TopicDetails) {
         TopicKind::Snapshot => count_as::<SnapshotHeader>(node, topic),
         TopicKind::Document => count_as::<DocumentHeader>(node, topic),
         TopicKind::Controls => count_as::<ControlHeader>(node, topic),
+        TopicKind::Results => count_as::<ResultHeader>(node, topic),
         TopicKind::Other => {}
     }
 }
@@ -126,12 +141,14 @@ fn count_as<H: OnBus>(node: &BusNode, topic: &mut TopicDetails) {
     });
 }
 
-fn kind_of(header: &str) -> TopicKind {
+/// Kind of the topics whose samples have a header of this type name.
+pub(crate) fn kind_of(header: &str) -> TopicKind {
     match header {
         FrameHeader::NAME => TopicKind::Frames,
         SnapshotHeader::NAME => TopicKind::Snapshot,
         DocumentHeader::NAME => TopicKind::Document,
         ControlHeader::NAME => TopicKind::Controls,
+        ResultHeader::NAME => TopicKind::Results,
         _ => TopicKind::Other,
     }
 }

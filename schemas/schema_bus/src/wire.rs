@@ -7,7 +7,7 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 use schema_frames::{
-    AckRecord, DocumentHeader, FrameHeader, SnapshotHeader, command::RequestHeader,
+    AckRecord, DocumentHeader, FrameHeader, ResultHeader, SnapshotHeader, command::RequestHeader,
     control::ControlHeader,
 };
 
@@ -28,6 +28,9 @@ impl OnBus for DocumentHeader {
 }
 impl OnBus for ControlHeader {
     const NAME: &'static str = "GantryControlHeader";
+}
+impl OnBus for ResultHeader {
+    const NAME: &'static str = "GantryResultHeader";
 }
 impl OnBus for RequestHeader {
     const NAME: &'static str = "GantryRequestHeader";

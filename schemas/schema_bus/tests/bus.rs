@@ -17,6 +17,8 @@ const RGB: FrameTopic = FrameTopic {
     max_payload_bytes: 16 * 8 * 4,
     frames_in_flight: 2,
     max_readers: 4,
+    buffer: 2,
+    borrowed: 3,
 };
 
 /// A private place; dropped, it asserts that no file of its prefix is left in /dev/shm.

@@ -1,0 +1,143 @@
+//! Topics of results as services: made by whoever comes first, joined as they are by the others.
+
+use iceoryx2::prelude::*;
+
+use schema_frames::{RESULT_ATTRIBUTE, ResultHeader, ResultType, SCHEMA_ATTRIBUTE, SCHEMA_VERSION};
+
+use crate::declared::{attribute_key, declared};
+use crate::error::BusError;
+use crate::iceoryx_error::service_error;
+use crate::memory::ResultTopic;
+use crate::names;
+use crate::node::BusNode;
+use crate::qos::MAX_NODES;
+use crate::service::{Slices, hint, settle};
+use crate::wire::{OnBus as _, Wire};
+
+/// A topic of results that exists for as long as this is kept, with or without a writer.
+#[derive(Debug)]
+pub struct ResultService {
+    pub(crate) slices: Slices<ResultHeader>,
+    pub(crate) topic: String,
+    pub(crate) kind: ResultType,
+}
+
+impl ResultService {
+    /// Makes the topic, or joins it with the capacities that it has.
+    pub(crate) fn make(
+        node: &BusNode,
+        topic: &str,
+        spec: &ResultTopic,
+    ) -> Result<ResultService, BusError> {
+        let (full, name) = node.service_name(topic)?;
+        if names::is_reserved(topic) {
+            return Err(BusError::Reserved {
+                topic: topic.into(),
+            });
+        }
+        let fault = |fault| BusError::Description {
+            topic: full.clone(),
+            fault,
+        };
+        spec.about.check(spec.kind).map_err(fault)?;
+        let wanted = spec.kind.name();
+        let advice = "publish under another name, or stop all processes that have it open";
+        let slices = settle(|| {
+            if let Some(declared) = declared(node, &full, &name)? {
+                declared.expect_result(&full, wanted, advice)?;
+                return open(node, &full, &name);
+            }
+            let qos = &spec.qos;
+            node.iceoryx()
+                .service_builder(&name)
+                .publish_subscribe::<[u8]>()
+                .user_header::<Wire<ResultHeader>>()
+                .max_publishers(qos.publishers)
+                .max_subscribers(qos.readers)
+                .max_nodes(MAX_NODES)
+                .subscriber_max_buffer_size(qos.buffer)
+                .subscriber_max_borrowed_samples(qos.borrowed)
+                .history_size(qos.history)
+                .enable_safe_overflow(true)
+                .open_or_create_with_attributes(&attributes(spec.kind))
+                .map_err(|e| match service_error("open", &full, &e) {
+                    // Somebody else made it in between; the next turn joins it as it is.
+                    BusError::Capacity { service, cause } => BusError::Service {
+                        action: "open",
+                        service,
+                        cause,
+                    },
+                    other => other,
+                })
+        })?;
+        Ok(ResultService {
+            slices,
+            topic: topic.into(),
+            kind: spec.kind,
+        })
+    }
+
+    /// Joins a topic that exists.
+    pub(crate) fn join(node: &BusNode, topic: &str) -> Result<ResultService, BusError> {
+        let (full, name) = node.service_name(topic)?;
+        let missing = || BusError::NoSuchTopic {
+            topic: full.clone(),
+            hint: hint(node, topic),
+        };
+        let declared = declared(node, &full, &name)?.ok_or_else(missing)?;
+        declared.expect_header(&full, ResultHeader::NAME)?;
+        declared.expect_schema(&full, "rebuild the reader")?;
+        let kind = ResultType::from_name(&declared.result).ok_or_else(|| BusError::OtherKind {
+            topic: full.clone(),
+            theirs: format!("results of type {:?}", declared.result),
+            wanted: format!("one of {}", ResultType::names()),
+            advice: "rebuild the reader",
+        })?;
+        Ok(ResultService {
+            slices: open(node, &full, &name)?,
+            topic: topic.into(),
+            kind,
+        })
+    }
+
+    /// Name without the domain.
+    pub fn topic(&self) -> &str {
+        &self.topic
+    }
+
+    /// Type of its results.
+    pub fn kind(&self) -> ResultType {
+        self.kind
+    }
+
+    /// Number of readers now.
+    pub fn n_readers(&self) -> usize {
+        self.slices.dynamic_config().number_of_subscribers()
+    }
+}
+
+fn open(node: &BusNode, full: &str, name: &ServiceName) -> Result<Slices<ResultHeader>, BusError> {
+    node.iceoryx()
+        .service_builder(name)
+        .publish_subscribe::<[u8]>()
+        .user_header::<Wire<ResultHeader>>()
+        .open()
+        .map_err(|e| service_error("open", full, &e))
+}
+
+fn attributes(kind: ResultType) -> AttributeVerifier {
+    let version = SCHEMA_VERSION.to_string();
+    [
+        (SCHEMA_ATTRIBUTE, version.as_str()),
+        (RESULT_ATTRIBUTE, kind.name()),
+    ]
+    .into_iter()
+    .fold(AttributeVerifier::new(), |attributes, (key, value)| {
+        let value = value
+            .try_into()
+            .expect("numbers and type names are shorter than iceoryx2's limit of 256");
+        attributes
+            .require(&attribute_key(key), &value)
+            .expect("two attributes fit the set of eight")
+    })
+}

@@ -1,0 +1,531 @@
+//! Writing results: one writer per topic, loans that are filled in place, and the inputs that each
+//! result answers.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::time::Duration;
+
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::prelude::*;
+use iceoryx2::sample_mut_uninit::SampleMutUninit;
+
+use schema_frames::result::MAX_INPUTS;
+use schema_frames::{About, ElementType, InputRecord, PixelFormat, ResultError, ResultHeader};
+use schema_frames::{ResultType, Space};
+
+use crate::clock::mono_now;
+use crate::document::DocumentPublisher;
+use crate::error::{BusError, LoanError};
+use crate::event::Notifier;
+use crate::iceoryx_error::{loan_error, other_error, writer_error};
+use crate::memory::{
+    ResultTopic, check_shared_memory, loan_bytes, result_segment_bytes, shared_memory_free,
+};
+use crate::names;
+use crate::node::{BusNode, Service};
+use crate::reader::Frame;
+use crate::result_reader::ResultSample;
+use crate::result_service::ResultService;
+use crate::wire::Wire;
+
+/// Start of the port name of every writer of results; the network tunnel's port has another.
+const WRITER: &str = "writer ";
+
+/// How often a topic is tried again when two writers came at the same moment.
+const TRIES: u32 = 5;
+
+/// The writing end of a topic of results.
+#[derive(Debug)]
+pub struct ResultPublisher {
+    port: Publisher<Service, [u8], Wire<ResultHeader>>,
+    service: ResultService,
+    end: Arc<WriterEnd>,
+    max_loans: usize,
+    /// Bytes of the longest loan so far.
+    slot_bytes: AtomicUsize,
+}
+
+/// What a publisher and its loans share.
+#[derive(Debug)]
+struct WriterEnd {
+    full: String,
+    kind: ResultType,
+    wake: Notifier,
+    writer_epoch: u64,
+    n_sent: AtomicU64,
+    about: Option<DocumentPublisher>,
+}
+
+impl ResultPublisher {
+    pub(crate) fn open(
+        node: &BusNode,
+        topic: &str,
+        spec: &ResultTopic,
+    ) -> Result<ResultPublisher, BusError> {
+        let service = ResultService::make(node, topic, spec)?;
+        let full = service.slices.name().as_str().to_string();
+        let first_bytes = loan_bytes(spec.body_bytes.max(1));
+        let need_bytes = result_segment_bytes(&spec.qos, spec.max_loans, first_bytes);
+        check_shared_memory(need_bytes, 0).map_err(|short| BusError::Memory {
+            service: full.clone(),
+            need_bytes,
+            free_bytes: short.free_bytes.unwrap_or(0),
+        })?;
+        let port = only_writer(node, &service, || {
+            service
+                .slices
+                .publisher_builder()
+                .name(&writer_name(node))
+                .initial_max_slice_len(first_bytes)
+                .max_loaned_samples(spec.max_loans)
+                .allocation_strategy(AllocationStrategy::PowerOfTwo)
+                .create()
+                .map_err(|e| writer_error(&full, spec.qos.publishers, need_bytes, e))
+        })?;
+        let writer_epoch = mono_now().0 ^ (std::process::id() as u64).rotate_left(40);
+        let about = description(node, topic, &spec.about, writer_epoch)?;
+        Ok(ResultPublisher {
+            port,
+            end: Arc::new(WriterEnd {
+                full,
+                kind: spec.kind,
+                wake: Notifier::open(node, topic)?,
+                writer_epoch,
+                n_sent: AtomicU64::new(0),
+                about,
+            }),
+            service,
+            max_loans: spec.max_loans,
+            slot_bytes: AtomicUsize::new(first_bytes),
+        })
+    }
+
+    /// Name without the domain.
+    pub fn topic(&self) -> &str {
+        &self.service.topic
+    }
+
+    /// Type of its results.
+    pub fn kind(&self) -> ResultType {
+        self.service.kind
+    }
+
+    /// Number of readers now.
+    pub fn n_readers(&self) -> usize {
+        self.service.n_readers()
+    }
+
+    /// Loans a slot for a body of up to `body_bytes`, to be filled in place and sent. Slots grow
+    /// if it is longer than all before.
+    ///
+    /// # Errors
+    /// [`LoanError::NoFreeSlot`] if all loans are in use, [`LoanError::Memory`] if `/dev/shm` has
+    /// no room for longer slots.
+    pub fn loan(&self, body_bytes: usize) -> Result<ResultLoan, LoanError> {
+        if let Some(about) = &self.end.about {
+            about.greet();
+        }
+        let bytes = loan_bytes(body_bytes);
+        self.grow(bytes)?;
+        let sample = self.port.loan_slice_uninit(bytes).map_err(|e| {
+            let limit = self.slot_bytes.load(Relaxed);
+            loan_error(self.topic(), bytes, limit, self.max_loans, e)
+        })?;
+        let mut loan = ResultLoan {
+            sample,
+            body_bytes,
+            inputs: Vec::new(),
+            answers_frame: false,
+            end: self.end.clone(),
+        };
+        *loan.header_mut() = ResultHeader::new(self.kind());
+        Ok(loan)
+    }
+
+    /// Checks that there is room for slots of `bytes` before iceoryx2 makes them.
+    fn grow(&self, bytes: usize) -> Result<(), LoanError> {
+        if bytes <= self.slot_bytes.load(Relaxed) {
+            return Ok(());
+        }
+        let grown = bytes.next_power_of_two();
+        let config = self.service.slices.static_config();
+        let qos = crate::qos::Qos {
+            readers: config.max_subscribers(),
+            publishers: config.max_publishers(),
+            buffer: config.subscriber_max_buffer_size(),
+            borrowed: config.subscriber_max_borrowed_samples(),
+            history: config.history_size(),
+        };
+        let need_bytes = result_segment_bytes(&qos, self.max_loans, grown);
+        check_shared_memory(need_bytes, 0).map_err(|short| LoanError::Memory {
+            topic: self.topic().into(),
+            need_bytes,
+            free_bytes: short.free_bytes.unwrap_or(0),
+        })?;
+        tracing::debug!(
+            topic = self.topic(),
+            need_bytes,
+            free_bytes = shared_memory_free(),
+            "results got longer; their slots grow"
+        );
+        self.slot_bytes.store(grown, Relaxed);
+        Ok(())
+    }
+}
+
+/// Sends the description, if there is one, and keeps its publisher for readers that come later.
+fn description(
+    node: &BusNode,
+    topic: &str,
+    about: &About,
+    epoch: u64,
+) -> Result<Option<DocumentPublisher>, BusError> {
+    if about.is_empty() {
+        return Ok(None);
+    }
+    let mut document = DocumentPublisher::open(node, &names::about(topic))?;
+    document.send_json(about, epoch, 0)?;
+    Ok(Some(document))
+}
+
+/// Makes the port unless another process of ours writes the topic. Two that come at the same
+/// moment both step back and try again after different pauses.
+fn only_writer<P>(
+    node: &BusNode,
+    service: &ResultService,
+    mut create: impl FnMut() -> Result<P, BusError>,
+) -> Result<P, BusError> {
+    for turn in 1.. {
+        if !writers(service).is_empty() {
+            node.clean_dead_nodes();
+        }
+        let before = writers(service);
+        let taken = match before.first() {
+            Some(writer) => writer.clone(),
+            None => {
+                let port = create()?;
+                let others = writers(service);
+                match others.iter().find(|name| **name != own_name(node)) {
+                    None if others.len() == 1 => return Ok(port),
+                    other => other.cloned().unwrap_or_else(|| own_name(node)),
+                }
+            }
+        };
+        if turn >= TRIES || !before.is_empty() {
+            return Err(BusError::TopicTaken {
+                topic: service.slices.name().as_str().into(),
+                writer: taken.trim_start_matches(WRITER).into(),
+            });
+        }
+        let pause = 2 + std::process::id() as u64 * u64::from(turn) % 19;
+        std::thread::sleep(Duration::from_millis(pause));
+    }
+    unreachable!("the loop ends with its last turn")
+}
+
+/// Port names of the topic's writers.
+fn writers(service: &ResultService) -> Vec<String> {
+    let mut names = Vec::new();
+    let ports = service.slices.dynamic_config();
+    ports.list_publishers(|port| {
+        let name = port.publisher_name.as_str();
+        if name.starts_with(WRITER) {
+            names.push(name.to_string());
+        }
+        CallbackProgression::Continue
+    });
+    names
+}
+
+fn own_name(node: &BusNode) -> String {
+    let program: String = node.program().chars().take(32).collect();
+    format!("{WRITER}{program} (process {})", std::process::id())
+}
+
+fn writer_name(node: &BusNode) -> PortName {
+    own_name(node)
+        .as_str()
+        .try_into()
+        .expect("at most 32 ASCII characters, a few words and a number are shorter than 64")
+}
+
+/// What a result can answer: a frame, or another result.
+pub trait Answerable {
+    /// The record that names it.
+    fn input(&self) -> InputRecord;
+    /// Takes over into `header` what a result that answers it has in common with it. `first_frame`
+    /// tells whether no frame was answered before, `first` whether nothing was.
+    fn describe(&self, header: &mut ResultHeader, first_frame: bool, first: bool);
+    /// Whether it is a sensor's frame.
+    fn is_frame(&self) -> bool;
+}
+
+impl Answerable for Frame {
+    fn input(&self) -> InputRecord {
+        let header = self.header();
+        InputRecord {
+            tick: header.tick,
+            seq: header.seq,
+            sim_nanos: header.sim_nanos,
+            epoch: header.epoch,
+            published_mono_nanos: header.published_mono_nanos,
+            taken_mono_nanos: self.taken().0,
+            ..InputRecord::new(self.topic())
+        }
+    }
+
+    fn describe(&self, header: &mut ResultHeader, first_frame: bool, _first: bool) {
+        let of = self.header();
+        newer(header, of.tick, of.sim_nanos, of.episode, of.epoch);
+        oldest(&mut header.origin_mono_nanos, of.published_mono_nanos);
+        oldest(&mut header.taken_mono_nanos, self.taken().0);
+        let at_sensor = matches!(header.space(), Some(Space::Image | Space::Sensor));
+        if first_frame && at_sensor {
+            header.world_from_space = of.world_from_sensor;
+            header.intrinsics_px = of.intrinsics_px;
+        }
+        let sized = matches!(
+            header.kind(),
+            Some(ResultType::Masks | ResultType::Keypoints)
+        );
+        if first_frame && sized {
+            (header.width, header.height) = (of.width, of.height);
+        }
+    }
+
+    fn is_frame(&self) -> bool {
+        true
+    }
+}
+
+impl Answerable for ResultSample {
+    fn input(&self) -> InputRecord {
+        let header = self.header();
+        InputRecord {
+            tick: header.tick,
+            seq: header.seq,
+            sim_nanos: header.sim_nanos,
+            epoch: header.writer_epoch,
+            published_mono_nanos: header.published_mono_nanos,
+            taken_mono_nanos: self.taken().0,
+            ..InputRecord::new(self.topic())
+        }
+    }
+
+    fn describe(&self, header: &mut ResultHeader, _first_frame: bool, first: bool) {
+        let of = self.header();
+        newer(header, of.tick, of.sim_nanos, of.episode, of.epoch);
+        oldest(&mut header.origin_mono_nanos, of.origin_mono_nanos);
+        oldest(&mut header.taken_mono_nanos, self.taken().0);
+        let at_sensor = matches!(header.space(), Some(Space::Image | Space::Sensor));
+        if first && at_sensor {
+            header.space = of.space;
+            header.world_from_space = of.world_from_space;
+            header.intrinsics_px = of.intrinsics_px;
+        }
+    }
+
+    fn is_frame(&self) -> bool {
+        false
+    }
+}
+
+fn newer(header: &mut ResultHeader, tick: u64, sim_nanos: u64, episode: u32, epoch: u64) {
+    if tick >= header.tick {
+        (header.tick, header.sim_nanos) = (tick, sim_nanos);
+        (header.episode, header.epoch) = (episode, epoch);
+    }
+}
+
+/// The earlier of two moments; 0 is none.
+fn oldest(kept: &mut u64, other: u64) {
+    if other != 0 && (*kept == 0 || other < *kept) {
+        *kept = other;
+    }
+}
+
+/// A slot of shared memory for one result. Send it, or drop it to give it back.
+pub struct ResultLoan {
+    sample: SampleMutUninit<Service, [std::mem::MaybeUninit<u8>], Wire<ResultHeader>>,
+    body_bytes: usize,
+    inputs: Vec<InputRecord>,
+    answers_frame: bool,
+    end: Arc<WriterEnd>,
+}
+
+impl std::fmt::Debug for ResultLoan {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ResultLoan")
+            .field("header", self.header())
+            .finish_non_exhaustive()
+    }
+}
+
+impl ResultLoan {
+    /// The header as it is so far.
+    pub fn header(&self) -> &ResultHeader {
+        &self.sample.user_header().0
+    }
+
+    /// The header, for space, pose and whatever the inputs do not say.
+    pub fn header_mut(&mut self) -> &mut ResultHeader {
+        &mut self.sample.user_header_mut().0
+    }
+
+    /// The whole room for the body, to be filled in place. It holds the bytes of an earlier result.
+    pub fn body_mut(&mut self) -> &mut [u8] {
+        let body_bytes = self.body_bytes;
+        &mut self.slot()[..body_bytes]
+    }
+
+    /// Address of the body's first byte, 64-aligned, for a writer in another language.
+    pub fn body_ptr(&mut self) -> *mut u8 {
+        self.sample.payload_mut().as_mut_ptr().cast()
+    }
+
+    /// Bytes of room for the body.
+    pub fn room(&self) -> usize {
+        self.body_bytes
+    }
+
+    /// Says that the body is a list of `n_items` records of `element_bytes` each, and behind them
+    /// `tail_bytes` of runs or key points. Texts and bytes are lists of single bytes.
+    ///
+    /// # Errors
+    /// [`BusError::TooLong`] if the loan has less room.
+    pub fn set_list(
+        &mut self,
+        n_items: u32,
+        element_bytes: u32,
+        tail_bytes: u64,
+    ) -> Result<(), BusError> {
+        self.header_mut()
+            .set_list(n_items, element_bytes, tail_bytes);
+        self.fits()
+    }
+
+    /// Says that the body is an image.
+    ///
+    /// # Errors
+    /// As [`ResultLoan::set_list`].
+    pub fn set_image(
+        &mut self,
+        width_px: u32,
+        height_px: u32,
+        format: PixelFormat,
+    ) -> Result<(), BusError> {
+        self.header_mut().set_image(width_px, height_px, format);
+        self.fits()
+    }
+
+    /// Says that the body is a tensor.
+    ///
+    /// # Errors
+    /// As [`ResultLoan::set_list`], and [`BusError::BadResult`] for a shape of more than 8
+    /// dimensions.
+    pub fn set_tensor(&mut self, of: ElementType, shape: &[u32]) -> Result<(), BusError> {
+        let service = self.end.full.clone();
+        self.header_mut()
+            .set_tensor(of, shape)
+            .map_err(|source| BusError::BadResult { service, source })?;
+        self.fits()
+    }
+
+    /// Copies records into the body.
+    ///
+    /// # Errors
+    /// As [`ResultLoan::set_list`].
+    pub fn write<T: bytemuck::Pod>(&mut self, records: &[T]) -> Result<(), BusError> {
+        self.set_list(records.len() as u32, size_of::<T>() as u32, 0)?;
+        let bytes: &[u8] = bytemuck::cast_slice(records);
+        self.body_mut()[..bytes.len()].copy_from_slice(bytes);
+        Ok(())
+    }
+
+    /// Names a frame or a result that this one was computed from, and takes over its tick, times
+    /// and, for results in image or sensor space, the sensor's pose and intrinsics. Inputs beyond
+    /// the eighth are not named.
+    pub fn answers(&mut self, input: &dyn Answerable) {
+        let (first, first_frame) = (self.inputs.is_empty(), !self.answers_frame);
+        input.describe(self.header_mut(), first_frame, first);
+        self.answers_frame |= input.is_frame();
+        self.add_input(input.input());
+    }
+
+    /// Names an input by its record alone, for one that is no longer in hand.
+    pub fn add_input(&mut self, input: InputRecord) {
+        if self.inputs.len() < MAX_INPUTS {
+            self.inputs.push(input);
+        }
+    }
+
+    /// Sends the result to all readers, and wakes those that wait for this topic. Returns the
+    /// number of readers that received it.
+    ///
+    /// # Errors
+    /// [`BusError::BadResult`] if the header contradicts the type or the loan,
+    /// [`BusError::Service`] if iceoryx2 fails.
+    pub fn send(mut self) -> Result<usize, BusError> {
+        let end = self.end.clone();
+        self.fits()?;
+        let offset = self.header().inputs_offset() as usize;
+        let body = self.header().body_bytes as usize;
+        let inputs = std::mem::take(&mut self.inputs);
+        let records: &[u8] = bytemuck::cast_slice(&inputs);
+        let slot = self.slot();
+        slot[body..offset].fill(0);
+        slot[offset..offset + records.len()].copy_from_slice(records);
+        // The number is used up even if sending fails, so that a gap shows the loss.
+        let seq = end.n_sent.fetch_add(1, Relaxed) + 1;
+        let header = self.header_mut();
+        header.seq = seq;
+        if seq == 1 {
+            header.flags |= ResultHeader::FIRST;
+        }
+        header.writer_epoch = end.writer_epoch;
+        header.n_inputs = inputs.len() as u32;
+        header.payload_bytes = ResultHeader::payload_for(header.body_bytes, inputs.len());
+        header.published_mono_nanos = mono_now().0;
+        let bad = |source| BusError::BadResult {
+            service: end.full.clone(),
+            source,
+        };
+        let found = self.header().check(self.sample.payload().len());
+        let found = found.map_err(bad)?;
+        if found != end.kind {
+            return Err(bad(ResultError::OtherType {
+                found: found.name(),
+                declared: end.kind.name(),
+            }));
+        }
+        // SAFETY: every byte of the slot has a value, see `slot`.
+        let sample = unsafe { self.sample.assume_init() };
+        let n_readers = sample
+            .send()
+            .map_err(|e| other_error("send", &end.full, &e))?;
+        if end.wake.n_listeners() > 0 {
+            end.wake.notify();
+        }
+        Ok(n_readers)
+    }
+
+    fn fits(&self) -> Result<(), BusError> {
+        if self.header().body_bytes > self.body_bytes as u64 {
+            return Err(BusError::TooLong {
+                service: self.end.full.clone(),
+                len: self.header().body_bytes as usize,
+                limit: self.body_bytes,
+            });
+        }
+        Ok(())
+    }
+
+    fn slot(&mut self) -> &mut [u8] {
+        let payload = self.sample.payload_mut();
+        // SAFETY: the slot lies in a shared-memory object. The kernel gave its pages zeroed and
+        // since then only bytes were stored, so every byte has a value: `MaybeUninit<u8>` here is
+        // iceoryx2's caution, not a fact. `u8` has no invalid values, and the exclusive borrow of
+        // the loan, which no reader has seen, makes the access unique.
+        unsafe { std::slice::from_raw_parts_mut(payload.as_mut_ptr().cast::<u8>(), payload.len()) }
+    }
+}
