@@ -1,13 +1,13 @@
 //! What every consumer needs: it finds topics and waits for them, survives restarts of the daemon,
-//! takes frames and counts lost ones, pairs a frame with the snapshot of its tick, and takes part
-//! in lockstep.
+//! takes frames and counts lost ones, pairs a frame with the snapshot of its tick, publishes and
+//! reads results, and takes part in lockstep.
 //!
 //! A consumer is a loop around [`Follower::wait`], which never waits longer than [`MAX_WAIT`], so
 //! that the loop sees a shutdown flag in time. Nothing here renders, stores or drives.
 //!
-//! Modules in reading order: `follower` (several topics at once), `topic` (one topic), `snapshots`
-//! (the world of a frame's tick), `document` (texts such as the list of actors), `lockstep`,
-//! `run_files`.
+//! Modules in reading order: `follower` (several topics at once), `topic` (one topic), `publish`
+//! (results of a program's own), `result` (those of others), `snapshots` (the world of a frame's
+//! tick), `document` (texts such as the list of actors), `lockstep`, `run_files`.
 //!
 //! ```no_run
 //! use consumer_kit::{Follower, Take};
@@ -31,6 +31,8 @@
 mod document;
 mod follower;
 mod lockstep;
+mod publish;
+mod result;
 mod run_files;
 mod snapshots;
 mod topic;
@@ -38,6 +40,8 @@ mod topic;
 pub use document::FollowedDocument;
 pub use follower::{Follower, MAX_WAIT, TopicId};
 pub use lockstep::{Lockstep, LockstepError};
+pub use publish::{ListLoan, PublishError, Publisher};
+pub use result::FollowedResult;
 pub use run_files::file_of_run;
 pub use snapshots::{KEPT_SNAPSHOTS, SnapshotTrail, WorldAt};
 pub use topic::{FollowedTopic, Take, TopicReport};

@@ -378,6 +378,16 @@ impl ResultLoan {
         &mut self.slot()[..body_bytes]
     }
 
+    /// The room for the body as it is so far.
+    pub fn body(&self) -> &[u8] {
+        let payload = self.sample.payload();
+        // SAFETY: every byte of the slot has a value, see `slot`, and the shared borrow of the loan
+        // keeps writers away.
+        let slot =
+            unsafe { std::slice::from_raw_parts(payload.as_ptr().cast::<u8>(), payload.len()) };
+        &slot[..self.body_bytes]
+    }
+
     /// Address of the body's first byte, 64-aligned, for a writer in another language.
     pub fn body_ptr(&mut self) -> *mut u8 {
         self.sample.payload_mut().as_mut_ptr().cast()

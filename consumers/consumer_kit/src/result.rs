@@ -1,0 +1,151 @@
+//! Follows one topic of results: opens it when it appears, takes the newest or every result, counts
+//! losses, and knows the topic's description.
+
+use schema_bus::{Bus, BusError, ReaderCounts, ResultReader, ResultSample, names};
+use schema_frames::{About, ResultType};
+
+use crate::document::FollowedDocument;
+use crate::topic::{Search, Take, TopicReport};
+
+/// One topic of results, followed across restarts of its writer.
+#[derive(Debug)]
+pub struct FollowedResult {
+    topic: String,
+    take: Take,
+    reader: Option<ResultReader>,
+    search: Search,
+    document: FollowedDocument,
+    about: About,
+    refusal_said: bool,
+    loss_said: u64,
+}
+
+impl FollowedResult {
+    /// Follows `topic` (without the domain); it need not exist yet.
+    pub fn new(topic: impl Into<String>, take: Take) -> Self {
+        let topic = topic.into();
+        FollowedResult {
+            document: FollowedDocument::new(names::about(&topic)),
+            topic,
+            take,
+            reader: None,
+            search: Search::default(),
+            about: About::default(),
+            refusal_said: false,
+            loss_said: 0,
+        }
+    }
+
+    /// Name without the domain.
+    pub fn topic(&self) -> &str {
+        &self.topic
+    }
+
+    /// Opens the topic if it exists; returns whether it is open. Looks at most five times a second.
+    ///
+    /// # Errors
+    /// Errors that waiting does not heal: another schema, no place left, a topic of another kind.
+    pub fn look(&mut self, bus: &Bus) -> Result<bool, BusError> {
+        if self.reader.is_none() {
+            self.reader = self
+                .search
+                .open(bus, &self.topic, || bus.result_reader(&self.topic))?;
+        }
+        if self.reader.is_some() {
+            self.look_at_description(bus);
+        }
+        Ok(self.reader.is_some())
+    }
+
+    /// A description that cannot be read leaves the one before.
+    fn look_at_description(&mut self, bus: &Bus) {
+        let read = match self.document.changed(bus) {
+            Ok(Some(document)) => document.json::<About>().map(Some),
+            Ok(None) => Ok(None),
+            Err(error) => Err(error),
+        };
+        match read {
+            Ok(Some(about)) => self.about = about,
+            Ok(None) => {}
+            Err(error) => {
+                tracing::debug!(topic = self.topic, %error, "cannot read the description")
+            }
+        }
+    }
+
+    /// What the topic says about itself, as far as it is known: names of classes, fields of points,
+    /// the schema of bytes.
+    pub fn about(&self) -> &About {
+        &self.about
+    }
+
+    /// Type of the results; `None` before the topic was found.
+    pub fn kind(&self) -> Option<ResultType> {
+        self.reader.as_ref().map(ResultReader::kind)
+    }
+
+    /// The next result to handle, if one waits. A result that breaks the contract is counted,
+    /// logged once, and skipped.
+    ///
+    /// # Errors
+    /// [`BusError::BorrowLimit`] if the caller holds too many results, [`BusError::Service`].
+    pub fn take(&mut self) -> Result<Option<ResultSample>, BusError> {
+        let Some(reader) = &mut self.reader else {
+            return Ok(None);
+        };
+        loop {
+            let taken = match self.take {
+                Take::Newest => reader.latest(),
+                Take::All => reader.next(),
+            };
+            match taken {
+                Ok(Some(result)) => {
+                    self.notice_losses();
+                    return Ok(Some(result));
+                }
+                Ok(None) => return Ok(None),
+                Err(error @ BusError::BadResult { .. }) => {
+                    if !std::mem::replace(&mut self.refusal_said, true) {
+                        tracing::warn!(topic = self.topic, %error, "refused a result; further ones are only counted");
+                    }
+                }
+                Err(other) => return Err(other),
+            }
+        }
+    }
+
+    /// Whether the topic was found.
+    pub fn found(&self) -> bool {
+        self.reader.is_some()
+    }
+
+    /// Counters so far.
+    pub fn counts(&self) -> ReaderCounts {
+        self.reader
+            .as_ref()
+            .map(ResultReader::counts)
+            .unwrap_or_default()
+    }
+
+    /// Its counters.
+    pub fn report(&self) -> TopicReport {
+        TopicReport {
+            topic: self.topic.clone(),
+            found: self.found(),
+            counts: self.counts(),
+        }
+    }
+
+    /// Logs losses whenever their number has doubled since they were last logged.
+    fn notice_losses(&mut self) {
+        let lost = self.counts().lost;
+        if lost > 0 && lost >= self.loss_said.saturating_mul(2) {
+            tracing::warn!(
+                topic = self.topic,
+                lost,
+                "this reader is too slow: results were lost"
+            );
+            self.loss_said = lost.max(1);
+        }
+    }
+}
