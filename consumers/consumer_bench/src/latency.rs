@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, ensure};
 use launch_cli::{Exit, Machine};
-use schema_bus::{Bus, FrameTopic, mono_now};
+use schema_bus::{Bus, FrameTopic, mono_now, qos};
 use serde::Serialize;
 
 use crate::output;
@@ -179,9 +179,11 @@ impl Case {
             format!("bench/c{}/tick", self.number),
         );
         let spec = FrameTopic {
-            max_payload_bytes: self.size_bytes,
             frames_in_flight: 1,
             max_readers: self.n_readers,
+            max_payload_bytes: self.size_bytes,
+            buffer: qos::FRAME.buffer,
+            borrowed: qos::FRAME.borrowed,
         };
         let publisher = bus.frame_publisher(&topic, spec)?;
         publisher.touch()?;

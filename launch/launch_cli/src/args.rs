@@ -1,18 +1,26 @@
 //! Flags and subcommands that every binary has: the common options, `completions <shell>` and the
 //! hidden `man`.
 
+use std::ffi::OsString;
 use std::io::Write as _;
 
-use clap::{ArgAction, Args, CommandFactory, Parser};
+use clap::parser::ValueSource;
+use clap::{ArgAction, ArgMatches, Args, CommandFactory, Parser};
 
 use crate::logging::{self, ColorWhen, LogFormat, LogOptions};
+
+/// Domain of a program that is told no other; `schema_bus::names` has the same.
+pub const DEFAULT_DOMAIN: &str = "gantry";
+/// Environment variable with the domain of a program that is not given `--domain`;
+/// `schema_bus::names` has the same.
+pub const DOMAIN_VARIABLE: &str = "GANTRY_DOMAIN";
 
 /// Flags shared by all binaries: `#[command(flatten)] common: CommonArgs`.
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Common options")]
 pub struct CommonArgs {
     /// First part of every topic name; several simulators on one machine need one each
-    #[arg(long, global = true, value_name = "NAME", default_value = "gantry", value_parser = domain)]
+    #[arg(long, global = true, value_name = "NAME", default_value = DEFAULT_DOMAIN, value_parser = domain)]
     pub domain: String,
 
     /// Log more: -v debug, -vv trace
@@ -54,7 +62,7 @@ impl CommonArgs {
 impl Default for CommonArgs {
     fn default() -> Self {
         CommonArgs {
-            domain: "gantry".into(),
+            domain: DEFAULT_DOMAIN.into(),
             verbose: 0,
             quiet: 0,
             color: ColorWhen::Auto,
@@ -63,22 +71,52 @@ impl Default for CommonArgs {
     }
 }
 
+const DOMAIN_RULE: &str = "a domain is 1 to 32 letters, digits, '_' or '-'";
+
 /// A domain is the first part of a service name; `schema_bus` accepts the same characters.
 fn domain(text: &str) -> Result<String, String> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     if text.is_empty() || text.len() > 32 || !text.chars().all(allowed) {
-        return Err("a domain is 1 to 32 letters, digits, '_' or '-'".into());
+        return Err(DOMAIN_RULE.into());
     }
     Ok(text.into())
 }
 
-const ENVIRONMENT: &str = "Environment:\n  RUST_LOG    which log lines are written, e.g. info,wgpu_hal=error; wins over -v and -q";
+/// What the environment says about the domain.
+enum DomainVariable {
+    Unset,
+    Domain(String),
+    Wrong(String),
+}
+
+impl DomainVariable {
+    fn read(value: Option<OsString>) -> Self {
+        match value.filter(|value| !value.is_empty()) {
+            None => DomainVariable::Unset,
+            Some(value) => match value.to_str().map(domain) {
+                Some(Ok(name)) => DomainVariable::Domain(name),
+                _ => DomainVariable::Wrong(value.to_string_lossy().into_owned()),
+            },
+        }
+    }
+}
+
+const ENVIRONMENT: &str = "Environment:\n  GANTRY_DOMAIN   the domain, unless --domain names one\n  RUST_LOG        which log lines are written, e.g. info,wgpu_hal=error; wins over -v and -q";
 const EXIT_CODES: &str = "Exit codes:\n  0 done (also after Ctrl-C)   1 failed   2 wrong usage or launch file   3 finished but data was lost";
 
 /// `T`'s command as users see it: with `completions`, `man`, the environment and the exit codes;
 /// its own examples stay last.
 pub fn command<T: CommandFactory>() -> clap::Command {
+    command_in::<T>(&DomainVariable::Unset)
+}
+
+fn command_in<T: CommandFactory>(variable: &DomainVariable) -> clap::Command {
     let mut command = T::command();
+    if let (DomainVariable::Domain(name), true) = (variable, has_domain(&command)) {
+        // clap keeps defaults for as long as the program runs.
+        let name: &'static str = Box::leak(name.clone().into_boxed_str());
+        command = command.mut_arg("domain", |arg| arg.default_value(name));
+    }
     let own = command
         .get_after_help()
         .map(|text| format!("\n\n{text}"))
@@ -107,11 +145,35 @@ pub fn command<T: CommandFactory>() -> clap::Command {
         .after_help(format!("{ENVIRONMENT}\n\n{EXIT_CODES}{own}"))
 }
 
+fn has_domain(command: &clap::Command) -> bool {
+    command.get_arguments().any(|arg| arg.get_id() == "domain")
+}
+
+/// The sentence for a domain in the environment that is none, if nothing else names the domain.
+fn wrong_variable(variable: &DomainVariable, matches: &ArgMatches) -> Option<String> {
+    let DomainVariable::Wrong(value) = variable else {
+        return None;
+    };
+    (matches.value_source("domain") == Some(ValueSource::DefaultValue)).then(|| {
+        format!(
+            "the environment's {DOMAIN_VARIABLE} is {value:?}, but {DOMAIN_RULE}; change it, or give --domain"
+        )
+    })
+}
+
 /// Parses the command line. Ends the process by itself for `--help`, `--version`, `completions`,
 /// `man` and wrong usage (exit code 2).
 pub fn parse<T: Parser>() -> T {
-    let mut command = command::<T>();
+    let variable = DomainVariable::read(std::env::var_os(DOMAIN_VARIABLE));
+    let mut command = command_in::<T>(&variable);
     let mut matches = command.clone().get_matches();
+    if has_domain(&command)
+        && let Some(message) = wrong_variable(&variable, &matches)
+    {
+        command
+            .error(clap::error::ErrorKind::ValueValidation, message)
+            .exit()
+    }
     match matches.subcommand() {
         Some(("completions", sub)) => {
             let shell: clap_complete::Shell =
@@ -196,6 +258,34 @@ mod tests {
             (common.domain, common.color, common.log_format)
         );
         assert_eq!(args.must, "x");
+    }
+
+    /// The domain that `words` mean, or the sentence, where the environment has this variable.
+    fn domain_of(variable: Option<&str>, words: &[&str]) -> Result<String, String> {
+        let variable = DomainVariable::read(variable.map(OsString::from));
+        let words = [&["gantry-probe", "--must", "x"], words].concat();
+        let mut matches = command_in::<Probe>(&variable)
+            .try_get_matches_from(words)
+            .map_err(|error| error.to_string())?;
+        if let Some(message) = wrong_variable(&variable, &matches) {
+            return Err(message);
+        }
+        let probe = <Probe as clap::FromArgMatches>::from_arg_matches_mut(&mut matches);
+        Ok(probe.map_err(|error| error.to_string())?.common.domain)
+    }
+
+    #[test]
+    fn the_environment_names_the_domain_where_no_flag_does() {
+        assert_eq!(domain_of(None, &[]).as_deref(), Ok("gantry"));
+        assert_eq!(domain_of(Some(""), &[]).as_deref(), Ok("gantry"));
+        assert_eq!(domain_of(Some("lab"), &[]).as_deref(), Ok("lab"));
+        let flag = ["--domain", "gantry"];
+        assert_eq!(domain_of(Some("lab"), &flag).as_deref(), Ok("gantry"));
+        assert_eq!(domain_of(Some("a b"), &flag).as_deref(), Ok("gantry"));
+        assert_eq!(
+            domain_of(Some("a b"), &[]).unwrap_err(),
+            "the environment's GANTRY_DOMAIN is \"a b\", but a domain is 1 to 32 letters, digits, '_' or '-'; change it, or give --domain"
+        );
     }
 
     #[test]
