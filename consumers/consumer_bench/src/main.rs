@@ -6,12 +6,14 @@
 
 #![forbid(unsafe_code)]
 
+mod ages;
 mod latency;
 mod memory;
 mod output;
 mod pages;
 mod spread;
 mod topics;
+mod wakes;
 
 use std::process::ExitCode;
 
@@ -21,6 +23,8 @@ use launch_cli::CommonArgs;
 const EXAMPLES: &str = "Examples:
   gantry-bench latency                                    all sizes, 1 and 8 readers, beside TCP and memcpy
   gantry-bench latency --sizes 1920000 --readers 1 --rate 200 --count 5000 --json latency.json
+  gantry-bench wakes                                      what waking readers costs a writer
+  gantry-bench ages --each 20s                            age of quick sensors while cameras render
   gantry-bench topics --for 30s                           what the running simulator delivers
   gantry-bench memory --pids 1200,1204 --for 10m --every 5s
   gantry-bench report                                     tables of docs/benchmarks from their JSON";
@@ -40,6 +44,10 @@ enum Bench {
     /// Publish → another process holds the frame, through shared memory, beside loopback TCP and a
     /// memcpy
     Latency(latency::LatencyArgs),
+    /// What it costs a writer to wake its readers, by the rig's event or by each topic's own
+    Wakes(wakes::WakesArgs),
+    /// Age of quick sensors' frames in a reader's hand while a running simulator renders
+    Ages(ages::AgesArgs),
     /// Rate, losses, age and complete sets of every frame topic of a running simulator
     Topics(topics::TopicsArgs),
     /// Memory of processes over time
@@ -49,6 +57,9 @@ enum Bench {
     /// One reader of `latency`, started by it
     #[command(hide = true)]
     LatencyReader(latency::reader::ReaderArgs),
+    /// One reader of `wakes` and `ages`, started by them
+    #[command(hide = true)]
+    WakeReader(wakes::reader::WakeReaderArgs),
 }
 
 fn main() -> ExitCode {
@@ -56,6 +67,9 @@ fn main() -> ExitCode {
         args.common.init_logging();
         match &args.command {
             Bench::Latency(latency) => latency::run(latency),
+            Bench::Wakes(wakes) => wakes::run(wakes),
+            Bench::Ages(ages) => ages::run(ages, &args.common.domain),
+            Bench::WakeReader(reader) => wakes::reader::run(reader, &args.common.domain),
             Bench::Topics(topics) => topics::run(topics, &args.common.domain),
             Bench::Memory(memory) => memory::run(memory),
             Bench::Report(report) => pages::run(report),

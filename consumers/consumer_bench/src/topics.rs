@@ -1,15 +1,16 @@
 //! `gantry-bench topics`: what a running simulator delivers to a consumer, topic by topic and view
 //! by view.
 //!
-//! It reads like any consumer: it sleeps until a rig's tick event and then takes every frame that
-//! waits. As a reader it also makes the simulator render what no other program asked for.
+//! It reads like any consumer: it sleeps until a topic announces a frame and then takes every frame
+//! that waits. As a reader it also makes the simulator render what no other program asked for.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use consumer_kit::{MAX_WAIT, WakeUps};
 use launch_cli::{Exit, Machine, Shutdown};
-use schema_bus::{Bus, BusError, Frame, FrameReader, TopicKind, WaitSet, mono_now, names};
+use schema_bus::{Bus, BusError, Frame, FrameReader, TopicKind, mono_now};
 use schema_types::MonoTime;
 use serde::Serialize;
 
@@ -75,19 +76,17 @@ pub fn run(args: &TopicsArgs, domain: &str) -> anyhow::Result<Exit> {
         !watches.is_empty(),
         "no frame topic with a writer on domain {domain:?}; start the simulator with `gantry up`"
     );
-    let mut events = WaitSet::new();
-    for rig in watches
-        .iter()
-        .map(|watch| names::rig_of(watch.reader.topic()))
-        .collect::<BTreeSet<_>>()
-    {
-        events.add(bus.listener(&names::rig_tick(rig))?);
+    let mut events = WakeUps::new();
+    for watch in &watches {
+        let followed = watches.iter().map(|other| other.reader.topic());
+        events.attach(&bus, watch.reader.topic(), followed)?;
     }
     let mut views = Views::new(watches.iter().map(|watch| watch.reader.topic()));
     let end = Instant::now() + args.length;
     while Instant::now() < end && !shutdown.requested() {
         // Without an event this wakes up ten times a second, which is enough to notice the end.
-        events.wait_until(end.min(Instant::now() + Duration::from_millis(100)))?;
+        let rest = end.saturating_duration_since(Instant::now());
+        events.wait(rest.min(MAX_WAIT))?;
         for watch in &mut watches {
             watch.drain(&mut views)?;
         }

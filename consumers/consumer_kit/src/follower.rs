@@ -1,11 +1,11 @@
-//! Several topics followed at once, with one wake-up per rig and tick.
+//! Several topics followed at once, each of which wakes its reader by itself.
 
 use std::sync::Arc;
 use std::time::Duration;
 
-use schema_bus::{Bus, BusError, Frame, WaitSet, names};
+use schema_bus::{Bus, BusError, Frame};
 
-use crate::{FollowedTopic, SnapshotTrail, Take, TopicReport, WorldAt};
+use crate::{FollowedTopic, SnapshotTrail, Take, TopicReport, WakeUps, WorldAt};
 
 /// Longest wait, so that a consumer can look at its shutdown flag ten times a second.
 pub const MAX_WAIT: Duration = Duration::from_millis(100);
@@ -20,8 +20,7 @@ pub struct Follower {
     // Before `bus`: ports go before their node.
     topics: Vec<FollowedTopic>,
     trail: SnapshotTrail,
-    rigs: Vec<String>,
-    wake: WaitSet,
+    wake_ups: WakeUps,
     bus: Bus,
 }
 
@@ -39,8 +38,7 @@ impl Follower {
         Follower {
             topics: Vec::new(),
             trail: SnapshotTrail::new(),
-            rigs: Vec::new(),
-            wake: WaitSet::new(),
+            wake_ups: WakeUps::new(),
             bus,
         }
     }
@@ -86,23 +84,37 @@ impl Follower {
         (0..self.topics.len()).map(TopicId)
     }
 
-    /// Looks for topics that are missing, then waits for a rig's tick, at most `timeout` and never
-    /// longer than [`MAX_WAIT`]. Returns whether there was a wake-up; drain the topics in any case.
+    /// Wakes [`Follower::wait`] also by `event`, for example a topic of results that is read beside
+    /// the followed ones.
+    ///
+    /// # Errors
+    /// [`BusError`] if the event cannot be opened.
+    pub fn listen(&mut self, event: &str) -> Result<(), BusError> {
+        self.wake_ups.listen(&self.bus, event).map(drop)
+    }
+
+    /// Looks for topics that are missing, then waits for a frame of any topic, at most `timeout` and
+    /// never longer than [`MAX_WAIT`]. Returns whether there may be one; drain the topics in any
+    /// case. A frame is announced as soon as it is sent, see [`WakeUps`].
     ///
     /// # Errors
     /// What waiting cannot heal, see [`FollowedTopic::look`].
     pub fn wait(&mut self, timeout: Duration) -> Result<bool, BusError> {
-        for topic in &mut self.topics {
-            if !topic.look(&self.bus)? {
+        let mut is_new = false;
+        for idx in 0..self.topics.len() {
+            if self.topics[idx].found() || !self.topics[idx].look(&self.bus)? {
                 continue;
             }
-            let rig = names::rig_of(topic.topic());
-            if !self.rigs.iter().any(|known| known == rig) {
-                self.wake.add(self.bus.listener(&names::rig_tick(rig))?);
-                self.rigs.push(rig.to_string());
-            }
+            is_new = true;
+            let followed = self.topics.iter().map(FollowedTopic::topic);
+            let topic = self.topics[idx].topic();
+            self.wake_ups.attach(&self.bus, topic, followed)?;
         }
-        self.wake.wait(timeout.min(MAX_WAIT))
+        // A frame may have come between opening a topic and listening to its event.
+        if is_new {
+            return Ok(true);
+        }
+        self.wake_ups.wait(timeout.min(MAX_WAIT))
     }
 
     /// The next frame of `id` to handle, if one waits.

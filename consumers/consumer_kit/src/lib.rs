@@ -5,9 +5,9 @@
 //! A consumer is a loop around [`Follower::wait`], which never waits longer than [`MAX_WAIT`], so
 //! that the loop sees a shutdown flag in time. Nothing here renders, stores or drives.
 //!
-//! Modules in reading order: `follower` (several topics at once), `topic` (one topic), `publish`
-//! (results of a program's own), `result` (those of others), `snapshots` (the world of a frame's
-//! tick), `document` (texts such as the list of actors), `lockstep`, `run_files`.
+//! Modules in reading order: `follower` (several topics at once), `topic` (one topic), `wake` (events), `publish`
+//! (results of a program's own), `result` (those of others), [`items`] (what is in them), `snapshots` (the world of a frame's
+//! tick), `document` (texts such as the list of actors), `lockstep`, `steps` (every tick in lockstep), `run_files`.
 //!
 //! ```no_run
 //! use consumer_kit::{Follower, Take};
@@ -30,12 +30,15 @@
 
 mod document;
 mod follower;
+pub mod items;
 mod lockstep;
 mod publish;
 mod result;
 mod run_files;
 mod snapshots;
+mod steps;
 mod topic;
+mod wake;
 
 pub use document::FollowedDocument;
 pub use follower::{Follower, MAX_WAIT, TopicId};
@@ -44,4 +47,6 @@ pub use publish::{ListLoan, PublishError, Publisher};
 pub use result::FollowedResult;
 pub use run_files::file_of_run;
 pub use snapshots::{KEPT_SNAPSHOTS, SnapshotTrail, WorldAt};
+pub use steps::Steps;
 pub use topic::{FollowedTopic, Take, TopicReport};
+pub use wake::{WakeUps, event_of};

@@ -1,11 +1,11 @@
 //! Follows one topic of results: opens it when it appears, takes the newest or every result, counts
 //! losses, and knows the topic's description.
 
-use schema_bus::{Bus, BusError, ReaderCounts, ResultReader, ResultSample, names};
+use schema_bus::{Bus, BusError, Document, ReaderCounts, ResultReader, ResultSample, names};
 use schema_frames::{About, ResultType};
 
 use crate::document::FollowedDocument;
-use crate::topic::{Search, Take, TopicReport};
+use crate::topic::{MAX_REFUSED, Search, Take, TopicReport};
 
 /// One topic of results, followed across restarts of its writer.
 #[derive(Debug)]
@@ -79,6 +79,11 @@ impl FollowedResult {
         &self.about
     }
 
+    /// The same as the document that it came in, for those who keep it.
+    pub fn description(&self) -> Option<&Document> {
+        self.document.newest()
+    }
+
     /// Type of the results; `None` before the topic was found.
     pub fn kind(&self) -> Option<ResultType> {
         self.reader.as_ref().map(ResultReader::kind)
@@ -93,7 +98,7 @@ impl FollowedResult {
         let Some(reader) = &mut self.reader else {
             return Ok(None);
         };
-        loop {
+        for _ in 0..MAX_REFUSED {
             let taken = match self.take {
                 Take::Newest => reader.latest(),
                 Take::All => reader.next(),
@@ -112,6 +117,7 @@ impl FollowedResult {
                 Err(other) => return Err(other),
             }
         }
+        Ok(None)
     }
 
     /// Whether the topic was found.

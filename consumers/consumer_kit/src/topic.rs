@@ -3,10 +3,14 @@
 
 use std::time::{Duration, Instant};
 
-use schema_bus::{Bus, BusError, Frame, FrameReader, ReaderCounts};
+use schema_bus::{Bus, BusError, Frame, FrameReader, Listener, ReaderCounts};
 
 /// How often a missing topic is looked for.
 pub(crate) const LOOK_EVERY: Duration = Duration::from_millis(200);
+
+/// Frames in a row that are refused before a reader looks at its other work. A process that floods
+/// a topic with garbage would otherwise hold it here.
+pub(crate) const MAX_REFUSED: usize = 64;
 
 /// Which frames to take when several wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,6 +114,8 @@ pub struct FollowedTopic {
     topic: String,
     take: Take,
     reader: Option<FrameReader>,
+    /// Opened by the first [`FollowedTopic::wait`].
+    listener: Option<Listener>,
     search: Search,
     epoch: Option<u64>,
     refusal_said: bool,
@@ -123,6 +129,7 @@ impl FollowedTopic {
             topic: topic.into(),
             take,
             reader: None,
+            listener: None,
             search: Search::default(),
             epoch: None,
             refusal_said: false,
@@ -148,6 +155,56 @@ impl FollowedTopic {
         Ok(self.reader.is_some())
     }
 
+    /// Waits for the next frame to handle, at most `timeout`: the whole loop of a program that reads
+    /// one topic. `None` after `timeout`, also if the topic does not exist yet. The frame is in hand
+    /// as soon as it is sent, whatever else the simulator still works on.
+    ///
+    /// ```no_run
+    /// use std::time::Duration;
+    /// use consumer_kit::{FollowedTopic, Take};
+    /// let bus = schema_bus::Bus::open("gantry", "my-odometry")?;
+    /// let mut imu = FollowedTopic::new("ego/imu/imu", Take::All);
+    /// while let Some(frame) = imu.wait(&bus, Duration::from_secs(10))? {
+    ///     println!("tick {}: {} bytes", frame.header().tick, frame.len());
+    /// }
+    /// # Ok::<(), schema_bus::BusError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`FollowedTopic::look`] and [`FollowedTopic::take`].
+    pub fn wait(&mut self, bus: &Bus, timeout: Duration) -> Result<Option<Frame>, BusError> {
+        let deadline = Instant::now() + timeout;
+        loop {
+            if let Some(frame) = self.take()? {
+                return Ok(Some(frame));
+            }
+            let rest = deadline.saturating_duration_since(Instant::now());
+            if !self.look(bus)? {
+                if rest.is_zero() {
+                    return Ok(None);
+                }
+                std::thread::sleep(rest.min(LOOK_EVERY));
+                continue;
+            }
+            let Some(listener) = &self.listener else {
+                self.listener = Some(bus.listener(&self.topic)?);
+                continue;
+            };
+            // What was announced before this look is taken back, so that it does not end the wait
+            // for the next frame.
+            listener.drain()?;
+            if let Some(frame) = self.take()? {
+                return Ok(Some(frame));
+            }
+            if rest.is_zero() {
+                return Ok(None);
+            }
+            if let Some(listener) = &self.listener {
+                listener.wait_pending(rest);
+            }
+        }
+    }
+
     /// The next frame to handle, if one waits. A frame that breaks the contract is counted, logged
     /// once, and skipped.
     ///
@@ -157,7 +214,7 @@ impl FollowedTopic {
         let Some(reader) = &mut self.reader else {
             return Ok(None);
         };
-        loop {
+        for _ in 0..MAX_REFUSED {
             let taken = match self.take {
                 Take::Newest => reader.latest(),
                 Take::All => reader.next(),
@@ -176,6 +233,7 @@ impl FollowedTopic {
                 Err(other) => return Err(other),
             }
         }
+        Ok(None)
     }
 
     /// Whether the topic was found.

@@ -42,7 +42,7 @@ impl Drop for Place {
 struct Daemon {
     imu: FramePublisher,
     snapshots: SnapshotPublisher,
-    tick_event: Notifier,
+    event: Notifier,
     epoch: u64,
     _bus: Bus,
 }
@@ -57,7 +57,7 @@ impl Daemon {
         Daemon {
             imu,
             snapshots,
-            tick_event: bus.notifier("ego/tick").unwrap(),
+            event: bus.notifier("ego/imu/imu").unwrap(),
             epoch,
             _bus: bus,
         }
@@ -83,7 +83,7 @@ impl Daemon {
         header.set_list(1);
         (header.tick, header.seq, header.epoch) = (tick, tick, self.epoch);
         loan.send().unwrap();
-        self.tick_event.notify();
+        self.event.notify();
     }
 }
 
@@ -111,7 +111,7 @@ fn a_follower_waits_for_its_topic_and_survives_a_restart() {
     let first = Daemon::start(&place, 1);
     find(&mut follower, &first);
     first.tick(1);
-    assert!(follower.wait(MAX_WAIT).unwrap(), "woken by the rig's tick");
+    assert!(follower.wait(MAX_WAIT).unwrap(), "woken by the frame");
     assert_eq!(follower.take(imu).unwrap().unwrap().header().tick, 1);
     drop(first);
 

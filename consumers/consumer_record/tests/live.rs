@@ -30,7 +30,7 @@ struct Daemon {
     frames: Vec<(String, FramePublisher)>,
     snapshot: SnapshotPublisher,
     snapshot_wake: Notifier,
-    rig_wake: Notifier,
+    events: Vec<Notifier>,
     documents: Vec<DocumentPublisher>,
     commands: CommandServer,
     acks: AckReader,
@@ -76,7 +76,11 @@ impl Daemon {
             frames: sample::topics().into_iter().map(publisher).collect(),
             snapshot: bus.snapshot_publisher(8).unwrap(),
             snapshot_wake: bus.notifier(names::WORLD_SNAPSHOT).unwrap(),
-            rig_wake: bus.notifier(&names::rig_tick("ego")).unwrap(),
+            events: sample::topics()
+                .into_iter()
+                .chain([names::rig_tick("ego")])
+                .map(|event| bus.notifier(&event).unwrap())
+                .collect(),
             documents,
             commands: bus.command_server().unwrap(),
             acks: bus.ack_reader().unwrap(),
@@ -166,7 +170,9 @@ impl Daemon {
                 loan.send().unwrap();
             }
         }
-        self.rig_wake.notify();
+        self.events.iter().for_each(|event| {
+            event.notify_listeners();
+        });
     }
 }
 
@@ -197,6 +203,7 @@ fn record_live(folder: &Path, lockstep: bool, n_ticks: u64, pause: Duration) -> 
         compression: ChunkCompression::Lz4,
         queue_bytes: 64 << 20,
         lockstep,
+        lockstep_name: None,
     };
     let (stop, first) = (AtomicBool::new(false), AtomicU64::new(0));
     let report = std::thread::scope(|scope| {
@@ -325,6 +332,7 @@ fn a_restarted_simulator_gets_a_file_of_its_own() {
         compression: ChunkCompression::None,
         queue_bytes: 64 << 20,
         lockstep: false,
+        lockstep_name: None,
     };
     let stop = AtomicBool::new(false);
     let report = std::thread::scope(|scope| {

@@ -34,10 +34,11 @@ fn main() -> anyhow::Result<()> {
     });
     let topics = topics.into_iter().collect::<Result<Vec<_>, _>>()?;
     let snapshots = bus.snapshot_publisher(16)?;
-    let (snapshot_wake, rig_wake) = (
-        bus.notifier(names::WORLD_SNAPSHOT)?,
-        bus.notifier(&names::rig_tick("ego"))?,
-    );
+    let snapshot_wake = bus.notifier(names::WORLD_SNAPSHOT)?;
+    let mut events = vec![bus.notifier(&names::rig_tick("ego"))?];
+    for (_, publisher) in &topics {
+        events.push(bus.notifier(publisher.topic())?);
+    }
     let mut actors = bus.document_publisher(names::WORLD_ACTORS)?;
     actors.send_json(&sample::actors(), epoch, 0)?;
     let mut map_publisher = bus.document_publisher(names::WORLD_MAP)?;
@@ -59,7 +60,9 @@ fn main() -> anyhow::Result<()> {
             *loan.header_mut() = schema_frames::FrameHeader { epoch, ..header };
             loan.send()?;
         }
-        rig_wake.notify();
+        events.iter().for_each(|event| {
+            event.notify_listeners();
+        });
         [&actors, &map_publisher]
             .iter()
             .for_each(|document| document.greet());

@@ -24,7 +24,10 @@ fn publish(options: &BusOptions, epoch: u64, mut enough: impl FnMut() -> bool) {
     };
     let topics = sample::MODALITIES.map(publisher);
     let snapshots = bus.snapshot_publisher(16).unwrap();
-    let wake = bus.notifier(&names::rig_tick("ego")).unwrap();
+    let mut events = vec![bus.notifier(&names::rig_tick("ego")).unwrap()];
+    for (_, publisher) in &topics {
+        events.push(bus.notifier(publisher.topic()).unwrap());
+    }
     let mut actors = bus.document_publisher(names::WORLD_ACTORS).unwrap();
     actors.send_json(&sample::actors(), epoch, 0).unwrap();
     let mut tick = 0;
@@ -44,7 +47,9 @@ fn publish(options: &BusOptions, epoch: u64, mut enough: impl FnMut() -> bool) {
             *loan.header_mut() = FrameHeader { epoch, ..header };
             loan.send().unwrap();
         }
-        wake.notify();
+        events.iter().for_each(|event| {
+            event.notify_listeners();
+        });
         actors.greet();
         snapshots.greet();
         std::thread::sleep(Duration::from_millis(20));

@@ -72,7 +72,7 @@ fn world(tick: u64) -> (SnapshotHeader, ActorRecord) {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
-    let domain = args.next().unwrap_or_else(|| "gantry".into());
+    let domain = args.next().unwrap_or_else(schema_bus::names::default_domain);
     let seconds: f64 = args.next().map_or(Ok(10.0), |text| text.parse())?;
     let bus = Bus::open(&domain, "test_card")?;
     let publishers = modalities().map(|modality| {
@@ -90,6 +90,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     info.send(r#"{"source":"live","map":"TestCard"}"#, EPOCH, 0)?;
     let mut server = bus.command_server()?;
     let rig = bus.notifier(&names::rig_tick("ego"))?;
+    let events = publishers
+        .iter()
+        .map(|publisher| bus.notifier(publisher.topic()))
+        .collect::<Result<Vec<_>, BusError>>()?;
     println!("test card on {domain}: {} topics", publishers.len());
 
     let start = Instant::now();
@@ -126,7 +130,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         {
             publish(publisher, tick)?;
         }
-        rig.notify();
+        events.iter().chain([&rig]).for_each(|event| {
+            event.notify_listeners();
+        });
         if start.elapsed().as_secs_f64() > seconds {
             break;
         }

@@ -8,8 +8,8 @@
 //! ```no_run
 //! let bus = schema_bus::Bus::open("gantry", "my-consumer")?;
 //! let mut camera = bus.frame_reader("ego/front/rgb")?;
-//! let tick = bus.listener("ego/tick")?;
-//! while tick.wait(std::time::Duration::from_secs(1))? {
+//! let sent = bus.listener("ego/front/rgb")?;
+//! while sent.wait(std::time::Duration::from_secs(1))? {
 //!     if let Some(frame) = camera.latest()? {
 //!         println!("tick {}: {} bytes", frame.header().tick, frame.len());
 //!     }

@@ -125,14 +125,15 @@ impl Sensors {
         tick: &TickView<'_>,
         carrier: impl Fn(ActorId) -> Option<Carrier>,
     ) -> anyhow::Result<()> {
+        let due = self.due(tick.scene, carrier);
+        let mut waking = Waking::default();
+        self.fire_motion(tick, &due, &mut waking);
         while let Some((views, late)) = self.in_flight.pop_due() {
             self.finish(views, late)?;
         }
-        let due = self.due(tick.scene, carrier);
         let audience = self.options.audience;
         let lidars = lidar::submit(&mut self.sensors, &mut self.rays, tick, &due, audience);
         let views = views::submit(&mut self.sensors, &mut self.renderer, tick, &due, audience)?;
-        let mut waking = Waking::default();
         self.fire_on_cpu(tick, &due, lidars.is_some(), &mut waking);
         if let Some(lidars) = lidars {
             self.n_lidar_turns += lidar::finish(&mut self.sensors, lidars, &mut waking, audience)?;
@@ -172,7 +173,22 @@ impl Sensors {
         due
     }
 
-    /// Fires the due sensors whose frames the CPU makes.
+    /// Fires the due sensors whose frames take microseconds. They wait for nothing else of the tick,
+    /// not even for views of earlier ticks that the GPU still draws.
+    fn fire_motion(&mut self, tick: &TickView<'_>, due: &[Due], waking: &mut Waking) {
+        for due in due {
+            let sensor = &mut self.sensors[due.sensor_idx];
+            if !sensor.model.is_motion() {
+                continue;
+            }
+            let shot = Shot::new(tick, due, sensor.stream, self.options.audience);
+            if cpu::motion(&shot, sensor) {
+                waking.add(&sensor.rig);
+            }
+        }
+    }
+
+    /// Fires the other due sensors whose frames the CPU makes.
     fn fire_on_cpu(
         &mut self,
         tick: &TickView<'_>,
@@ -186,6 +202,7 @@ impl Sensors {
             let shot = Shot::new(tick, due, sensor.stream, self.options.audience);
             let is_sent = match &sensor.model {
                 Model::View(_) => continue,
+                model if model.is_motion() => continue,
                 Model::Lidar { .. } if lidars_are_cast => continue,
                 Model::Lidar { .. } => {
                     let is_cast = lidar::cast_on_cpu(&shot, sensor, &mut rays);

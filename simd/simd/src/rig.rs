@@ -1,4 +1,5 @@
-//! Rigs: sensors that share the first segment of their topics and one wake-up per tick.
+//! Rigs: sensors that share the first segment of their topics, and a wake-up per tick for those who
+//! want all frames of a tick.
 
 use std::rc::Rc;
 
@@ -8,7 +9,7 @@ use schema_bus::{Bus, Notifier, names};
 pub struct Rig {
     /// First segment of its topics.
     pub name: String,
-    /// Event `<rig>/tick`.
+    /// Event `<rig>/tick`, for readers of several views and of whole ticks.
     wake: Notifier,
 }
 
@@ -22,7 +23,8 @@ impl Rig {
     }
 }
 
-/// Rigs whose readers are to be woken, each once.
+/// Rigs whose frames of a tick are complete, each once. Readers of a single topic are woken by its
+/// own event, see [`crate::topic::Topic::send`].
 #[derive(Default)]
 pub struct Waking(Vec<Rc<Rig>>);
 
@@ -42,7 +44,7 @@ impl Waking {
     /// Wakes the readers of all of them.
     pub fn wake(self) {
         for rig in self.0 {
-            rig.wake.notify();
+            rig.wake.notify_listeners();
         }
     }
 }

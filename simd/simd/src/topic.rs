@@ -5,13 +5,14 @@ mod memory;
 
 use std::sync::Arc;
 
+use launch_spec::TopicLimits;
 use schema_bus::{Bus, FrameLoan, Notifier};
 use schema_frames::document::TopicInfo;
 use schema_frames::{FrameHeader, Modality};
 use sensor_gpu::{Gpu, ShmTarget};
 
 pub use import::Transfer;
-pub use memory::{MemoryLife, Writer};
+pub use memory::{MemoryLife, Writer, limited};
 
 use crate::hash::BytesHash;
 use memory::{MemoryPlan, TopicMemory};
@@ -46,6 +47,8 @@ pub struct TopicSpec {
     pub modality: Modality,
     /// Most payload bytes of a frame.
     pub max_payload_bytes: usize,
+    /// Limits that the launch file gives it.
+    pub limits: TopicLimits,
 }
 
 /// One topic.
@@ -56,7 +59,7 @@ pub struct Topic {
     pub modality: Modality,
     /// Frames sent and lost so far.
     pub counts: FrameCounts,
-    /// Event of the topic's own name, for readers that want no other frame of the rig.
+    /// Event of the topic's own name, so that its readers wait for no other frame of the rig.
     wake: Notifier,
     memory: TopicMemory,
 }
@@ -96,10 +99,12 @@ impl Topic {
             name,
             modality,
             max_payload_bytes,
+            limits,
         } = spec;
         let plan = MemoryPlan {
             modality,
             max_payload_bytes,
+            limits,
             frames_in_flight: options.frames_in_flight,
             transfer: options.transfer,
             writer: Writer::of(modality, options.lidars_on),
@@ -167,7 +172,8 @@ impl Topic {
         }
     }
 
-    /// Sends a filled loan and wakes those who wait for this topic alone.
+    /// Sends a filled loan and wakes those who wait for this topic, at once: what is sent after it
+    /// would only keep them waiting, and costs no less.
     pub fn send(&mut self, mut loan: FrameLoan, header: FrameHeader, audience: Audience) {
         *loan.header_mut() = header;
         if audience == Audience::Hash {
@@ -181,9 +187,7 @@ impl Topic {
         match loan.send() {
             Ok(_) => {
                 self.counts.n_sent += 1;
-                if self.wake.n_listeners() > 0 {
-                    self.wake.notify();
-                }
+                self.wake.notify_listeners();
             }
             Err(error) => {
                 tracing::warn!(topic = self.name, %error, "frame could not be sent");

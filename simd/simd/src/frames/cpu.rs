@@ -16,7 +16,8 @@ use super::rays::TickRays;
 use super::shot::Shot;
 use crate::sensor::{Model, Sensor};
 
-/// Fires a sensor that is neither a view nor a lidar; returns whether a frame was sent.
+/// Fires a sensor that is neither a view nor a lidar and measures no motion; returns whether a frame
+/// was sent.
 pub(super) fn fire(
     shot: &Shot<'_>,
     sensor: &mut Sensor,
@@ -25,7 +26,6 @@ pub(super) fn fire(
 ) -> bool {
     match (&sensor.model, &sensor.spec) {
         (Model::Radar(_), SensorSpec::Radar(_)) => radar(shot, sensor, rays),
-        (Model::Imu(_) | Model::Gnss, _) => motion(shot, sensor),
         (Model::Obstacle, SensorSpec::Obstacle(spec)) => {
             let found = obstacle(shot, spec, rays.current());
             send_events(shot, sensor, &Vec::from_iter(found))
@@ -81,7 +81,8 @@ fn radar(shot: &Shot<'_>, sensor: &mut Sensor, rays: &mut TickRays<'_>) -> bool 
     true
 }
 
-fn motion(shot: &Shot<'_>, sensor: &mut Sensor) -> bool {
+/// Fires an IMU or a GNSS receiver; returns whether a frame was sent.
+pub(super) fn motion(shot: &Shot<'_>, sensor: &mut Sensor) -> bool {
     let mut header = shot.only_header(sensor);
     let Some(mut loan) = sensor.topics[0].loan_if_read(shot.audience) else {
         return false;

@@ -77,6 +77,11 @@ impl Model {
         )
     }
 
+    /// Whether it measures its own motion and place, for which it needs nothing of the scene.
+    pub fn is_motion(&self) -> bool {
+        matches!(self, Model::Imu(_) | Model::Gnss)
+    }
+
     /// Takes note of a tick, whether the sensor fires or not.
     pub fn follow(&mut self, carrier: &Carrier) {
         match self {
