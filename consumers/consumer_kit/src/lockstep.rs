@@ -9,6 +9,9 @@ use schema_frames::{Command, CommandBatch, CommandReply, ReplyBatch};
 /// How long leaving may take; a daemon that is gone has forgotten this participant anyway.
 const LEAVE_TIMEOUT: Duration = Duration::from_millis(200);
 
+/// How long the daemon may take to say that a tick is complete before it is asked again.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
+
 /// Why lockstep could not be joined.
 #[derive(Debug, thiserror::Error)]
 pub enum LockstepError {
@@ -74,6 +77,20 @@ impl Lockstep {
             return Ok(());
         }
         self.acks.send(self.participant, self.epoch, tick)
+    }
+
+    /// Whether every frame of `tick` was sent. The simulator answers only between two ticks, so its
+    /// answer says so; `false` if it did not answer in time, or is gone.
+    ///
+    /// # Errors
+    /// [`LockstepError::Command`] for an answer that cannot be read.
+    pub fn is_complete(&mut self, tick: u64) -> Result<bool, LockstepError> {
+        let ping = CommandBatch::new(vec![Command::Ping]);
+        match self.client.request(&ping, ANSWER_TIMEOUT) {
+            Ok(answer) => Ok(answer.tick >= tick),
+            Err(CommandError::Timeout { .. } | CommandError::NoServer { .. }) => Ok(false),
+            Err(other) => Err(other.into()),
+        }
     }
 
     /// First tick that waits for this participant.
