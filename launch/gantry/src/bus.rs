@@ -1,7 +1,8 @@
-//! What the launcher needs from the bus: whether a topic has a writer, and cleaning up after
-//! processes that were killed.
+//! What the launcher needs from the bus: whether a topic has a writer, what the daemon says, the
+//! topics of the launch file, and cleaning up after processes that were killed.
 
 use anyhow::Context as _;
+use schema_bus::{DocumentReader, ResultService, ResultTopic, SnapshotReader};
 
 /// The launcher's connection to the bus.
 pub struct Bus {
@@ -22,6 +23,35 @@ impl Bus {
         topics
             .iter()
             .any(|found| found.name == topic && found.publishers > 0)
+    }
+
+    /// A reader of a document, if there is one.
+    pub fn document(&self, name: &str) -> Option<DocumentReader> {
+        self.bus
+            .exists(name)
+            .then(|| self.bus.document_reader(name).ok())
+            .flatten()
+    }
+
+    /// A reader of snapshots, if there are any.
+    pub fn snapshots(&self) -> Option<SnapshotReader> {
+        self.bus
+            .exists(schema_bus::names::WORLD_SNAPSHOT)
+            .then(|| self.bus.snapshot_reader().ok())
+            .flatten()
+    }
+
+    /// Whether a topic exists.
+    pub fn exists(&self, topic: &str) -> bool {
+        self.bus.exists(topic)
+    }
+
+    /// Makes a topic of results, which lasts as long as what is returned.
+    ///
+    /// # Errors
+    /// If it exists with another type.
+    pub fn hold_topic(&self, name: &str, topic: &ResultTopic) -> anyhow::Result<ResultService> {
+        Ok(self.bus.result_service(name, topic)?)
     }
 
     /// Whether a daemon of this domain runs already.

@@ -48,15 +48,17 @@ The exit code of a required process is passed on.
 Examples:
   gantry up
   gantry up --for 30s --record drive.mcap --view save:drive.rrd
+  gantry up town.toml my_pipeline.toml
   gantry up launch/two_rigs.toml --set scenario.seed=9 --set sensor.front.width_px=640 --dry-run";
 
 /// `gantry up`.
 #[derive(clap::Args, Debug, Clone)]
 #[command(after_help = UP_EXAMPLES)]
 pub struct UpArgs {
-    /// Launch file [default: launch/quickstart.toml, which is also built in]
+    /// Launch files, each laid over those before it [default: launch/quickstart.toml, which is also
+    /// built in]
     #[arg(value_name = "FILE")]
-    pub file: Option<PathBuf>,
+    pub files: Vec<PathBuf>,
 
     /// Stop after this time, e.g. 20s or 2m, counted from when all processes are ready [default:
     /// run until Ctrl-C]
@@ -77,10 +79,15 @@ pub struct UpArgs {
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
 
-    /// Print the launch file with every default filled in and the shared memory it needs, and start
-    /// nothing
+    /// Print what the files say together with every default filled in and the shared memory it
+    /// needs, and start nothing
     #[arg(long)]
     pub dry_run: bool,
+
+    /// Print the JSON schema of launch files, with which editors complete and check them, and start
+    /// nothing
+    #[arg(long, conflicts_with_all = ["dry_run", "record", "view", "for_period", "files"])]
+    pub schema: bool,
 
     /// Folder for maps, logs and runs [default: gantry in the XDG data folder]
     #[arg(long, value_name = "DIR")]

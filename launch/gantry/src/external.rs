@@ -1,11 +1,12 @@
 //! `gantry WORD …` runs `gantry-WORD …`.
 
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsString;
 use std::os::unix::process::CommandExt as _;
 use std::process::Command;
 
 use anyhow::Context as _;
 use launch_cli::{CommonArgs, Exit, wrong_usage};
+use schema_bus::names::DOMAIN_VARIABLE;
 
 use crate::programs;
 
@@ -23,12 +24,7 @@ pub fn run(words: &[OsString], common: &CommonArgs) -> anyhow::Result<Exit> {
     let mut command = Command::new(&program);
     command.args(rest);
     // Flags before the word are the launcher's own; those after it belong to the program.
-    let names_domain = rest
-        .iter()
-        .any(|arg| arg == OsStr::new("--domain") || arg.to_string_lossy().starts_with("--domain="));
-    if common.domain != CommonArgs::default().domain && !names_domain {
-        command.args(["--domain", &common.domain]);
-    }
+    command.env(DOMAIN_VARIABLE, &common.domain);
     let error = command.exec();
     Err(error).with_context(|| format!("cannot start {}", program.display()))
 }

@@ -1,5 +1,6 @@
 //! Other programs: where one is (beside this one, then on `PATH`), and what it answers.
 
+use std::ffi::OsString;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -15,27 +16,72 @@ pub fn is_ours(program: &str) -> bool {
     name == "simd" || name.starts_with("gantry-")
 }
 
+/// Where a program is looked for.
+#[derive(Clone, Debug, Default)]
+pub struct Search {
+    /// Folder that comes before all others.
+    pub first: Option<PathBuf>,
+    /// `PATH`.
+    pub path: OsString,
+    /// Folder in which a relative path begins; `None`: the working folder.
+    pub folder: Option<PathBuf>,
+}
+
 /// The file of `program`: a path is taken as it is, a name is looked for beside this binary and
 /// then on `PATH`.
 ///
 /// # Errors
 /// When there is none, with what to do.
 pub fn find(program: &str) -> anyhow::Result<PathBuf> {
+    find_from(
+        program,
+        &Search {
+            path: std::env::var_os("PATH").unwrap_or_default(),
+            ..Default::default()
+        },
+    )
+}
+
+/// As [`find`], with places of one's own. The answer does not depend on the working folder.
+///
+/// # Errors
+/// As [`find`].
+pub fn find_from(program: &str, search: &Search) -> anyhow::Result<PathBuf> {
     if program.contains('/') {
-        let path = PathBuf::from(program);
-        anyhow::ensure!(is_program(&path), "there is no program {program:?}");
+        let path = match &search.folder {
+            Some(folder) => folder.join(program),
+            None => std::path::absolute(program)?,
+        };
+        anyhow::ensure!(
+            is_program(&path),
+            "there is no program {program:?}{}",
+            if path.exists() {
+                ": the file is not executable"
+            } else {
+                ""
+            }
+        );
         return Ok(path);
     }
     let own = std::env::current_exe().context("cannot tell where this program is")?;
     let beside = own.parent().map(|folder| folder.join(program));
-    let on_path = std::env::var_os("PATH").unwrap_or_default();
-    let found = beside
-        .into_iter()
-        .chain(std::env::split_paths(&on_path).map(|folder| folder.join(program)))
-        .find(|path| is_program(path));
+    let on_path = |name: &str| {
+        std::env::split_paths(&search.path)
+            .map(|folder| folder.join(name))
+            .find(|path| is_program(path))
+    };
+    let found = search
+        .first
+        .iter()
+        .map(|folder| folder.join(program))
+        .chain(beside)
+        .find(|path| is_program(path))
+        .or_else(|| on_path(program));
     found.with_context(|| {
         let hint = if is_ours(program) {
             "; build it with `cargo build --release --workspace`"
+        } else if program == "python" && on_path("python3").is_some() {
+            "; this machine calls it \"python3\""
         } else {
             "; install it or give its path"
         };

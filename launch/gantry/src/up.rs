@@ -1,20 +1,27 @@
 //! `gantry up`: starts the processes of a launch file, watches them, and stops all of them.
 
 mod child;
+mod extras;
+mod lockstep;
 mod memory;
 mod outcome;
 mod output;
+mod params;
 mod plan;
 mod ready;
 mod run_dir;
 mod signals;
 mod supervise;
+mod surroundings;
+mod topics;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use launch_cli::{CommonArgs, Exit, wrong_usage};
-use launch_spec::Launch;
+use launch_spec::{FileText, Launch, LaunchErrors, Process};
+
+use topics::own_topics;
 
 use crate::bus::Bus;
 use crate::cli::{UpArgs, ViewMode};
@@ -25,8 +32,15 @@ const QUICKSTART: (&str, &str) = (
     include_str!("../../quickstart.toml"),
 );
 
+/// The JSON schema of launch files; a test compares it with what the reader accepts.
+const SCHEMA: &str = include_str!("../../launch.schema.json");
+
 pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
-    let launch = plan::with_extras(read(args)?, args);
+    if args.schema {
+        print!("{SCHEMA}");
+        return Ok(Exit::Done);
+    }
+    let launch = extras::with_extras(read(args)?, args);
     if args.dry_run {
         println!(
             "{}\n{}",
@@ -40,18 +54,19 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
         wrong_usage("the launch file has no [process.NAME]; there is nothing to start")
     );
     check_new_files(args)?;
-    if launch.processes.iter().any(plan::is_daemon) {
+    if launch.processes.iter().any(Process::is_daemon) || !launch.topics.is_empty() {
         memory::check(&launch)?;
     }
     let bus = Bus::open(&common.domain)?;
-    if launch.processes.iter().any(plan::is_daemon) && bus.daemon_alive()? {
+    if launch.processes.iter().any(Process::is_daemon) && bus.daemon_alive()? {
         let domain = &common.domain;
         return Err(wrong_usage(format!(
             "a simulator runs on domain {domain:?} already; stop it, or choose another name with --domain"
         )));
     }
     let signals = signals::Signals::install()?;
-    let run_dir = run_dir::make(args.data.as_deref())?;
+    // Processes may run in other folders, so every path that they are given is a whole one.
+    let run_dir = std::path::absolute(run_dir::make(args.data.as_deref())?)?;
     let resolved = run_dir.join("launch.toml");
     std::fs::write(&resolved, launch.to_toml_with_defaults())
         .with_context(|| format!("cannot write {}", resolved.display()))?;
@@ -68,6 +83,20 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
         "logs and the full launch file are in {}",
         run_dir.display()
     ));
+    let kept: Vec<&str> = own_topics(&launch)
+        .map(|(name, _)| name)
+        .filter(|name| bus.exists(name))
+        .collect();
+    if !kept.is_empty() {
+        output.warn(&format!(
+            "another process keeps {} open, so the limits of the launch file do not act on it",
+            kept.join(", ")
+        ));
+    }
+    // Kept for as long as the processes run: their readers may come before their writers.
+    let _topics: Vec<_> = own_topics(&launch)
+        .map(|(name, topic)| bus.hold_topic(name, &topic))
+        .collect::<anyhow::Result<_>>()?;
     let supervisor = supervise::Supervisor::new(plans, output, bus, args.run_for(), signals)?;
     Ok(supervisor.run())
 }
@@ -107,27 +136,45 @@ fn check_new_files(args: &UpArgs) -> anyhow::Result<()> {
 }
 
 fn read(args: &UpArgs) -> anyhow::Result<Launch> {
-    let (name, text) = match args.file.as_deref() {
-        None if Path::new(QUICKSTART.0).exists() => {
-            (QUICKSTART.0.to_owned(), read_file(Path::new(QUICKSTART.0))?)
-        }
-        None => (QUICKSTART.0.to_owned(), QUICKSTART.1.to_owned()),
-        Some(path) => (path.display().to_string(), read_file(path)?),
+    let mut folders = Vec::new();
+    let mut read_file = |path: &Path| {
+        let file = FileText::read(path)?;
+        folders.push(file.folder.clone());
+        Ok(file)
     };
-    Launch::parse_with(&text, &name, &args.set).map_err(|errors| match &errors.0[..] {
+    let read = match &args.files[..] {
+        [] if Path::new(QUICKSTART.0).exists() => {
+            Launch::load(&[QUICKSTART.0.into()], &args.set, &mut read_file)
+        }
+        [] => Launch::parse_with(QUICKSTART.1, QUICKSTART.0, &args.set),
+        files => Launch::load(files, &args.set, &mut read_file),
+    };
+    let mut launch = read.map_err(all_of)?;
+    if let Some(map) = map_beside(&launch.scenario.map, &folders) {
+        launch.scenario.map = map.display().to_string();
+    }
+    Ok(launch)
+}
+
+fn all_of(errors: LaunchErrors) -> anyhow::Error {
+    match &errors.0[..] {
         [one] => wrong_usage(one),
         several => wrong_usage(format!(
             "the launch file has {} errors\n{errors}",
             several.len()
         )),
-    })
+    }
 }
 
-fn read_file(path: &Path) -> anyhow::Result<String> {
-    std::fs::read_to_string(path).map_err(|error| {
-        wrong_usage(format!(
-            "cannot read the launch file {}: {error}",
-            path.display()
-        ))
-    })
+/// The whole path of a map that lies beside a launch file and not in the working folder: the daemon
+/// reads another file, in the folder of the run.
+fn map_beside(map: &str, folders: &[PathBuf]) -> Option<PathBuf> {
+    if !map.ends_with(".xodr") || Path::new(map).exists() {
+        return None;
+    }
+    folders
+        .iter()
+        .rev()
+        .map(|folder| folder.join(map))
+        .find(|path| path.is_file())
 }

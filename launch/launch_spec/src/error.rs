@@ -1,6 +1,7 @@
 //! Errors of a launch file: sentences with their places, reported together.
 
 use std::fmt;
+use std::path::PathBuf;
 
 /// A place in the texts that were read: which text, and which byte of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -9,12 +10,16 @@ pub(crate) struct Place {
     pub byte: usize,
 }
 
-/// A text that was read: the launch file, or one `--set`.
+/// A text that was read: a launch file, or one `--set`.
 #[derive(Debug)]
-pub(crate) struct Source<'a> {
+pub(crate) struct Source {
     pub name: String,
-    pub text: &'a str,
+    pub text: String,
     pub is_file: bool,
+    /// Folder in which its relative paths begin.
+    pub folder: PathBuf,
+    /// Number of the texts that it was laid over.
+    pub rank: usize,
 }
 
 /// One error in a launch file.
@@ -50,30 +55,42 @@ impl std::error::Error for LaunchErrors {}
 
 /// Collects errors while a tree is read.
 #[derive(Debug, Default)]
-pub(crate) struct Errors(Vec<(Place, String)>);
+pub(crate) struct Errors(Vec<(Place, String, Option<Place>)>);
+
+/// Stands in a message for the second place.
+pub(crate) const OTHER_PLACE: &str = "{other place}";
 
 impl Errors {
     pub fn push(&mut self, at: Place, message: impl Into<String>) {
-        self.0.push((at, message.into()));
+        self.0.push((at, message.into(), None));
+    }
+
+    /// An error that two places make together. The message names the second as [`OTHER_PLACE`].
+    pub fn push_pair(&mut self, at: Place, message: String, other: Place) {
+        self.0.push((at, message, Some(other)));
     }
 
     /// The errors sorted by place, with line and column.
-    pub fn finish(mut self, sources: &[Source<'_>]) -> LaunchErrors {
+    pub fn finish(mut self, sources: &[Source]) -> LaunchErrors {
         self.0.sort();
         self.0.dedup();
+        let place = |at: Place| describe(&sources[at.source], at.byte);
         LaunchErrors(
             self.0
                 .into_iter()
-                .map(|(at, message)| LaunchError {
-                    message,
-                    place: describe(&sources[at.source], at.byte),
+                .map(|(at, message, other)| LaunchError {
+                    message: match other {
+                        Some(other) => message.replace(OTHER_PLACE, &place(other)),
+                        None => message,
+                    },
+                    place: place(at),
                 })
                 .collect(),
         )
     }
 }
 
-fn describe(source: &Source<'_>, byte: usize) -> String {
+fn describe(source: &Source, byte: usize) -> String {
     if !source.is_file {
         return source.name.clone();
     }
@@ -87,16 +104,20 @@ fn describe(source: &Source<'_>, byte: usize) -> String {
     )
 }
 
+/// Keys that had another name before version 0.1.0.
+const RENAMED: [(&str, &str); 1] = [("cpus", "cores")];
+
 /// `, did you mean "x"?`, or a list of the known words if none of them is similar.
 pub(crate) fn did_you_mean<'k>(wrong: &str, known: impl IntoIterator<Item = &'k str>) -> String {
     let known: Vec<&str> = known.into_iter().collect();
+    let renamed = known.iter().find(|word| RENAMED.contains(&(wrong, word)));
     let near = known
         .iter()
         .map(|word| (strsim::osa_distance(wrong, word), word))
         .filter(|(distance, word)| *distance <= 1 + word.len().min(wrong.len()) / 4)
         .min();
-    match near {
-        Some((_, word)) => format!(", did you mean {word:?}?"),
+    match renamed.or(near.map(|(_, word)| word)) {
+        Some(word) => format!(", did you mean {word:?}?"),
         None if known.is_empty() => String::new(),
         None => format!(", known: {}", known.join(", ")),
     }
@@ -110,8 +131,10 @@ mod tests {
     fn line_and_column_count_characters_from_one() {
         let source = Source {
             name: "x.toml".into(),
-            text: "a\nüü key",
+            text: "a\nüü key".into(),
             is_file: true,
+            folder: PathBuf::new(),
+            rank: 0,
         };
         assert_eq!(describe(&source, 0), "x.toml:1:1");
         assert_eq!(describe(&source, 7), "x.toml:2:4");

@@ -1,13 +1,14 @@
 //! Launch files: what is simulated and which processes run.
 //!
 //! A launch file is TOML. It computes nothing, its keys carry their units, and unknown keys are
-//! refused. All errors of a file are reported together, each with its place. The crate reads no file
-//! and no clock: it turns text into a checked [`Launch`] and back into text with every default.
+//! refused. All errors are reported together, each with its file and place. The crate turns texts
+//! into a checked [`Launch`] and back into a text with every default; except for
+//! [`FileText::read`], which callers hand to [`Launch::load`], it reads no file, and no clock.
 //!
 //! In reading order: [`model`] (what a launch file says), [`process`] and [`period`] (its
-//! processes), `parse` (reading and checking, one file per section), `tree` and `fill` (keys with
-//! their places, and how they are applied to a value), [`error`], `write`, and [`budget`] (the
-//! topics that the sensors will have).
+//! processes), [`topic`] (limits and types of topics), `files` (several files as one), `parse`
+//! (checking, one file per section), `tree` and `fill` (keys with their places, and how they are
+//! applied to a value), [`error`], `write`, and [`budget`] (the topics that the sensors will have).
 //!
 //! ```
 //! use launch_spec::Launch;
@@ -28,16 +29,22 @@
 
 pub mod budget;
 pub mod error;
+mod files;
 mod fill;
 pub mod model;
 mod parse;
 pub mod period;
 pub mod process;
+pub mod topic;
 mod tree;
 mod write;
 
 pub use budget::TopicBudget;
 pub use error::{LaunchError, LaunchErrors};
+pub use files::{FileText, ReadFile};
 pub use model::{Ego, FreePose, Launch, LidarsOn, PlacedSensor, Rig, Scenario, Sensor};
 pub use period::Period;
-pub use process::{Process, Ready, ReadyWhen, Restart, RestartPolicy, Stop, StopSignal};
+pub use process::{
+    Process, READY_WITHIN, Ready, ReadyWhen, Restart, RestartPolicy, Stop, StopSignal,
+};
+pub use topic::{Topic, TopicLimits};

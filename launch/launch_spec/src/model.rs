@@ -8,6 +8,7 @@ use sensor_spec::SensorSpec;
 use serde::{Deserialize, Serialize};
 
 use crate::process::Process;
+use crate::topic::Topic;
 
 /// Name of the rig on the ego vehicle; it exists in every launch file.
 pub const EGO_RIG: &str = "ego";
@@ -23,7 +24,10 @@ pub struct Launch {
     pub rigs: BTreeMap<String, Rig>,
     /// `[sensor.NAME]`, each on one or more rigs.
     pub sensors: BTreeMap<String, Sensor>,
-    /// `[process.NAME]` in the order of the file.
+    /// `[topic."NAME"]`: limits of topics, and the types of topics that processes publish. Names are
+    /// without the domain.
+    pub topics: BTreeMap<String, Topic>,
+    /// `[process.NAME]` in the order of the files: what runs.
     pub processes: Vec<Process>,
 }
 

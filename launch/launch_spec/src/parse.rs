@@ -1,33 +1,39 @@
 //! From text to a checked [`Launch`].
 
-use toml::Value as Toml;
+use std::io;
+use std::path::{Path, PathBuf};
 
-use crate::error::{Errors, LaunchError, LaunchErrors, Place, Source};
+use crate::error::{Errors, LaunchErrors, Source};
+use crate::files::{FileText, ReadFile, Texts};
 use crate::fill::{fill_entry, refuse_unknown};
 use crate::model::{Ego, Launch};
-use crate::tree::{Table, merge, read, set_as_toml};
+use crate::tree::Table;
 
+mod params;
 mod processes;
+mod ready;
 mod rigs;
 mod scenario;
 mod sections;
 mod sensors;
+mod topics;
 
-/// Version of the launch file format.
-pub const VERSION: i64 = 1;
-const TOP: [&str; 8] = [
+const TOP: [&str; 10] = [
     "version",
+    "include",
     "scenario",
     "ego",
     "rig",
     "sensor",
+    "topic",
     "defaults",
     "process",
     "description",
 ];
 
 impl Launch {
-    /// Reads and checks the text of a launch file; `file_name` is only used in messages.
+    /// Reads and checks the text of a launch file; `file_name` is only used in messages and for the
+    /// folder in which the file's relative paths begin.
     ///
     /// # Errors
     /// Everything that is wrong with it. If the text is not valid TOML, only that is reported.
@@ -42,55 +48,64 @@ impl Launch {
     /// `scenario.map=Town02` needs no quotes.
     ///
     /// # Errors
-    /// Everything that is wrong with the file or the settings.
+    /// Everything that is wrong with the file or the settings. A text cannot include files.
     pub fn parse_with(
         text: &str,
         file_name: &str,
         sets: &[String],
     ) -> Result<Launch, LaunchErrors> {
-        let mut errors = Errors::default();
-        let mut wrong_sets = Vec::new();
-        let mut set_texts = Vec::new();
-        for set in sets {
-            match set_as_toml(set) {
-                Ok(typed) => set_texts.push((format!("--set {set}"), typed)),
-                Err(message) => wrong_sets.push(LaunchError {
-                    message,
-                    place: "the command line".into(),
-                }),
-            }
+        let path = Path::new(file_name);
+        let file = FileText {
+            identity: path.to_owned(),
+            folder: path.parent().unwrap_or(path).to_owned(),
+            text: text.to_owned(),
+        };
+        let mut no_files = |_: &Path| Err(io::ErrorKind::Unsupported.into());
+        let mut texts = Texts::new(&mut no_files);
+        texts.lay_file(path, file);
+        finish(texts, sets, Path::new(""))
+    }
+
+    /// Reads files, what they include, and `key=value` settings, each laid over those before it:
+    /// tables merge key by key, everything else is replaced. An included file comes before the file
+    /// that includes it. A file that is named again is not read again.
+    ///
+    /// `read_file` is [`FileText::read`], except in tests.
+    ///
+    /// # Errors
+    /// Everything that is wrong with the files or the settings, also where two files contradict
+    /// one another about what a thing is.
+    pub fn load(
+        files: &[PathBuf],
+        sets: &[String],
+        read_file: &mut ReadFile<'_>,
+    ) -> Result<Launch, LaunchErrors> {
+        let mut texts = Texts::new(read_file);
+        for file in files {
+            texts.add_file(file);
         }
-        let mut sources = vec![Source {
-            name: file_name.to_owned(),
-            text,
-            is_file: true,
-        }];
-        sources.extend(set_texts.iter().map(|(name, text)| Source {
-            name: name.clone(),
-            text,
-            is_file: false,
-        }));
-        let launch = read_all(&sources, &mut errors);
-        let mut all = errors.finish(&sources).0;
-        all.extend(wrong_sets);
-        match launch {
-            Some(launch) if all.is_empty() => Ok(launch),
-            _ => Err(LaunchErrors(all)),
-        }
+        let here = std::env::current_dir().unwrap_or_default();
+        finish(texts, sets, &here)
     }
 }
 
-fn read_all(sources: &[Source<'_>], errors: &mut Errors) -> Option<Launch> {
-    let mut file = read(sources[0].text, 0, errors)?;
-    for (i, set) in sources.iter().enumerate().skip(1) {
-        merge(&mut file, read(set.text, i, errors)?);
+fn finish(mut texts: Texts<'_>, sets: &[String], here: &Path) -> Result<Launch, LaunchErrors> {
+    for set in sets {
+        texts.add_set(set, here);
     }
-    let launch = launch(&file, errors);
-    Some(launch)
+    if texts.is_broken {
+        return Err(texts.finish());
+    }
+    let launch = launch(&texts.tree, &texts.sources, &mut texts.errors);
+    let errors = texts.finish();
+    if errors.0.is_empty() {
+        Ok(launch)
+    } else {
+        Err(errors)
+    }
 }
 
-fn launch(file: &Table, errors: &mut Errors) -> Launch {
-    check_version(file, errors);
+fn launch(file: &Table, sources: &[Source], errors: &mut Errors) -> Launch {
     refuse_unknown(file, &TOP, "", errors);
     if let Some(entry) = file
         .get("description")
@@ -103,29 +118,15 @@ fn launch(file: &Table, errors: &mut Errors) -> Launch {
     let rigs = rigs::read(file, &scenario, errors);
     let sensors = sensors::read(file, &scenario, &rigs, errors);
     sensors::check_ego(&ego, file, &rigs, &sensors, errors);
-    let processes = processes::read(file, errors);
-    Launch {
+    let processes = processes::read(file, sources, errors);
+    let mut launch = Launch {
         scenario,
         ego,
         rigs,
         sensors,
+        topics: Default::default(),
         processes,
-    }
-}
-
-fn check_version(file: &Table, errors: &mut Errors) {
-    match file.get("version") {
-        None => errors.push(
-            Place::default(),
-            format!("version is missing; begin the file with version = {VERSION}"),
-        ),
-        Some(entry) if entry.node.plain() == Toml::Integer(VERSION) => {}
-        Some(entry) => errors.push(
-            entry.node.at,
-            format!(
-                "version is {}, but this program reads {VERSION}",
-                entry.node.plain()
-            ),
-        ),
-    }
+    };
+    launch.topics = topics::read(file, &launch, errors);
+    launch
 }

@@ -2,6 +2,7 @@
 //! ends.
 
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -12,12 +13,18 @@ use crate::period::Period;
 pub struct Process {
     /// Its name in the file, its log prefix and its log file.
     pub name: String,
-    /// Program and arguments, no shell. `${run_dir}`, `${name}`, `${domain}` and `${launch}` are
-    /// replaced.
+    /// Program and arguments, no shell. `${run_dir}`, `${name}`, `${domain}`, `${launch}`,
+    /// `${params}` and `${params_file}` are replaced.
     pub cmd: Vec<String>,
+    /// Folder in which it runs; without it, the launcher's own. A relative path begins in the
+    /// folder of the file that says it.
+    pub cwd: Option<PathBuf>,
+    /// Virtual environment of Python whose programs come first. A relative path begins in the
+    /// folder of the file that says it.
+    pub venv: Option<PathBuf>,
     /// Whether its end stops all processes; the launcher then ends with its exit code.
     pub required: bool,
-    /// When the processes that come after it may start; `None`: at once.
+    /// When the processes that come after it may start; without it, at once.
     pub ready: Option<Ready>,
     /// Processes that must be ready before it starts.
     pub after: Vec<String>,
@@ -25,10 +32,29 @@ pub struct Process {
     pub restart: Restart,
     /// How it is asked to end.
     pub stop: Stop,
-    /// Environment on top of the launcher's.
+    /// Environment on top of the launcher's; `${run_dir}`, `${name}`, `${domain}` and `${launch}` are
+    /// replaced.
     pub env: BTreeMap<String, String>,
-    /// CPUs it may run on; empty: all.
-    pub cpus: Vec<u32>,
+    /// Processor cores it may run on, from 0; empty: those of the launcher.
+    pub cores: Vec<u32>,
+    /// Scheduling priority, −20 (first) to 19 (last); without it, the launcher's.
+    pub nice: Option<i32>,
+    /// Whether it takes part in lockstep under its name. The first tick waits until it has joined.
+    pub lockstep: bool,
+    /// Settings of its own, which it is given as JSON: where `cmd` has `${params}` (the text) or
+    /// `${params_file}` (the path of a file), else as its last argument.
+    pub params: Option<toml::Table>,
+}
+
+impl Process {
+    /// Whether this process is the simulation daemon.
+    pub fn is_daemon(&self) -> bool {
+        self.cmd.first().is_some_and(|program| {
+            Path::new(program)
+                .file_name()
+                .is_some_and(|name| name == "simd")
+        })
+    }
 }
 
 /// When a process counts as ready.
@@ -39,6 +65,10 @@ pub struct Ready {
     /// Longest wait. Then the run fails.
     pub within: Period,
 }
+
+/// Time in which a process must become ready, or join lockstep, if the file says no other. It is
+/// long because the first start on a software adapter builds a town and shaders.
+pub const READY_WITHIN: Period = Period::from_millis(180_000);
 
 /// A sign of readiness.
 #[derive(Clone, Debug, PartialEq, Eq)]

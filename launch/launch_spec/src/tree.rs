@@ -1,10 +1,11 @@
-//! A TOML text as a tree that keeps the place of every key and value, and how `--set` overrides it.
+//! A TOML text as a tree that keeps the place of every key and value, and how one text is laid over
+//! another.
 
 use std::collections::BTreeMap;
 
 use toml::de::{DeTable, DeValue};
 
-use crate::error::{Errors, Place};
+use crate::error::{Errors, OTHER_PLACE, Place};
 
 /// Keys of a table by name.
 pub(crate) type Table = BTreeMap<String, Entry>;
@@ -165,33 +166,73 @@ pub(crate) fn set_as_toml(set: &str) -> Result<String, String> {
     }
 }
 
-/// Lays `over` on `base`: tables merge, everything else is replaced.
-pub(crate) fn merge(base: &mut Table, over: Table) {
-    for (key, entry) in over {
-        match (base.get_mut(&key), entry) {
-            (
-                Some(Entry {
-                    node:
-                        Node {
-                            value: Value::Table(below),
-                            ..
-                        },
-                    ..
-                }),
-                Entry {
-                    node:
-                        Node {
-                            value: Value::Table(above),
-                            ..
-                        },
-                    ..
-                },
-            ) => {
-                merge(below, above);
+/// Lays one text over another: tables merge, everything else is replaced.
+pub(crate) struct Laying<'e> {
+    /// Where contradictions are reported.
+    pub errors: &'e mut Errors,
+    /// Whether the upper text is a file. Files may not contradict one another about what a thing
+    /// is; a `--set` may.
+    pub is_file: bool,
+}
+
+impl Laying<'_> {
+    pub fn lay(&mut self, base: &mut Table, over: Table) {
+        self.lay_at(base, over, &mut Vec::new());
+    }
+
+    fn lay_at(&mut self, base: &mut Table, over: Table, path: &mut Vec<String>) {
+        for (key, above) in over {
+            path.push(key.clone());
+            match base.get_mut(&key) {
+                Some(below) => self.lay_entry(below, above, path),
+                None => {
+                    base.insert(key, above);
+                }
             }
-            (_, entry) => {
-                base.insert(key, entry);
+            path.pop();
+        }
+    }
+
+    fn lay_entry(&mut self, below: &mut Entry, above: Entry, path: &mut Vec<String>) {
+        let (was, is) = (&mut below.node, above.node);
+        match (&mut was.value, is.value) {
+            (Value::Table(inner), Value::Table(table)) => self.lay_at(inner, table, path),
+            (Value::Table(_), Value::Leaf(leaf)) if self.is_file => {
+                let message = format!(
+                    "{} is {leaf}, but a table at {OTHER_PLACE}; one of them must go",
+                    path.join(".")
+                );
+                self.errors.push_pair(is.at, message, was.at);
+            }
+            (Value::Leaf(leaf), Value::Table(_)) if self.is_file => {
+                let message = format!(
+                    "{} is a table, but {leaf} at {OTHER_PLACE}; one of them must go",
+                    path.join(".")
+                );
+                self.errors.push_pair(is.at, message, was.at);
+            }
+            (Value::Leaf(first), Value::Leaf(second))
+                if self.is_file && first != &second && says_what_it_is(path) =>
+            {
+                let what = path[..2].join(".");
+                let message = format!(
+                    "{} is {second}, but {first} at {OTHER_PLACE}; {what} can only be one of them: give the second a name of its own",
+                    path.join(".")
+                );
+                self.errors.push_pair(is.at, message, was.at);
+            }
+            (_, value) => {
+                *below = Entry {
+                    node: Node { value, ..is },
+                    ..above
+                };
             }
         }
     }
+}
+
+/// Whether the key decides which other keys its table has.
+fn says_what_it_is(path: &[String]) -> bool {
+    matches!(path, [section, _, key]
+        if section == "sensor" && key == "kind" || section == "topic" && key == "type")
 }

@@ -2,10 +2,11 @@
 
 use toml::{Table, Value};
 
+use crate::files::VERSION;
 use crate::fill::table_of;
 use crate::model::{Launch, Rig, Sensor};
-use crate::parse::VERSION;
 use crate::process::{Process, ReadyWhen};
+use crate::topic::Topic;
 
 impl Launch {
     /// The whole file with every default filled in; [`Launch::parse`] reads it back to the same
@@ -27,6 +28,9 @@ impl Launch {
         }
         for (name, sensor) in &self.sensors {
             section(&["sensor", name], sensor_table(sensor));
+        }
+        for (name, topic) in &self.topics {
+            section(&["topic", name], topic_table(topic));
         }
         for process in &self.processes {
             section(&["process", &process.name], process_table(process));
@@ -54,21 +58,49 @@ fn sensor_table(sensor: &Sensor) -> Table {
     table
 }
 
+fn topic_table(topic: &Topic) -> Table {
+    let limits = &topic.limits;
+    let numbers = [
+        ("readers", limits.readers.map(i64::from)),
+        ("buffer", limits.buffer.map(i64::from)),
+        ("borrowed", limits.borrowed.map(i64::from)),
+        ("max_bytes", topic.max_bytes.map(|bytes| bytes as i64)),
+    ];
+    numbers
+        .into_iter()
+        .filter_map(|(key, number)| Some((key.to_owned(), Value::from(number?))))
+        .chain(
+            topic
+                .result
+                .map(|result| ("type".to_owned(), Value::from(result.name()))),
+        )
+        .collect()
+}
+
 fn process_table(process: &Process) -> Table {
     let mut table = Table::new();
     table.insert("cmd".into(), Value::from(process.cmd.clone()));
     table.insert("required".into(), Value::from(process.required));
     table.insert("after".into(), Value::from(process.after.clone()));
     table.insert(
-        "cpus".into(),
+        "cores".into(),
         Value::from(
             process
-                .cpus
+                .cores
                 .iter()
-                .map(|cpu| i64::from(*cpu))
+                .map(|core| i64::from(*core))
                 .collect::<Vec<_>>(),
         ),
     );
+    table.insert("lockstep".into(), Value::from(process.lockstep));
+    for (key, path) in [("cwd", &process.cwd), ("venv", &process.venv)] {
+        if let Some(path) = path {
+            table.insert(key.into(), Value::from(path.to_string_lossy().into_owned()));
+        }
+    }
+    if let Some(nice) = process.nice {
+        table.insert("nice".into(), Value::from(i64::from(nice)));
+    }
     table.insert("restart".into(), Value::Table(table_of(&process.restart)));
     table.insert("stop".into(), Value::Table(table_of(&process.stop)));
     table.insert(
@@ -92,6 +124,9 @@ fn process_table(process: &Process) -> Table {
             ("within".to_owned(), Value::from(ready.within.to_string())),
         ];
         table.insert("ready".into(), Value::Table(entries.into_iter().collect()));
+    }
+    if let Some(params) = &process.params {
+        table.insert("params".into(), Value::Table(params.clone()));
     }
     table
 }

@@ -172,13 +172,106 @@ fn process_details_are_checked() {
     check(
         "[process.a]\ncmd = [\"a\", \"${runs}\"]\nstop = { grace = \"5 parsecs\", signal = \"STOP\" }\nready = { line = \"(\", tcp = \"2000\" }\nrestart.policy = \"onfailure\"\n",
         &[
-            "process.a.cmd has \"${runs}\", which is nothing the launcher replaces, known: run_dir, name, domain, launch at launch/town.toml:3:7",
+            "process.a.cmd has \"${runs}\", which is nothing the launcher replaces, known: run_dir, name, domain, launch, params, params_file at launch/town.toml:3:7",
             "process.a.stop.grace is \"5 parsecs\", but must be a time such as 500ms, 2.5s, 1m or 1h, at most a week at launch/town.toml:4:18",
             "process.a.stop.signal is \"STOP\", but must be one of INT, TERM, HUP, QUIT, KILL at launch/town.toml:4:40",
             "process.a.ready has 2 signs, but must have one of service, line, tcp at launch/town.toml:5:1",
             "process.a.ready.line is \"(\", which is no regular expression: unclosed group at launch/town.toml:5:9",
             "process.a.ready.tcp is \"2000\", but must be host:port, e.g. \"127.0.0.1:2000\" at launch/town.toml:5:9",
             "process.a.restart.policy is \"onfailure\", but must be one of never, on-failure, always, did you mean \"on-failure\"? at launch/town.toml:6:18",
+        ],
+    );
+}
+
+#[test]
+fn what_a_process_starts_in_is_checked() {
+    check(
+        "[process.a]\ncmd = [\"a\", \"${params}\"]\ncpus = [1]\ncores = [1, 5000]\nnice = 30\ncwd = \"\"\nvenv = 3\n\
+         [process.b]\ncmd = [\"b\"]\nnice = \"low\"\nparams = 3\n\
+         [process.c]\ncmd = [\"c\"]\nlockstep = true\n\
+         [process.d.params]\nx = nan\ny = { z = [\"${nam}\"] }\n",
+        &[
+            "process.a.cmd wants params, but there is no [process.a.params] at launch/town.toml:3:7",
+            "unknown key \"cpus\" in [process.a], did you mean \"cores\"? at launch/town.toml:4:1",
+            "process.a.cores has 5000, but cores are 0 to 1023 at launch/town.toml:5:9",
+            "process.a.nice is 30, but must be a whole number from -20 to 19 at launch/town.toml:6:8",
+            "process.a.cwd is \"\", but must be the path of a folder in quotes at launch/town.toml:7:7",
+            "process.a.venv is 3, but must be the path of a folder in quotes at launch/town.toml:8:8",
+            "process.b.nice is \"low\", but must be a whole number from -20 to 19 at launch/town.toml:11:8",
+            "process.b.params is 3, but must be a table at launch/town.toml:12:10",
+            "process.c.lockstep is true, but no process of the launch runs simd, whose ticks could wait for it at launch/town.toml:15:12",
+            "[process.d] has no cmd; give cmd = [\"program\", \"argument\"] at launch/town.toml:16:10",
+            "process.d.params.x is nan, but JSON has no such number at launch/town.toml:17:5",
+            "process.d.params.y.z has \"${nam}\", which is nothing the launcher replaces, did you mean \"name\"? at launch/town.toml:18:11",
+        ],
+    );
+}
+
+#[test]
+fn who_takes_part_in_lockstep_comes_after_the_simulator() {
+    let text = "version = 1\n[process.a]\ncmd = [\"a\"]\nlockstep = true\n[process.world]\ncmd = [\"/opt/simd\"]\n";
+    let launch = Launch::parse(text, "x.toml").unwrap();
+    assert_eq!(launch.process("a").unwrap().after, ["world"]);
+    check(
+        "[process.world]\ncmd = [\"simd\"]\nafter = [\"a\"]\n[process.a]\ncmd = [\"a\"]\nlockstep = true\n",
+        &[
+            "processes world, a wait for one another through \"after\"; break the circle at launch/town.toml:2:10",
+        ],
+    );
+    check(
+        "[process.world]\ncmd = [\"simd\"]\nlockstep = true\n",
+        &[
+            "process.world.lockstep is true, but this process is the simulator, with which the others keep step at launch/town.toml:4:12",
+        ],
+    );
+}
+
+#[test]
+fn topics_have_limits_and_those_of_ones_own_a_type() {
+    let text = "version = 1\n[sensor.front]\nkind = \"camera\"\n[topic.\"ego/front/rgb\"]\nreaders = 4\nbuffer = 6\n\
+        [topic.\"detector/boxes\"]\ntype = \"boxes2d\"\nborrowed = 2\nmax_bytes = 4096\n";
+    let launch = Launch::parse(text, "x.toml").unwrap();
+    let limits = launch.limits_of("ego/front/rgb");
+    assert_eq!(
+        (limits.readers, limits.buffer, limits.borrowed),
+        (Some(4), Some(6), None)
+    );
+    assert_eq!(launch.memory_budget()[0].limits, limits);
+    let own = &launch.topics["detector/boxes"];
+    assert_eq!(
+        (
+            own.result.map(|kind| kind.name()),
+            own.max_bytes,
+            own.limits.borrowed
+        ),
+        (Some("boxes2d"), Some(4096), Some(2))
+    );
+    let written = launch.to_toml_with_defaults();
+    assert_eq!(
+        Launch::parse(&written, "written").unwrap(),
+        launch,
+        "{written}"
+    );
+    check(
+        "[sensor.front]\nkind = \"camera\"\n\
+         [topic.\"ego/front/rbg\"]\nreaders = 0\nbuffer = 257\nborrowed = 1.5\n\
+         [topic.\"ego/front/rgb\"]\ntype = \"image\"\nmax_bytes = 0\n\
+         [topic.\"a//b\"]\ntype = \"box2d\"\n\
+         [topic.\"world/snapshot\"]\nreaders = 20\n\
+         [topic.\"a/about\"]\ntype = \"json\"\nhistory = 1\n",
+        &[
+            "no sensor of this launch publishes \"ego/front/rbg\"; a topic of your own needs type, e.g. type = \"boxes2d\", did you mean \"ego/front/rgb\"? at launch/town.toml:4:8",
+            "topic.\"ego/front/rbg\".readers is 0, but must be a whole number from 1 to 32 at launch/town.toml:5:11",
+            "topic.\"ego/front/rbg\".buffer is 257, but must be a whole number from 1 to 256 at launch/town.toml:6:10",
+            "topic.\"ego/front/rbg\".borrowed is 1.5, but must be a whole number from 1 to 256 at launch/town.toml:7:12",
+            "topic.\"ego/front/rgb\".type is given, but a sensor of this launch publishes the topic and says that; remove the key at launch/town.toml:9:1",
+            "topic.\"ego/front/rgb\".max_bytes is given, but a sensor of this launch publishes the topic and says that; remove the key at launch/town.toml:10:1",
+            "topic.\"ego/front/rgb\".max_bytes is 0, but must be a whole number from 1 to 1099511627776 at launch/town.toml:10:13",
+            "[topic.\"a//b\"] has a name that is not 1 to 200 letters, digits, '_', '-', '.', with '/' between parts at launch/town.toml:11:8",
+            "topic.\"a//b\".type is \"box2d\", but must be a type of result, did you mean \"boxes2d\"? at launch/town.toml:12:8",
+            "[topic.\"world/snapshot\"] is one of the simulator's own topics, whose limits are fixed; choose a name outside world/ and control/ that does not end in /about at launch/town.toml:13:8",
+            "[topic.\"a/about\"] is one of the simulator's own topics, whose limits are fixed; choose a name outside world/ and control/ that does not end in /about at launch/town.toml:15:8",
+            "unknown key \"history\" in [topic.\"a/about\"], known: readers, buffer, borrowed, type, max_bytes at launch/town.toml:17:1",
         ],
     );
 }
@@ -284,9 +377,29 @@ fn every_launch_file_we_ship_parses_and_survives_being_written_out() {
 /// of a good file.
 #[test]
 fn mutated_files_never_panic() {
+    let pipeline = "version = 1
+[sensor.front]
+kind = \"camera\"
+[topic.\"ego/front/rgb\"]
+readers = 4
+[topic.\"detector/boxes\"]
+type = \"boxes2d\"
+max_bytes = 4096
+[process.simd]
+cmd = [\"simd\"]
+[process.detector]
+cmd = [\"python\", \"detector.py\", \"${params}\"]
+cwd = \".\"
+venv = \"envs/torch\"
+nice = 5
+cores = [0, 1]
+lockstep = true
+params = { threshold = 0.5, classes = [\"car\", \"person\"], since = 1979-05-27 }
+";
     let good = [
         include_str!("../../quickstart.toml"),
         include_str!("../../two_rigs.toml"),
+        pipeline,
     ];
     let pieces = [
         "=",
@@ -309,7 +422,7 @@ fn mutated_files_never_panic() {
     let mut rng = fastrand::Rng::with_seed(2);
     let mut n_accepted = 0;
     for _ in 0..3_000 {
-        let lines = good[rng.usize(0..2)].lines();
+        let lines = good[rng.usize(0..good.len())].lines();
         let mut chosen: Vec<String> = lines
             .filter(|_| rng.u8(..) > 2)
             .map(str::to_owned)

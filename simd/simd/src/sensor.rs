@@ -6,6 +6,7 @@ mod model;
 
 use std::rc::Rc;
 
+use launch_spec::Launch;
 use schema_bus::Bus;
 use schema_frames::document::TopicInfo;
 use schema_types::{ActorId, SimTime};
@@ -68,6 +69,8 @@ pub struct OpenContext<'a> {
     pub frames: &'a FrameOptions,
     /// How long its topics have memory.
     pub memory: MemoryLife,
+    /// Gives topics their limits.
+    pub launch: &'a Launch,
     /// Seed of the run.
     pub seed: u64,
     /// Length of a tick.
@@ -92,8 +95,10 @@ impl Sensor {
         let mut topics = Vec::new();
         let tick_secs = context.period_nanos as f64 * 1e-9;
         for modality in spec.modalities() {
+            let topic_name = format!("{}/{name}/{}", rig.name, modality.name());
             let topic = TopicSpec {
-                name: format!("{}/{name}/{}", rig.name, modality.name()),
+                limits: context.launch.limits_of(&topic_name),
+                name: topic_name,
                 modality,
                 max_payload_bytes: spec.max_payload_bytes(modality, tick_secs),
             };

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use launch_cli::wrong_usage;
-use launch_spec::{Launch, LidarsOn};
+use launch_spec::{FileText, Launch, LidarsOn};
 use sensor_camera::Quality;
 use sensor_gpu::{CopyPath, Gpu, GpuOptions};
 use sensor_ray::GpuRays;
@@ -165,25 +165,17 @@ impl Settings {
 
 /// Reads and checks the launch file; without one, the built-in defaults.
 fn read_launch(args: &Args) -> anyhow::Result<Launch> {
-    let (text, name) = match &args.launch {
-        Some(path) => (
-            std::fs::read_to_string(path).map_err(|error| {
-                wrong_usage(format!(
-                    "cannot read launch file: {error}: {}",
-                    path.display()
-                ))
-            })?,
-            path.display().to_string(),
-        ),
-        None => (DEFAULT_LAUNCH.to_owned(), "built-in defaults".to_owned()),
-    };
     // The last word counts, so `--map` comes after every `--set`.
     let map = args
         .map
         .iter()
         .map(|map| format!("scenario.map={}", toml_text(map)));
     let set: Vec<String> = args.set.iter().cloned().chain(map).collect();
-    Launch::parse_with(&text, &name, &set).map_err(wrong_usage)
+    match &args.launch {
+        Some(path) => Launch::load(std::slice::from_ref(path), &set, &mut FileText::read),
+        None => Launch::parse_with(DEFAULT_LAUNCH, "built-in defaults", &set),
+    }
+    .map_err(wrong_usage)
 }
 
 /// A text as TOML writes it.

@@ -21,7 +21,7 @@ use crate::pace::Pace;
 use crate::ports::Ports;
 use crate::sensor::{OpenContext, Sensor, SensorIdentity, noise_stream, schedule_of, shared_rig};
 use crate::settings::Settings;
-use crate::topic::{MemoryLife, Transfer};
+use crate::topic::{MemoryLife, Transfer, limited};
 
 /// Brings everything up. Fails before anything is published if the domain is taken or memory is
 /// short.
@@ -65,6 +65,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         gpu: &gpu,
         frames: &frames,
         memory: MemoryLife::Lasting,
+        launch,
         seed: launch.scenario.seed,
         period_nanos,
     };
@@ -108,9 +109,10 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
 /// daemon could fail with half of its sensors open.
 fn check_memory(launch: &Launch, frames_in_flight: u32) -> anyhow::Result<()> {
     let segments = launch.memory_budget().into_iter().map(|topic| {
+        let usual = FrameTopic::new(topic.modality, topic.max_payload_bytes);
         let spec = FrameTopic {
             frames_in_flight: frames_in_flight as usize,
-            ..FrameTopic::new(topic.modality, topic.max_payload_bytes)
+            ..limited(usual, topic.limits)
         };
         spec.segment_bytes(topic.modality)
     });

@@ -19,6 +19,7 @@ use nix::unistd::Pid;
 
 use super::output::{Sink, Stream};
 use super::plan::{Plan, ReadySign};
+use super::surroundings::Surroundings;
 
 /// What the threads around a process report. `start` is the number of the start within the slot, so
 /// that a late report about an earlier start can be recognised.
@@ -49,22 +50,30 @@ pub fn start(
     idx: usize,
     start: u64,
     plan: &Plan,
+    further_args: &[String],
     sink: &Sink,
     events: &Sender<Event>,
 ) -> anyhow::Result<Running> {
     let mut command = Command::new(&plan.program);
     command
         .args(&plan.args)
-        .envs(&plan.env)
+        .args(further_args)
+        .envs(&plan.surroundings.env)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .process_group(0);
-    tie_to_this_process(&mut command, &plan.cpus);
+    for variable in &plan.surroundings.without {
+        command.env_remove(variable);
+    }
+    if let Some(cwd) = &plan.surroundings.cwd {
+        command.current_dir(cwd);
+    }
+    prepare(&mut command, &plan.surroundings);
     sink.note(&format!(
         "--- start {start}: {} {}",
         plan.program.display(),
-        plan.args.join(" ")
+        [&plan.args, further_args].concat().join(" ")
     ));
     let mut child = command
         .spawn()
@@ -110,16 +119,25 @@ pub fn start(
     })
 }
 
-/// If the launcher is killed, its children get SIGTERM; `cpus` pins them.
-fn tie_to_this_process(command: &mut Command, cpus: &[u32]) {
+/// If the launcher is killed, its children get SIGTERM. Pins them to their cores, and sets their
+/// priority.
+fn prepare(command: &mut Command, surroundings: &Surroundings) {
     let parent = nix::unistd::getpid();
-    let mask = cpu_mask(cpus);
+    let mask = core_mask(&surroundings.cores);
+    let nice = surroundings.nice;
     let prepare = move || {
         nix::sys::prctl::set_pdeathsig(Signal::SIGTERM)?;
         if nix::unistd::getppid() != parent {
             // Without this check, a launcher that dies between fork and prctl would leave the
             // child running.
             return Err(Errno::ESRCH.into());
+        }
+        if let Some(nice) = nice {
+            // SAFETY: the call takes three numbers; 0 means the calling process.
+            let failed = unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, nice) } != 0;
+            if failed {
+                return Err(std::io::Error::last_os_error());
+            }
         }
         match mask {
             // SAFETY: the set is a live value of the size given; 0 means the calling process.
@@ -133,24 +151,24 @@ fn tie_to_this_process(command: &mut Command, cpus: &[u32]) {
         }
     };
     // SAFETY: `prepare` runs in the child between fork and exec. It makes only the system calls
-    // prctl, getppid and sched_setaffinity, which are async-signal-safe; it allocates nothing and
-    // takes no lock.
+    // prctl, getppid, setpriority and sched_setaffinity, which are async-signal-safe; it allocates
+    // nothing and takes no lock.
     unsafe { command.pre_exec(prepare) };
 }
 
-fn cpu_mask(cpus: &[u32]) -> Option<libc::cpu_set_t> {
-    if cpus.is_empty() {
+fn core_mask(cores: &[u32]) -> Option<libc::cpu_set_t> {
+    if cores.is_empty() {
         return None;
     }
     // SAFETY: a CPU set is an array of integers; all zero is the empty set.
     let mut mask: libc::cpu_set_t = unsafe { std::mem::zeroed() };
-    for cpu in cpus
+    for core in cores
         .iter()
-        .map(|cpu| *cpu as usize)
-        .filter(|cpu| *cpu < libc::CPU_SETSIZE as usize)
+        .map(|core| *core as usize)
+        .filter(|core| *core < libc::CPU_SETSIZE as usize)
     {
         // SAFETY: the index was checked against the size of the set.
-        unsafe { libc::CPU_SET(cpu, &mut mask) };
+        unsafe { libc::CPU_SET(core, &mut mask) };
     }
     Some(mask)
 }

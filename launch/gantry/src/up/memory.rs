@@ -6,17 +6,33 @@ use std::fmt::Write as _;
 use launch_cli::wrong_usage;
 use launch_spec::{Launch, TopicBudget};
 use schema_bus::{
-    FrameTopic, MemoryShortage, OTHER_BYTES, check_shared_memory, shared_memory_free,
+    FrameTopic, MemoryShortage, OTHER_BYTES, ResultTopic, check_shared_memory, shared_memory_free,
     shared_memory_needed,
 };
 
+use super::topics::own_topics;
+
+/// The topic as the daemon makes it.
+fn frame_topic(topic: &TopicBudget) -> FrameTopic {
+    let usual = FrameTopic::new(topic.modality, topic.max_payload_bytes);
+    let or = |wish: Option<u32>, usual: usize| wish.map_or(usual, |wish| wish as usize);
+    FrameTopic {
+        max_readers: or(topic.limits.readers, usual.max_readers),
+        buffer: or(topic.limits.buffer, usual.buffer),
+        borrowed: or(topic.limits.borrowed, usual.borrowed),
+        ..usual
+    }
+}
+
 fn topic_bytes(topic: &TopicBudget) -> u64 {
-    FrameTopic::new(topic.modality, topic.max_payload_bytes).segment_bytes(topic.modality)
+    frame_topic(topic).segment_bytes(topic.modality)
 }
 
 /// Shared memory that a launch file needs in all.
 pub fn total_bytes(launch: &Launch) -> u64 {
-    shared_memory_needed(launch.memory_budget().iter().map(topic_bytes))
+    let frames = launch.memory_budget().into_iter();
+    let results = own_topics(launch).map(|(_, topic)| topic.segment_bytes());
+    shared_memory_needed(frames.map(|topic| topic_bytes(&topic)).chain(results))
 }
 
 /// Refuses a launch file that cannot fit.
@@ -31,7 +47,7 @@ fn sentence(short: MemoryShortage) -> String {
     let size = short.need_bytes.div_ceil(1 << 30);
     format!(
         "this launch file needs {} MiB of shared memory, but /dev/shm has {} MiB free; enlarge it (Docker: --shm-size={size}g, else \
-         `mount -o remount,size={size}G /dev/shm` as root), or take fewer or smaller sensors (`gantry up --dry-run` lists each)",
+         `mount -o remount,size={size}G /dev/shm` as root), or take fewer or smaller sensors, or fewer places in [topic] (`gantry up --dry-run` lists each)",
         mebibytes(short.need_bytes),
         mebibytes(free_bytes),
     )
@@ -42,12 +58,29 @@ pub fn table(launch: &Launch, domain: &str) -> String {
     let mut text =
         String::from("\n# Shared memory, reserved when a topic gets its first reader:\n");
     for topic in launch.memory_budget() {
-        let name = format!("{domain}/{}", topic.topic);
+        let made = frame_topic(&topic);
         let _ = writeln!(
             text,
-            "# {:>6} MiB  {name} (frames of up to {} bytes)",
+            "# {:>6} MiB  {domain}/{} (frames of up to {} bytes; {})",
             mebibytes(topic_bytes(&topic)),
-            topic.max_payload_bytes
+            topic.topic,
+            topic.max_payload_bytes,
+            places(made.max_readers, made.buffer, made.borrowed)
+        );
+    }
+    for (name, topic) in own_topics(launch) {
+        let ResultTopic {
+            kind,
+            body_bytes,
+            qos,
+            ..
+        } = &topic;
+        let _ = writeln!(
+            text,
+            "# {:>6} MiB  {domain}/{name} ({} of up to {body_bytes} bytes; {})",
+            mebibytes(topic.segment_bytes()),
+            kind.name(),
+            places(qos.readers, qos.buffer, qos.borrowed)
         );
     }
     let free = shared_memory_free().map_or("unknown".to_owned(), |free| {
@@ -60,6 +93,11 @@ pub fn table(launch: &Launch, domain: &str) -> String {
         mebibytes(OTHER_BYTES)
     );
     text
+}
+
+/// Readers' places of a topic in words.
+fn places(readers: usize, buffer: usize, borrowed: usize) -> String {
+    format!("{readers} readers, {buffer} wait and {borrowed} are held")
 }
 
 fn mebibytes(bytes: u64) -> u64 {
@@ -91,5 +129,34 @@ mod tests {
         let need = total_bytes(&launch);
         assert!((500 << 20..1 << 30).contains(&need), "{need}");
         assert!(table(&launch, "gantry").contains("gantry/ego/front/rgb"));
+    }
+
+    #[test]
+    fn places_of_readers_count_for_sensors_and_for_topics_of_ones_own() {
+        let sensor = "version = 1\n[sensor.front]\nkind = \"camera\"\n";
+        let total = |topics: &str| {
+            let launch = Launch::parse(&format!("{sensor}{topics}"), "x").unwrap();
+            total_bytes(&launch)
+        };
+        let usual = total("");
+        // 43 slots of 1 920 000 + 384 bytes become 2 × (5 + 1) + 3 = 15.
+        let fewer = total("[topic.\"ego/front/rgb\"]\nreaders = 2\nbuffer = 5\nborrowed = 1\n");
+        assert_eq!(usual - fewer, 28 * 1_920_384);
+        let own = |more: &str| total(&format!("[topic.\"a/b\"]\ntype = \"image\"\n{more}")) - usual;
+        let (one, two) = (own("max_bytes = 1000000"), own("max_bytes = 2000000"));
+        // The rest is the header of a slot and the room for inputs.
+        let places = |bytes: u64| (one / bytes, two / bytes);
+        assert!(two > one && places(1_000_000).0 >= 43, "{one} {two}");
+        assert!(own("readers = 2\nmax_bytes = 1000000") < one);
+        let launch = Launch::parse(
+            &format!("{sensor}[topic.\"a/b\"]\ntype = \"image\"\nreaders = 5\nmax_bytes = 7777\n"),
+            "x",
+        )
+        .unwrap();
+        let table = table(&launch, "lab");
+        assert!(
+            table.contains("lab/a/b (image of up to 7777 bytes; 5 readers,"),
+            "{table}"
+        );
     }
 }

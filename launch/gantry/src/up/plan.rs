@@ -1,13 +1,14 @@
 //! Turns the processes of a launch file into commands that can be started.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use launch_cli::{CommonArgs, LogFormat, wrong_usage};
-use launch_spec::{Launch, Period, Process, ReadyWhen, Restart, Stop};
+use launch_spec::{Launch, Process, READY_WITHIN, ReadyWhen, Restart, Stop};
 use regex::Regex;
+use schema_bus::names::DOMAIN_VARIABLE;
 
-use crate::cli::{UpArgs, ViewMode};
+use super::params;
+use super::surroundings::{self, Surroundings};
 use crate::programs;
 
 /// Everything needed to start, watch and stop one process.
@@ -16,13 +17,18 @@ pub struct Plan {
     pub name: String,
     pub program: PathBuf,
     pub args: Vec<String>,
-    pub env: BTreeMap<String, String>,
-    pub cpus: Vec<u32>,
+    pub surroundings: Surroundings,
+    /// Of the daemon: participants in lockstep that its own `cmd` awaits, besides those of the
+    /// launch file. `None` for every other process.
+    pub awaits: Option<u32>,
+    /// Whether it takes part in lockstep under its name.
+    pub lockstep: bool,
     pub run_dir: PathBuf,
     pub required: bool,
     /// Indices of the plans that must be ready first.
     pub after: Vec<usize>,
     pub ready: Option<ReadySign>,
+    /// Longest wait for the sign, and for joining lockstep.
     pub ready_within: std::time::Duration,
     pub restart: Restart,
     pub stop: Stop,
@@ -34,130 +40,6 @@ pub enum ReadySign {
     Service(String),
     Line(Regex),
     Tcp(String),
-}
-
-/// Whether this process is the simulation daemon.
-pub fn is_daemon(process: &Process) -> bool {
-    process.cmd.first().is_some_and(|program| {
-        Path::new(program)
-            .file_name()
-            .is_some_and(|name| name == "simd")
-    })
-}
-
-/// The launch file with what `--record` and `--view` ask for.
-pub fn with_extras(mut launch: Launch, args: &UpArgs) -> Launch {
-    if let Some(file) = &args.record {
-        // In lockstep the world waits for the disk: nothing is lost, from the first tick on.
-        let cmd = vec![
-            "gantry-record".into(),
-            "--lockstep".into(),
-            "--out".into(),
-            file.display().to_string(),
-        ];
-        if let Some(daemon) = launch
-            .processes
-            .iter_mut()
-            .find(|process| is_daemon(process))
-        {
-            daemon.cmd.extend(["--await-lockstep".into(), "1".into()]);
-        }
-        // To finish a file, the recorder writes what is queued, and the index.
-        let stop = Stop {
-            grace: Period::from_millis(60_000),
-            ..Stop::default()
-        };
-        // Required, so that a run without its recording does not look like a success.
-        let recorder = Extra {
-            name: "record",
-            cmd,
-            stop: Some(stop),
-            required: true,
-        };
-        recorder.put_into(&mut launch);
-    }
-    match args.view.as_ref().map(view_command) {
-        None => {}
-        Some(None) => launch.processes.retain(|process| process.name != "view"),
-        Some(Some(cmd)) => {
-            let viewer = Extra {
-                name: "view",
-                cmd,
-                stop: None,
-                required: false,
-            };
-            viewer.put_into(&mut launch);
-        }
-    }
-    launch
-}
-
-/// A process that a flag asks for.
-struct Extra {
-    name: &'static str,
-    cmd: Vec<String>,
-    /// How it ends; `None` keeps what the launch file says.
-    stop: Option<Stop>,
-    required: bool,
-}
-
-impl Extra {
-    /// Replaces the process of this name, or adds it behind the daemon.
-    fn put_into(self, launch: &mut Launch) {
-        let Extra {
-            name,
-            cmd,
-            stop,
-            required,
-        } = self;
-        let daemon = launch
-            .processes
-            .iter()
-            .find(|process| is_daemon(process))
-            .map(|process| process.name.clone());
-        let env = launch
-            .processes
-            .first()
-            .map(|process| process.env.clone())
-            .unwrap_or_default();
-        if let Some(process) = launch
-            .processes
-            .iter_mut()
-            .find(|process| process.name == name)
-        {
-            process.cmd = cmd;
-            process.stop = stop.unwrap_or(process.stop);
-            process.required |= required;
-            return;
-        }
-        launch.processes.push(Process {
-            name: name.into(),
-            cmd,
-            required,
-            ready: None,
-            after: daemon.into_iter().collect(),
-            restart: Restart::default(),
-            stop: stop.unwrap_or_default(),
-            env,
-            cpus: Vec::new(),
-        });
-    }
-}
-
-fn view_command(mode: &ViewMode) -> Option<Vec<String>> {
-    let words: Vec<String> = match mode {
-        ViewMode::None => return None,
-        // The viewer chooses by itself: a window if there is a display, else a page.
-        ViewMode::Auto => vec![],
-        ViewMode::Native => vec!["--native".into()],
-        ViewMode::Web => vec!["--web".into()],
-        ViewMode::Save(file) => vec!["--save".into(), file.display().to_string()],
-    };
-    Some(
-        std::iter::once("gantry-view".to_owned())
-            .chain(words)
-            .collect(),
-    )
 }
 
 /// What the plans of one run have in common.
@@ -176,7 +58,7 @@ impl Run<'_> {
     /// One plan per process, in the order of the file.
     ///
     /// # Errors
-    /// One line for each program that is missing.
+    /// One line for each process that cannot be started as its table says.
     pub fn plans(&self) -> anyhow::Result<Vec<Plan>> {
         let mut missing = Vec::new();
         let mut plans = Vec::new();
@@ -198,7 +80,9 @@ impl Run<'_> {
             .cmd
             .split_first()
             .expect("a launch file's cmd names a program");
-        let replaced = |text: &String| self.replace_variables(text, process);
+        let replaced = |text: &str| self.replace_variables(text, process);
+        let params = params::Params::of(process, self.dir, &replaced)?;
+        let surroundings = surroundings::of(process, &self.common.domain, &replaced)?;
         let index_of = |name: &String| {
             self.launch
                 .processes
@@ -207,19 +91,20 @@ impl Run<'_> {
                 .expect("the launch file checked `after`")
         };
         let ready = process.ready.as_ref();
-        let program = programs::find(&replaced(program))?;
-        let mut args: Vec<String> = args.iter().map(replaced).collect();
+        let program = programs::find_from(&replaced(program), &surroundings.search())?;
+        let mut args: Vec<String> = args.iter().map(|arg| replaced(arg)).collect();
+        if let Some(params) = params {
+            params.hand_over(&mut args);
+        }
         self.add_shared_flags(&mut args, process);
+        let awaits = process.is_daemon().then(|| take_awaited(&mut args));
         Ok(Plan {
             name: process.name.clone(),
             program,
             args,
-            env: process
-                .env
-                .iter()
-                .map(|(key, value)| (key.clone(), replaced(value)))
-                .collect(),
-            cpus: process.cpus.clone(),
+            surroundings,
+            awaits,
+            lockstep: process.lockstep,
             run_dir: self.dir.to_owned(),
             required: process.required,
             after: process.after.iter().map(index_of).collect(),
@@ -230,7 +115,7 @@ impl Run<'_> {
                 ),
                 ReadyWhen::Tcp(address) => ReadySign::Tcp(address.clone()),
             }),
-            ready_within: ready.map_or(std::time::Duration::ZERO, |ready| ready.within.duration()),
+            ready_within: ready.map_or(READY_WITHIN, |ready| ready.within).duration(),
             restart: process.restart,
             stop: process.stop,
         })
@@ -263,11 +148,11 @@ impl Run<'_> {
                         .is_some_and(|rest| rest.starts_with('='))
             })
         };
-        if is_daemon(process) && !has(args, "--launch") {
+        if process.is_daemon() && !has(args, "--launch") {
             args.extend(["--launch".into(), resolved.display().to_string()]);
         }
         // `resolved` is DATA/runs/<start>/launch.toml; daemon and gateway keep their files in DATA.
-        let keeps = is_daemon(process)
+        let keeps = process.is_daemon()
             || process
                 .cmd
                 .first()
@@ -279,7 +164,15 @@ impl Run<'_> {
         {
             args.extend(["--data".into(), data.display().to_string()]);
         }
-        if !has(args, "--domain") {
+        if process.lockstep && !process.is_daemon() {
+            // Ours take the name as the value of the flag; without one they have a name of their own.
+            args.retain(|arg| arg != "--lockstep");
+            if !has(args, "--lockstep") {
+                args.push(format!("--lockstep={}", process.name));
+            }
+        }
+        // A domain in the process's own environment is meant for it.
+        if !has(args, "--domain") && !process.env.contains_key(DOMAIN_VARIABLE) {
             args.extend(["--domain".into(), common.domain.clone()]);
         }
         if common.log_format == LogFormat::Json && !has(args, "--log-format") {
@@ -301,6 +194,33 @@ impl Run<'_> {
     }
 }
 
+/// Takes `--await-lockstep N` out of the daemon's arguments: the launcher adds those of the launch
+/// file and gives the sum at every start.
+fn take_awaited(args: &mut Vec<String>) -> u32 {
+    const FLAG: &str = "--await-lockstep";
+    let mut awaited: u32 = 0;
+    let mut i = 0;
+    while i < args.len() {
+        let joined = args[i]
+            .strip_prefix(FLAG)
+            .and_then(|rest| rest.strip_prefix('='))
+            .map(|number| (number.parse::<u32>(), 1));
+        let apart = (args[i] == FLAG)
+            .then(|| args.get(i + 1))
+            .flatten()
+            .map(|number| (number.parse::<u32>(), 2));
+        match joined.or(apart) {
+            // What is no number stays, for the daemon to refuse.
+            Some((Ok(number), n_words)) => {
+                awaited = awaited.saturating_add(number);
+                args.drain(i..i + n_words);
+            }
+            _ => i += 1,
+        }
+    }
+    awaited
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -318,7 +238,7 @@ mod tests {
         [process.other]\ncmd = [\"sh\", \"-c\", \"${domain} ${name} ${run_dir}\"]\nafter = [\"world\"]\n";
 
     fn launch(words: &[&str]) -> Launch {
-        with_extras(Launch::parse(LAUNCH, "x").unwrap(), &up(words))
+        super::super::extras::with_extras(Launch::parse(LAUNCH, "x").unwrap(), &up(words))
     }
 
     #[test]
@@ -329,10 +249,8 @@ mod tests {
             record.cmd,
             ["gantry-record", "--lockstep", "--out", "a.mcap"]
         );
-        assert_eq!(
-            both.process("world").unwrap().cmd,
-            ["simd", "--await-lockstep", "1"]
-        );
+        assert_eq!(both.process("world").unwrap().cmd, ["simd"]);
+        assert!(record.lockstep && record.required);
         assert_eq!(record.after, ["world"]);
         let view = both.process("view").unwrap();
         assert_eq!(view.cmd, ["gantry-view", "--save", "b.rrd"]);
@@ -377,6 +295,18 @@ mod tests {
         );
         assert!(flags("other").starts_with("-c"));
         let other = launch.process("other").unwrap();
+        let recorded = super::super::extras::with_extras(
+            Launch::parse(LAUNCH, "x").unwrap(),
+            &up(&["--record", "a.mcap"]),
+        );
+        let recorder = recorded.process("record").unwrap();
+        let mut args = recorder.cmd[1..].to_vec();
+        run.add_shared_flags(&mut args, recorder);
+        assert!(
+            args.join(" ")
+                .starts_with("--out a.mcap --lockstep=record --domain lab"),
+            "{args:?}"
+        );
         let text = run.replace_variables("${domain} ${name} ${run_dir}", other);
         assert_eq!(text, "lab other d");
     }
@@ -398,6 +328,35 @@ mod tests {
         assert!(
             message.starts_with("process a: there is no program \"gantry-nothing\""),
             "{message}"
+        );
+    }
+
+    #[test]
+    fn the_daemon_awaits_those_of_its_own_command_besides_those_of_the_launch() {
+        let taken = |words: &[&str]| {
+            let mut args: Vec<String> = words.iter().map(ToString::to_string).collect();
+            let n = take_awaited(&mut args);
+            (n, args.join(" "))
+        };
+        assert_eq!(taken(&["--ticks", "9"]), (0, "--ticks 9".into()));
+        assert_eq!(
+            taken(&["--await-lockstep", "2", "--ticks", "9"]),
+            (2, "--ticks 9".into())
+        );
+        assert_eq!(taken(&["a", "--await-lockstep=3"]), (3, "a".into()));
+        assert_eq!(
+            taken(&["--await-lockstep", "two"]),
+            (0, "--await-lockstep two".into())
+        );
+        assert_eq!(taken(&["--await-lockstep"]), (0, "--await-lockstep".into()));
+    }
+
+    #[test]
+    fn the_domain_has_one_name_everywhere() {
+        assert_eq!(launch_cli::args::DOMAIN_VARIABLE, DOMAIN_VARIABLE);
+        assert_eq!(
+            launch_cli::args::DEFAULT_DOMAIN,
+            schema_bus::names::DEFAULT_DOMAIN
         );
     }
 }

@@ -17,6 +17,7 @@ use launch_spec::RestartPolicy;
 use nix::sys::signal::Signal;
 
 use super::child::{self, Event, Running};
+use super::lockstep::LockstepWatch;
 use super::outcome::{Asked, Outcome, code_of, outcome_of, signal_of};
 use super::output::{Output, Sink};
 use super::plan::{Plan, ReadySign};
@@ -39,6 +40,8 @@ struct Slot {
     starts: u64,
     restarts: VecDeque<Instant>,
     delay: Duration,
+    /// Since when its readiness is waited for.
+    awaited_since: Instant,
 }
 
 enum State {
@@ -46,7 +49,7 @@ enum State {
     Waiting,
     Up {
         run: Running,
-        ready: bool,
+        missing: Missing,
         asked: Option<Asked>,
     },
     /// Waits for its next start.
@@ -54,6 +57,22 @@ enum State {
         until: Instant,
     },
     Over(Outcome),
+}
+
+/// What a running process lacks until it is ready.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Missing {
+    /// Its sign of readiness.
+    sign: bool,
+    /// Its place in lockstep.
+    place: bool,
+}
+
+impl Missing {
+    const NOTHING: Missing = Missing {
+        sign: false,
+        place: false,
+    };
 }
 
 /// Why the whole set of processes ends.
@@ -78,6 +97,7 @@ pub struct Supervisor {
     ending: Option<Reason>,
     killed: bool,
     open_pipes: usize,
+    lockstep: LockstepWatch,
 }
 
 impl Supervisor {
@@ -100,6 +120,7 @@ impl Supervisor {
                 starts: 0,
                 restarts: VecDeque::new(),
                 delay,
+                awaited_since: Instant::now(),
             })
         });
         Ok(Supervisor {
@@ -114,6 +135,7 @@ impl Supervisor {
             ending: None,
             killed: false,
             open_pipes: 0,
+            lockstep: LockstepWatch::default(),
         })
     }
 
@@ -173,7 +195,7 @@ impl Supervisor {
 
     fn is_ready_or_done(&self, idx: usize) -> bool {
         match &self.slots[idx].state {
-            State::Up { ready, .. } => *ready,
+            State::Up { missing, .. } => *missing == Missing::NOTHING,
             State::Over(outcome) => *outcome == Outcome::Fine,
             // It has been ready; the processes that come after it go on without it.
             State::Pausing { .. } => true,
@@ -182,16 +204,31 @@ impl Supervisor {
     }
 
     fn start(&mut self, idx: usize) {
+        let further_args = self.further_args(idx);
+        if self.slots[idx].plan.awaits.is_some() {
+            self.await_lockstep_again();
+        }
         let slot = &mut self.slots[idx];
         slot.starts += 1;
-        match child::start(idx, slot.starts, &slot.plan, &slot.sink, &self.events) {
+        slot.awaited_since = Instant::now();
+        match child::start(
+            idx,
+            slot.starts,
+            &slot.plan,
+            &further_args,
+            &slot.sink,
+            &self.events,
+        ) {
             Ok(run) => {
                 self.open_pipes += 2;
                 self.output
                     .say(&format!("started {} (pid {})", slot.plan.name, run.pid()));
                 slot.state = State::Up {
                     run,
-                    ready: slot.plan.ready.is_none(),
+                    missing: Missing {
+                        sign: slot.plan.ready.is_some(),
+                        place: slot.plan.lockstep,
+                    },
                     asked: None,
                 };
             }
@@ -204,47 +241,111 @@ impl Supervisor {
         }
     }
 
+    /// Arguments that depend on what runs at the moment: how many participants in lockstep the
+    /// daemon awaits before its first tick.
+    fn further_args(&self, idx: usize) -> Vec<String> {
+        let Some(others) = self.slots[idx].plan.awaits else {
+            return Vec::new();
+        };
+        let to_come = |slot: &&Slot| slot.plan.lockstep && !matches!(slot.state, State::Over(_));
+        let n = others as usize + self.slots.iter().filter(to_come).count();
+        if n == 0 {
+            return Vec::new();
+        }
+        vec!["--await-lockstep".into(), n.to_string()]
+    }
+
+    /// A daemon that starts knows no participants: those that run have to join it.
+    fn await_lockstep_again(&mut self) {
+        self.lockstep.forget();
+        for slot in self.slots.iter_mut().filter(|slot| slot.plan.lockstep) {
+            if let State::Up { missing, .. } = &mut slot.state {
+                missing.place = true;
+                slot.awaited_since = Instant::now();
+            }
+        }
+    }
+
+    /// Whether somebody waits for what the daemon says about lockstep.
+    fn watches_lockstep(&self) -> bool {
+        let takes_part = |slot: &Slot| {
+            slot.plan.lockstep
+                && match slot.state {
+                    State::Up { missing, .. } => missing.place || !self.lockstep.has_begun(),
+                    _ => false,
+                }
+        };
+        self.slots.iter().any(takes_part)
+    }
+
     fn look_for_readiness(&mut self) {
         let now = Instant::now();
         let look = self.next_look <= now;
         if look {
             self.next_look = now + LOOK_EVERY;
+            if self.watches_lockstep() {
+                self.lockstep.look(&self.bus);
+            } else {
+                self.lockstep.rest();
+            }
         }
         for idx in 0..self.slots.len() {
-            let slot = &self.slots[idx];
-            let (
-                State::Up {
-                    run, ready: false, ..
-                },
-                Some(sign),
-            ) = (&slot.state, &slot.plan.ready)
-            else {
+            let slot = &mut self.slots[idx];
+            let State::Up { missing, .. } = &mut slot.state else {
                 continue;
             };
-            if look && ready::look(sign, &self.bus) {
-                self.mark_ready(idx);
-            } else if now >= run.since + slot.plan.ready_within {
-                let waited = slot.plan.ready_within.as_secs_f64();
-                let sign = ready::describe(sign);
-                self.output.warn(&format!(
-                    "process {} was not ready within {waited} s: there was no sign of {sign}",
-                    slot.plan.name
-                ));
+            if *missing == Missing::NOTHING {
+                continue;
+            }
+            if look && missing.place {
+                missing.place = !self.lockstep.has(&slot.plan.name);
+            }
+            if let (true, true, Some(sign)) = (look, missing.sign, &slot.plan.ready) {
+                missing.sign = !ready::look(sign, &self.bus);
+            }
+            if *missing == Missing::NOTHING {
+                self.say_ready(idx);
+            } else if now >= slot.awaited_since + slot.plan.ready_within {
+                let sentence = self.unready(idx);
+                self.output.warn(&sentence);
                 self.end(Reason::Failed);
             }
         }
     }
 
-    fn mark_ready(&mut self, idx: usize) {
-        let slot = &mut self.slots[idx];
-        if let State::Up { run, ready, .. } = &mut slot.state {
-            *ready = true;
-            self.output.say(&format!(
-                "{} is ready after {:.1} s",
-                slot.plan.name,
-                run.since.elapsed().as_secs_f64()
-            ));
+    /// Why a process is not ready after the longest wait.
+    fn unready(&self, idx: usize) -> String {
+        let slot = &self.slots[idx];
+        let (name, within) = (&slot.plan.name, slot.plan.ready_within.as_secs_f64());
+        match (&slot.state, &slot.plan.ready) {
+            (State::Up { missing, .. }, Some(sign)) if missing.sign => format!(
+                "process {name} was not ready within {within} s: there was no sign of {}",
+                ready::describe(sign)
+            ),
+            _ => {
+                let others = match self.lockstep.participants() {
+                    [] => "nobody".to_owned(),
+                    names => names.join(", "),
+                };
+                let held = if self.lockstep.has_begun() {
+                    ""
+                } else {
+                    ", and the first tick waits for it"
+                };
+                format!(
+                    "process {name} did not join lockstep as {name:?} within {within} s{held}; taking part: {others}"
+                )
+            }
         }
+    }
+
+    fn say_ready(&self, idx: usize) {
+        let slot = &self.slots[idx];
+        self.output.say(&format!(
+            "{} is ready after {:.1} s",
+            slot.plan.name,
+            slot.awaited_since.elapsed().as_secs_f64()
+        ));
     }
 
     /// Notices that all processes are ready; `--for` counts from that moment.
@@ -253,7 +354,11 @@ impl Supervisor {
         let at_rest = |slot: &Slot| {
             matches!(
                 slot.state,
-                State::Up { ready: true, .. } | State::Over(_) | State::Pausing { .. }
+                State::Up {
+                    missing: Missing::NOTHING,
+                    ..
+                } | State::Over(_)
+                    | State::Pausing { .. }
             )
         };
         if self.all_ready_at.is_none() && self.ending.is_none() && self.slots.iter().all(at_rest) {
@@ -338,12 +443,19 @@ impl Supervisor {
             State::Up {
                 asked: Some(asked), ..
             } if asked.last != Signal::SIGKILL => asked.until,
-            State::Up {
-                run, ready: false, ..
-            } if self.ending.is_none() => match slot.plan.ready {
-                Some(ReadySign::Line(_)) | None => run.since + slot.plan.ready_within,
-                Some(_) => self.next_look.min(run.since + slot.plan.ready_within),
-            },
+            State::Up { missing, .. } if *missing != Missing::NOTHING && self.ending.is_none() => {
+                let waits_for_a_line =
+                    !missing.place && matches!(slot.plan.ready, Some(ReadySign::Line(_)));
+                let until = slot.awaited_since + slot.plan.ready_within;
+                if waits_for_a_line {
+                    until
+                } else {
+                    self.next_look.min(until)
+                }
+            }
+            _ if slot.plan.lockstep && self.ending.is_none() && self.watches_lockstep() => {
+                self.next_look
+            }
             _ => idle,
         };
         let time_is_over = match (self.all_ready_at, self.run_for) {
@@ -360,9 +472,14 @@ impl Supervisor {
         match event {
             Event::PipeClosed => self.open_pipes -= 1,
             Event::SaidReady { idx, start } => {
-                if matches!(&self.slots[idx].state, State::Up { run, ready: false, .. } if run.start == start)
+                if let State::Up { run, missing, .. } = &mut self.slots[idx].state
+                    && run.start == start
+                    && missing.sign
                 {
-                    self.mark_ready(idx);
+                    missing.sign = false;
+                    if !missing.place {
+                        self.say_ready(idx);
+                    }
                 }
             }
             Event::Signal if self.ending.is_none() => {
@@ -410,6 +527,11 @@ impl Supervisor {
         };
         // Its shared memory is freed before any process is restarted.
         self.bus.clean();
+        if slot.plan.awaits.is_some() {
+            self.lockstep.forget();
+        } else if slot.plan.lockstep {
+            self.lockstep.look(&self.bus);
+        }
         let text = format!(
             "{} ended with {} after {:.1} s",
             slot.plan.name,
@@ -476,6 +598,13 @@ impl Supervisor {
             self.output
                 .say(&format!("{} is required; stopping", slot.plan.name));
             return self.end(Reason::Required(status));
+        }
+        if slot.plan.lockstep && !self.lockstep.has_begun() {
+            self.output.warn(&format!(
+                "{} ended before the first tick, which waits until it has joined lockstep; stopping",
+                slot.plan.name
+            ));
+            return self.end(Reason::Failed);
         }
         let is_waited_for = self
             .slots

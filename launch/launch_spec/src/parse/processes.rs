@@ -4,18 +4,20 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::sections::named;
-use crate::error::{Errors, Place, did_you_mean};
+use super::params;
+use super::ready;
+use super::sections::{check_variables, named, nearest_place, path_in_folder, whole_number};
+use crate::error::{Errors, Place, Source, did_you_mean};
 use crate::fill::{fill, fill_entry, refuse_unknown, table_or_error};
-use crate::period::Period;
-use crate::process::{Process, Ready, ReadyWhen, Restart, Stop};
+use crate::process::{Process, Restart, Stop};
 use crate::tree::{Entry, Table};
 
-/// Names that `${…}` may hold in `cmd` and `env`.
-const VARIABLES: [&str; 4] = ["run_dir", "name", "domain", "launch"];
-/// Default time in which a process must become ready. It is long because the first start on a
-/// software adapter builds a town and shaders.
-const READY_WITHIN: Period = Period::from_millis(180_000);
+/// Names that `${…}` may hold in `cmd`, besides those of every text.
+const PARAMS: [&str; 2] = ["params", "params_file"];
+/// Highest number of a core that the system's masks can hold.
+const MAX_CORE: u32 = 1023;
+/// Priorities as `nice` has them.
+const NICE: (i64, i64) = (-20, 19);
 
 /// The keys of a process that need no reading of their own.
 #[derive(Clone, Serialize, Deserialize)]
@@ -24,20 +26,14 @@ struct Plain {
     cmd: Vec<String>,
     required: bool,
     after: Vec<String>,
-    cpus: Vec<u32>,
+    cores: Vec<u32>,
+    lockstep: bool,
     restart: Restart,
     stop: Stop,
 }
 
-/// `[process.NAME.ready]`; exactly one of the first three is not empty.
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct PlainReady {
-    service: String,
-    line: String,
-    tcp: String,
-    within: Period,
-}
+/// The keys that have no default of their kind, or need more than one value to be checked.
+const ELSEWHERE: [&str; 6] = ["ready", "env", "cwd", "venv", "nice", "params"];
 
 #[derive(Default)]
 struct Defaults {
@@ -46,15 +42,16 @@ struct Defaults {
     stop: Stop,
 }
 
-pub(super) fn read(file: &Table, errors: &mut Errors) -> Vec<Process> {
+pub(super) fn read(file: &Table, sources: &[Source], errors: &mut Errors) -> Vec<Process> {
     let defaults = defaults(file, errors);
     let mut processes: Vec<(Place, Process)> = Vec::new();
     for (name, entry) in named(file, "process", errors) {
-        if let Some(process) = process(name, entry, &defaults, errors) {
+        if let Some(process) = process(name, entry, &defaults, sources, errors) {
             processes.push((entry.key_at, process));
         }
     }
-    processes.sort_by_key(|(at, _)| *at);
+    processes.sort_by_key(|(at, _)| (sources[at.source].rank, at.byte));
+    order_lockstep(&mut processes, file, errors);
     check_order(&processes, errors);
     processes.into_iter().map(|(_, process)| process).collect()
 }
@@ -88,18 +85,25 @@ fn defaults(file: &Table, errors: &mut Errors) -> Defaults {
     }
 }
 
-fn process(name: &str, entry: &Entry, defaults: &Defaults, errors: &mut Errors) -> Option<Process> {
+fn process(
+    name: &str,
+    entry: &Entry,
+    defaults: &Defaults,
+    sources: &[Source],
+    errors: &mut Errors,
+) -> Option<Process> {
     let path = format!("process.{name}");
     let table = table_or_error(entry, &path, errors)?;
     let base = Plain {
         cmd: vec![],
         required: false,
         after: vec![],
-        cpus: vec![],
+        cores: vec![],
+        lockstep: false,
         restart: defaults.restart,
         stop: defaults.stop,
     };
-    let plain = fill(&base, table, &path, &["ready", "env"], errors);
+    let plain = fill(&base, table, &path, &ELSEWHERE, errors);
     check_restart(
         &plain.restart,
         table.get("restart"),
@@ -116,25 +120,40 @@ fn process(name: &str, entry: &Entry, defaults: &Defaults, errors: &mut Errors) 
         {
             errors.push(cmd.node.at, format!("{path}.cmd names no program"));
         }
-        Some(cmd) => plain
-            .cmd
-            .iter()
-            .for_each(|word| check_variables(word, cmd.node.at, &format!("{path}.cmd"), errors)),
+        Some(cmd) => plain.cmd.iter().for_each(|word| {
+            check_variables(word, &PARAMS, cmd.node.at, &format!("{path}.cmd"), errors)
+        }),
     }
+    check_cores(&plain.cores, table.get("cores"), &path, errors);
+    let params = params::read(table.get("params"), &format!("{path}.params"), errors);
+    let wanted = plain.cmd.iter().any(|word| word.contains("${params"));
+    if let (true, None, Some(cmd)) = (wanted, &params, table.get("cmd")) {
+        let message = format!("{path}.cmd wants params, but there is no [{path}.params]");
+        errors.push(cmd.node.at, message);
+    }
+    let folder = |key: &str, errors: &mut Errors| {
+        path_in_folder(table.get(key), &format!("{path}.{key}"), sources, errors)
+    };
     let mut environment = defaults.env.clone();
     environment.extend(env(table.get("env"), &format!("{path}.env"), errors));
     Some(Process {
         name: name.to_owned(),
         cmd: plain.cmd,
+        cwd: folder("cwd", errors),
+        venv: folder("venv", errors),
         required: plain.required,
         ready: table
             .get("ready")
-            .and_then(|entry| ready(entry, &format!("{path}.ready"), errors)),
+            .and_then(|entry| ready::read(entry, &format!("{path}.ready"), errors)),
         after: plain.after,
         restart: plain.restart,
         stop: plain.stop,
         env: environment,
-        cpus: plain.cpus,
+        cores: plain.cores,
+        nice: whole_number(table.get("nice"), &format!("{path}.nice"), NICE, errors)
+            .map(|nice| nice as i32),
+        lockstep: plain.lockstep,
+        params,
     })
 }
 
@@ -162,7 +181,7 @@ fn env(entry: Option<&Entry>, path: &str, errors: &mut Errors) -> BTreeMap<Strin
         }
         match entry.node.plain() {
             toml::Value::String(text) if !text.contains('\0') => {
-                check_variables(&text, entry.node.at, &format!("{path}.{key}"), errors);
+                check_variables(&text, &[], entry.node.at, &format!("{path}.{key}"), errors);
                 variables.insert(key.clone(), text);
             }
             other => errors.push(
@@ -174,81 +193,37 @@ fn env(entry: Option<&Entry>, path: &str, errors: &mut Errors) -> BTreeMap<Strin
     variables
 }
 
-/// Reports `${…}` with a name that the launcher does not replace: it is a spelling mistake.
-fn check_variables(text: &str, at: Place, path: &str, errors: &mut Errors) {
-    for part in text.split("${").skip(1) {
-        let name = part.split('}').next().unwrap_or_default();
-        if !part.contains('}') || !VARIABLES.contains(&name) {
-            let hint = did_you_mean(name, VARIABLES);
-            errors.push(
-                at,
-                format!("{path} has \"${{{name}}}\", which is nothing the launcher replaces{hint}"),
-            );
-        }
+fn check_cores(cores: &[u32], entry: Option<&Entry>, path: &str, errors: &mut Errors) {
+    let at = entry.map_or(Place::default(), |entry| entry.node.at);
+    for core in cores.iter().filter(|core| **core > MAX_CORE) {
+        let message = format!("{path}.cores has {core}, but cores are 0 to {MAX_CORE}");
+        errors.push(at, message);
     }
 }
 
-fn ready(entry: &Entry, path: &str, errors: &mut Errors) -> Option<Ready> {
-    let none = PlainReady {
-        service: String::new(),
-        line: String::new(),
-        tcp: String::new(),
-        within: READY_WITHIN,
-    };
-    let signs = fill_entry(&none, Some(entry), path, &[], errors);
-    entry.node.table()?;
-    let mut given = Vec::new();
-    if !signs.service.is_empty() {
-        given.push(ReadyWhen::Service(signs.service));
-    }
-    if !signs.line.is_empty() {
-        if let Err(error) = regex::Regex::new(&signs.line) {
-            let reason = error.to_string();
-            let reason = reason
-                .lines()
-                .last()
-                .unwrap_or_default()
-                .trim_start_matches("error: ");
-            errors.push(
-                entry.node.at,
-                format!(
-                    "{path}.line is {:?}, which is no regular expression: {reason}",
-                    signs.line
-                ),
-            );
-        }
-        given.push(ReadyWhen::Line(signs.line));
-    }
-    if !signs.tcp.is_empty() {
-        let port = signs
-            .tcp
-            .rsplit_once(':')
-            .filter(|(host, _)| !host.is_empty())
-            .and_then(|(_, port)| port.parse::<u16>().ok());
-        if port.is_none_or(|port| port == 0) {
-            errors.push(
-                entry.node.at,
-                format!(
-                    "{path}.tcp is {:?}, but must be host:port, e.g. \"127.0.0.1:2000\"",
-                    signs.tcp
-                ),
-            );
-        }
-        given.push(ReadyWhen::Tcp(signs.tcp));
-    }
-    if given.len() != 1 {
-        errors.push(
-            entry.key_at,
-            format!(
-                "{path} has {} signs, but must have one of service, line, tcp",
-                given.len()
+/// Whoever takes part in lockstep comes after the daemon, which it joins.
+fn order_lockstep(processes: &mut [(Place, Process)], file: &Table, errors: &mut Errors) {
+    let daemon = processes
+        .iter()
+        .map(|(_, process)| process)
+        .find(|process| process.is_daemon())
+        .map(|process| process.name.clone());
+    for (_, process) in processes.iter_mut().filter(|(_, process)| process.lockstep) {
+        let path = format!("process.{}.lockstep", process.name);
+        let at = nearest_place(file, &path);
+        match &daemon {
+            None => errors.push(
+                at,
+                format!("{path} is true, but no process of the launch runs simd, whose ticks could wait for it"),
             ),
-        );
+            Some(_) if process.is_daemon() => errors.push(
+                at,
+                format!("{path} is true, but this process is the simulator, with which the others keep step"),
+            ),
+            Some(daemon) if process.after.contains(daemon) => {}
+            Some(daemon) => process.after.push(daemon.clone()),
+        }
     }
-    given.pop().map(|when| Ready {
-        when,
-        within: signs.within,
-    })
 }
 
 /// Checks that `after` names processes of the file and that these do not wait for one another.

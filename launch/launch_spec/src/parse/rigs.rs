@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use toml::Value as Toml;
 
 use super::sections::named;
-use crate::error::Errors;
+use crate::error::{Errors, OTHER_PLACE};
 use crate::fill::{fill_entry, refuse_unknown, table_or_error};
 use crate::model::{EGO_RIG, Rig, Scenario};
 use crate::tree::{Entry, Table};
@@ -53,11 +53,17 @@ fn rig(name: &str, entry: &Entry, scenario: &Scenario, errors: &mut Errors) -> O
         }
         return pose;
     };
-    if pose.is_some() {
-        errors.push(
-            vehicle.key_at,
-            format!("[{path}] has both vehicle and pose; keep one"),
-        );
+    if let Some(pose) = table.get("pose") {
+        let message = format!("[{path}] has both vehicle and pose; keep one");
+        let mut places = [vehicle.key_at, pose.key_at];
+        places.sort();
+        let [first, last] = places;
+        if first.source == last.source {
+            errors.push(vehicle.key_at, message);
+        } else {
+            let message = format!("{message}: the other is at {OTHER_PLACE}");
+            errors.push_pair(last, message, first);
+        }
     }
     let n_others = scenario.vehicles;
     match vehicle.node.plain() {

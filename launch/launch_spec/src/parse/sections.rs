@@ -1,6 +1,11 @@
-//! Sections of a launch file by name, and the place of a dotted key.
+//! Sections of a launch file by name, the place of a dotted key, and values that several sections
+//! have.
 
-use crate::error::{Errors, Place};
+use std::path::{Path, PathBuf};
+
+use toml::Value as Toml;
+
+use crate::error::{Errors, Place, Source, did_you_mean};
 use crate::fill::table_or_error;
 use crate::tree::{Entry, Table, place_of};
 
@@ -45,5 +50,73 @@ pub(super) fn nearest_place(file: &Table, path: &str) -> Place {
             return Place::default();
         };
         path = shorter;
+    }
+}
+
+/// Names that `${…}` may hold in every text that has such variables.
+const VARIABLES: [&str; 4] = ["run_dir", "name", "domain", "launch"];
+
+/// Reports `${…}` with a name that the launcher does not replace: it is a spelling mistake.
+pub(super) fn check_variables(
+    text: &str,
+    further: &[&str],
+    at: Place,
+    path: &str,
+    errors: &mut Errors,
+) {
+    let known = || VARIABLES.iter().chain(further).copied();
+    for part in text.split("${").skip(1) {
+        let name = part.split('}').next().unwrap_or_default();
+        if !part.contains('}') || !known().any(|known| known == name) {
+            let hint = did_you_mean(name, known());
+            errors.push(
+                at,
+                format!("{path} has \"${{{name}}}\", which is nothing the launcher replaces{hint}"),
+            );
+        }
+    }
+}
+
+/// A whole number in a range; `None` if the key is missing or wrong.
+pub(super) fn whole_number(
+    entry: Option<&Entry>,
+    path: &str,
+    (least, most): (i64, i64),
+    errors: &mut Errors,
+) -> Option<i64> {
+    let node = &entry?.node;
+    match node.plain() {
+        Toml::Integer(number) if (least..=most).contains(&number) => Some(number),
+        other => {
+            let message =
+                format!("{path} is {other}, but must be a whole number from {least} to {most}");
+            errors.push(node.at, message);
+            None
+        }
+    }
+}
+
+/// A path, which begins in the folder of the text that says it.
+pub(super) fn path_in_folder(
+    entry: Option<&Entry>,
+    path: &str,
+    sources: &[Source],
+    errors: &mut Errors,
+) -> Option<PathBuf> {
+    let node = &entry?.node;
+    match node.plain() {
+        Toml::String(text) if !text.is_empty() && !text.contains('\0') => {
+            let joined = sources[node.at.source].folder.join(text);
+            // Without this, "." would stay in the middle of a path.
+            Some(match joined.components().collect::<PathBuf>() {
+                empty if empty.as_os_str().is_empty() => Path::new(".").to_owned(),
+                clean => clean,
+            })
+        }
+        other => {
+            let message = format!("{path} is {other}, but must be the path of a folder in quotes");
+            errors.push(node.at, message);
+            None
+        }
     }
 }

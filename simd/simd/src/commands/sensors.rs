@@ -100,6 +100,7 @@ fn open(
         gpu: daemon.sensors.gpu(),
         frames: daemon.sensors.options(),
         memory: MemoryLife::OnDemand,
+        launch: &daemon.settings.launch,
         seed: daemon.episode.stamp.seed,
         period_nanos: daemon.clock.period_nanos(),
     };

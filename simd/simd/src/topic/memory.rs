@@ -6,6 +6,7 @@
 use std::sync::Arc;
 
 use anyhow::{Context as _, anyhow, bail};
+use launch_spec::TopicLimits;
 use schema_bus::{Bus, FrameLoan, FramePublisher, FrameService, FrameTopic, mono_now};
 use schema_frames::{Modality, SensorKind};
 use sensor_gpu::{Gpu, ShmTarget};
@@ -47,10 +48,22 @@ pub enum MemoryLife {
 pub(super) struct MemoryPlan {
     pub modality: Modality,
     pub max_payload_bytes: usize,
+    pub limits: TopicLimits,
     pub frames_in_flight: u32,
     pub transfer: Transfer,
     pub writer: Writer,
     pub life: MemoryLife,
+}
+
+/// A topic with the limits that the launch file gives it.
+pub fn limited(usual: FrameTopic, limits: TopicLimits) -> FrameTopic {
+    let or = |wish: Option<u32>, usual: usize| wish.map_or(usual, |wish| wish as usize);
+    FrameTopic {
+        max_readers: or(limits.readers, usual.max_readers),
+        buffer: or(limits.buffer, usual.buffer),
+        borrowed: or(limits.borrowed, usual.borrowed),
+        ..usual
+    }
 }
 
 /// The writing end of a topic.
@@ -90,7 +103,7 @@ impl TopicMemory {
         };
         let spec = FrameTopic {
             frames_in_flight: plan.frames_in_flight as usize,
-            ..usual
+            ..limited(usual, plan.limits)
         };
         let service = bus
             .frame_service(name, spec)

@@ -1,0 +1,127 @@
+//! What `--record` and `--view` add to a launch file.
+
+use launch_spec::{Launch, Period, Process, Restart, Stop};
+
+use crate::cli::{UpArgs, ViewMode};
+
+/// The launch file with what `--record` and `--view` ask for.
+pub fn with_extras(mut launch: Launch, args: &UpArgs) -> Launch {
+    if let Some(file) = &args.record {
+        // In lockstep the world waits for the disk: nothing is lost, from the first tick on.
+        let cmd = vec![
+            "gantry-record".into(),
+            "--lockstep".into(),
+            "--out".into(),
+            file.display().to_string(),
+        ];
+        // To finish a file, the recorder writes what is queued, and the index.
+        let stop = Stop {
+            grace: Period::from_millis(60_000),
+            ..Stop::default()
+        };
+        // Required, so that a run without its recording does not look like a success.
+        let recorder = Extra {
+            name: "record",
+            cmd,
+            stop: Some(stop),
+            required: true,
+            lockstep: true,
+        };
+        recorder.put_into(&mut launch);
+    }
+    match args.view.as_ref().map(view_command) {
+        None => {}
+        Some(None) => launch.processes.retain(|process| process.name != "view"),
+        Some(Some(cmd)) => {
+            let viewer = Extra {
+                name: "view",
+                cmd,
+                stop: None,
+                required: false,
+                lockstep: false,
+            };
+            viewer.put_into(&mut launch);
+        }
+    }
+    launch
+}
+
+/// A process that a flag asks for.
+struct Extra {
+    name: &'static str,
+    cmd: Vec<String>,
+    /// How it ends; `None` keeps what the launch file says.
+    stop: Option<Stop>,
+    required: bool,
+    /// Whether it takes part in lockstep, if there is a daemon.
+    lockstep: bool,
+}
+
+impl Extra {
+    /// Replaces the process of this name, or adds it behind the daemon.
+    fn put_into(self, launch: &mut Launch) {
+        let Extra {
+            name,
+            cmd,
+            stop,
+            required,
+            lockstep,
+        } = self;
+        let daemon = launch
+            .processes
+            .iter()
+            .find(|process| process.is_daemon())
+            .map(|process| process.name.clone());
+        let env = launch
+            .processes
+            .first()
+            .map(|process| process.env.clone())
+            .unwrap_or_default();
+        if let Some(process) = launch
+            .processes
+            .iter_mut()
+            .find(|process| process.name == name)
+        {
+            process.cmd = cmd;
+            process.stop = stop.unwrap_or(process.stop);
+            process.required |= required;
+            process.lockstep |= lockstep && daemon.is_some();
+            if let Some(name) = daemon.filter(|name| lockstep && !process.after.contains(name)) {
+                process.after.push(name);
+            }
+            return;
+        }
+        launch.processes.push(Process {
+            name: name.into(),
+            cmd,
+            cwd: None,
+            venv: None,
+            required,
+            ready: None,
+            lockstep: lockstep && daemon.is_some(),
+            after: daemon.into_iter().collect(),
+            restart: Restart::default(),
+            stop: stop.unwrap_or_default(),
+            env,
+            cores: Vec::new(),
+            nice: None,
+            params: None,
+        });
+    }
+}
+
+fn view_command(mode: &ViewMode) -> Option<Vec<String>> {
+    let words: Vec<String> = match mode {
+        ViewMode::None => return None,
+        // The viewer chooses by itself: a window if there is a display, else a page.
+        ViewMode::Auto => vec![],
+        ViewMode::Native => vec!["--native".into()],
+        ViewMode::Web => vec!["--web".into()],
+        ViewMode::Save(file) => vec!["--save".into(), file.display().to_string()],
+    };
+    Some(
+        std::iter::once("gantry-view".to_owned())
+            .chain(words)
+            .collect(),
+    )
+}
