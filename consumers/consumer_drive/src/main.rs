@@ -27,9 +27,10 @@ struct Args {
     #[arg(long, value_name = "WHO", default_value = "all")]
     vehicles: Selection,
 
-    /// Let the simulator wait for these controls before each tick, so that the run is repeatable
-    #[arg(long)]
-    lockstep: bool,
+    /// Let the simulator wait for these controls before each tick, so that the run is repeatable;
+    /// NAME is the name to take part under [default: drive- and whom]
+    #[arg(long, value_name = "NAME", num_args = 0..=1, require_equals = true, default_missing_value = "")]
+    lockstep: Option<String>,
 
     /// Decides the turns taken at junctions; default: the seed of the simulator
     #[arg(long, value_name = "N")]
@@ -58,7 +59,8 @@ fn main() -> ExitCode {
         let options = session::Options {
             domain: args.common.domain,
             vehicles: args.vehicles,
-            lockstep: args.lockstep,
+            lockstep: args.lockstep.is_some(),
+            lockstep_name: args.lockstep.filter(|name| !name.is_empty()),
             seed: args.seed,
             speed_factor: args.speed_factor,
         };

@@ -32,6 +32,8 @@ pub struct Options {
     pub vehicles: Selection,
     /// Whether the simulator waits for us.
     pub lockstep: bool,
+    /// Name under which it waits; `None` is made from whom it drives.
+    pub lockstep_name: Option<String>,
     /// Seed of the turns; `None` takes the simulator's.
     pub seed: Option<u64>,
     /// Share of the speed limit.
@@ -160,7 +162,8 @@ impl<'o> Session<'o> {
         }
         if self.lockstep.is_none() && epoch.is_some() && Instant::now() >= self.next_join {
             self.next_join = Instant::now() + JOIN_EVERY;
-            match Lockstep::join(&self.bus, &self.name, JOIN_EVERY) {
+            let name = self.options.lockstep_name.as_ref().unwrap_or(&self.name);
+            match Lockstep::join(&self.bus, name, JOIN_EVERY) {
                 Ok(lockstep) => {
                     tracing::info!(first_tick = lockstep.first_tick(), "joined lockstep");
                     self.lockstep = Some(lockstep);

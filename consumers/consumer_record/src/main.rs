@@ -31,9 +31,10 @@ struct Args {
     #[arg(long, value_name = "GLOB", num_args = 1..)]
     topics: Vec<String>,
 
-    /// Let the simulator wait for this recorder, so that nothing is lost
-    #[arg(long)]
-    lockstep: bool,
+    /// Let the simulator wait for this recorder, so that nothing is lost; NAME is the name to take
+    /// part under [default: gantry-record- and the process id]
+    #[arg(long, value_name = "NAME", num_args = 0..=1, require_equals = true, default_missing_value = "")]
+    lockstep: Option<String>,
 
     /// Compression of the file's chunks
     #[arg(long, value_enum, default_value_t = CompressionArg::Lz4)]
@@ -109,7 +110,8 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
             CompressionArg::Zstd => ChunkCompression::Zstd,
         },
         queue_bytes: (args.queue_mb as usize) << 20,
-        lockstep: args.lockstep,
+        lockstep: args.lockstep.is_some(),
+        lockstep_name: args.lockstep.clone().filter(|name| !name.is_empty()),
     };
     tracing::info!(file = %out.display(), domain = options.domain, "recording");
     let report = record(&options, &|| shutdown.requested())?;

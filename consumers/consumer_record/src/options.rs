@@ -24,4 +24,6 @@ pub struct Options {
     pub queue_bytes: usize,
     /// Whether the simulator waits for this recorder.
     pub lockstep: bool,
+    /// Name under which it waits; `None` is made from the process id.
+    pub lockstep_name: Option<String>,
 }

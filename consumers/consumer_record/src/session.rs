@@ -216,7 +216,8 @@ impl Session {
         // would be missed.
         self.follower.wait(Duration::ZERO)?;
         let bus = self.follower.bus();
-        match Lockstep::join(bus, &self.name, ANSWER_TIMEOUT) {
+        let name = self.options.lockstep_name.as_ref().unwrap_or(&self.name);
+        match Lockstep::join(bus, name, ANSWER_TIMEOUT) {
             Ok(gate) => {
                 tracing::info!(
                     first_tick = gate.first_tick(),
