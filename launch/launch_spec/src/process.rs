@@ -79,6 +79,8 @@ pub enum ReadyWhen {
     Line(String),
     /// This `host:port` accepts a connection.
     Tcp(String),
+    /// Nothing but its place in lockstep, which it has to take in any case.
+    Lockstep,
 }
 
 /// What happens when a process ends by itself.

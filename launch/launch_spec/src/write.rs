@@ -114,16 +114,17 @@ fn process_table(process: &Process) -> Table {
         ),
     );
     if let Some(ready) = &process.ready {
-        let (key, sign) = match &ready.when {
-            ReadyWhen::Service(topic) => ("service", topic),
-            ReadyWhen::Line(pattern) => ("line", pattern),
-            ReadyWhen::Tcp(address) => ("tcp", address),
+        let sign = match &ready.when {
+            ReadyWhen::Service(topic) => Some(("service", topic)),
+            ReadyWhen::Line(pattern) => Some(("line", pattern)),
+            ReadyWhen::Tcp(address) => Some(("tcp", address)),
+            ReadyWhen::Lockstep => None,
         };
-        let entries = [
-            (key.to_owned(), Value::from(sign.as_str())),
-            ("within".to_owned(), Value::from(ready.within.to_string())),
-        ];
-        table.insert("ready".into(), Value::Table(entries.into_iter().collect()));
+        let entries = sign
+            .map(|(key, sign)| (key.to_owned(), Value::from(sign.as_str())))
+            .into_iter()
+            .chain([("within".to_owned(), Value::from(ready.within.to_string()))]);
+        table.insert("ready".into(), Value::Table(entries.collect()));
     }
     if let Some(params) = &process.params {
         table.insert("params".into(), Value::Table(params.clone()));

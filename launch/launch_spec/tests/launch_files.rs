@@ -212,6 +212,20 @@ fn who_takes_part_in_lockstep_comes_after_the_simulator() {
     let text = "version = 1\n[process.a]\ncmd = [\"a\"]\nlockstep = true\n[process.world]\ncmd = [\"/opt/simd\"]\n";
     let launch = Launch::parse(text, "x.toml").unwrap();
     assert_eq!(launch.process("a").unwrap().after, ["world"]);
+    let within = text.replace(
+        "lockstep = true\n",
+        "lockstep = true\nready = { within = \"2s\" }\n",
+    );
+    let launch = Launch::parse(&within, "x.toml").unwrap();
+    let ready = launch.process("a").unwrap().ready.clone().unwrap();
+    assert_eq!(ready.when, launch_spec::ReadyWhen::Lockstep);
+    assert_eq!(ready.within.to_string(), "2s");
+    let written = launch.to_toml_with_defaults();
+    assert_eq!(
+        Launch::parse(&written, "x.toml").unwrap(),
+        launch,
+        "{written}"
+    );
     check(
         "[process.world]\ncmd = [\"simd\"]\nafter = [\"a\"]\n[process.a]\ncmd = [\"a\"]\nlockstep = true\n",
         &[
@@ -394,6 +408,7 @@ venv = \"envs/torch\"
 nice = 5
 cores = [0, 1]
 lockstep = true
+ready = { within = \"20s\" }
 params = { threshold = 0.5, classes = [\"car\", \"person\"], since = 1979-05-27 }
 ";
     let good = [

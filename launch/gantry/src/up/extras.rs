@@ -125,3 +125,47 @@ fn view_command(mode: &ViewMode) -> Option<Vec<String>> {
             .collect(),
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser as _;
+
+    use super::*;
+
+    fn up(words: &[&str]) -> UpArgs {
+        let args = crate::cli::Args::try_parse_from(["gantry", "up"].iter().chain(words)).unwrap();
+        let crate::cli::Word::Up(up) = args.word else {
+            panic!("up is up")
+        };
+        up
+    }
+
+    const LAUNCH: &str = "version = 1\n[process.world]\ncmd = [\"simd\"]\n[process.view]\ncmd = [\"gantry-view\"]\nstop = { grace = \"9s\" }\n\
+        [process.other]\ncmd = [\"sh\", \"-c\", \"${domain} ${name} ${run_dir}\"]\nafter = [\"world\"]\n";
+
+    fn launch(words: &[&str]) -> Launch {
+        with_extras(Launch::parse(LAUNCH, "x").unwrap(), &up(words))
+    }
+
+    #[test]
+    fn record_and_view_become_processes_after_the_daemon() {
+        let both = launch(&["--record", "a.mcap", "--view", "save:b.rrd"]);
+        let record = both.process("record").unwrap();
+        assert_eq!(
+            record.cmd,
+            ["gantry-record", "--lockstep", "--out", "a.mcap"]
+        );
+        assert_eq!(both.process("world").unwrap().cmd, ["simd"]);
+        assert!(record.lockstep && record.required);
+        assert_eq!(record.after, ["world"]);
+        let view = both.process("view").unwrap();
+        assert_eq!(view.cmd, ["gantry-view", "--save", "b.rrd"]);
+        assert_eq!(
+            view.stop.grace,
+            Period::from_millis(9_000),
+            "what the file says of its view holds"
+        );
+        assert!(launch(&["--view", "none"]).process("view").is_none());
+        assert!(launch(&[]).process("view").is_some());
+    }
+}

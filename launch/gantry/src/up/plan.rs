@@ -108,13 +108,7 @@ impl Run<'_> {
             run_dir: self.dir.to_owned(),
             required: process.required,
             after: process.after.iter().map(index_of).collect(),
-            ready: ready.map(|ready| match &ready.when {
-                ReadyWhen::Service(topic) => ReadySign::Service(topic.clone()),
-                ReadyWhen::Line(pattern) => ReadySign::Line(
-                    Regex::new(pattern).expect("the launch file checked the pattern"),
-                ),
-                ReadyWhen::Tcp(address) => ReadySign::Tcp(address.clone()),
-            }),
+            ready: ready.and_then(|ready| sign_of(&ready.when)),
             ready_within: ready.map_or(READY_WITHIN, |ready| ready.within).duration(),
             restart: process.restart,
             stop: process.stop,
@@ -194,6 +188,17 @@ impl Run<'_> {
     }
 }
 
+fn sign_of(when: &ReadyWhen) -> Option<ReadySign> {
+    match when {
+        ReadyWhen::Service(topic) => Some(ReadySign::Service(topic.clone())),
+        ReadyWhen::Line(pattern) => Some(ReadySign::Line(
+            Regex::new(pattern).expect("the launch file checked the pattern"),
+        )),
+        ReadyWhen::Tcp(address) => Some(ReadySign::Tcp(address.clone())),
+        ReadyWhen::Lockstep => None,
+    }
+}
+
 /// Takes `--await-lockstep N` out of the daemon's arguments: the launcher adds those of the launch
 /// file and gives the sum at every start.
 fn take_awaited(args: &mut Vec<String>) -> u32 {
@@ -224,44 +229,9 @@ fn take_awaited(args: &mut Vec<String>) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::Parser as _;
-
-    fn up(words: &[&str]) -> UpArgs {
-        let args = crate::cli::Args::try_parse_from(["gantry", "up"].iter().chain(words)).unwrap();
-        let crate::cli::Word::Up(up) = args.word else {
-            panic!("up is up")
-        };
-        up
-    }
 
     const LAUNCH: &str = "version = 1\n[process.world]\ncmd = [\"simd\"]\n[process.view]\ncmd = [\"gantry-view\"]\nstop = { grace = \"9s\" }\n\
         [process.other]\ncmd = [\"sh\", \"-c\", \"${domain} ${name} ${run_dir}\"]\nafter = [\"world\"]\n";
-
-    fn launch(words: &[&str]) -> Launch {
-        super::super::extras::with_extras(Launch::parse(LAUNCH, "x").unwrap(), &up(words))
-    }
-
-    #[test]
-    fn record_and_view_become_processes_after_the_daemon() {
-        let both = launch(&["--record", "a.mcap", "--view", "save:b.rrd"]);
-        let record = both.process("record").unwrap();
-        assert_eq!(
-            record.cmd,
-            ["gantry-record", "--lockstep", "--out", "a.mcap"]
-        );
-        assert_eq!(both.process("world").unwrap().cmd, ["simd"]);
-        assert!(record.lockstep && record.required);
-        assert_eq!(record.after, ["world"]);
-        let view = both.process("view").unwrap();
-        assert_eq!(view.cmd, ["gantry-view", "--save", "b.rrd"]);
-        assert_eq!(
-            view.stop.grace,
-            Period::from_millis(9_000),
-            "what the file says of its view holds"
-        );
-        assert!(launch(&["--view", "none"]).process("view").is_none());
-        assert!(launch(&[]).process("view").is_some());
-    }
 
     #[test]
     fn flags_reach_our_programs_and_only_them() {
@@ -270,7 +240,7 @@ mod tests {
             verbose: 2,
             ..Default::default()
         };
-        let launch = launch(&[]);
+        let launch = Launch::parse(LAUNCH, "x").unwrap();
         let run = Run {
             launch: &launch,
             common: &common,
@@ -295,10 +265,10 @@ mod tests {
         );
         assert!(flags("other").starts_with("-c"));
         let other = launch.process("other").unwrap();
-        let recorded = super::super::extras::with_extras(
-            Launch::parse(LAUNCH, "x").unwrap(),
-            &up(&["--record", "a.mcap"]),
+        let recorded = format!(
+            "{LAUNCH}[process.record]\ncmd = [\"gantry-record\", \"--lockstep\", \"--out\", \"a.mcap\"]\nlockstep = true\n"
         );
+        let recorded = Launch::parse(&recorded, "x").unwrap();
         let recorder = recorded.process("record").unwrap();
         let mut args = recorder.cmd[1..].to_vec();
         run.add_shared_flags(&mut args, recorder);

@@ -144,7 +144,7 @@ fn process(
         required: plain.required,
         ready: table
             .get("ready")
-            .and_then(|entry| ready::read(entry, &format!("{path}.ready"), errors)),
+            .and_then(|entry| ready::read(entry, &format!("{path}.ready"), plain.lockstep, errors)),
         after: plain.after,
         restart: plain.restart,
         stop: plain.stop,

@@ -18,7 +18,13 @@ struct PlainReady {
     within: Period,
 }
 
-pub(super) fn read(entry: &Entry, path: &str, errors: &mut Errors) -> Option<Ready> {
+/// The sign; a process that takes part in lockstep needs none besides that.
+pub(super) fn read(
+    entry: &Entry,
+    path: &str,
+    takes_part: bool,
+    errors: &mut Errors,
+) -> Option<Ready> {
     let none = PlainReady {
         service: String::new(),
         line: String::new(),
@@ -65,6 +71,9 @@ pub(super) fn read(entry: &Entry, path: &str, errors: &mut Errors) -> Option<Rea
             );
         }
         given.push(ReadyWhen::Tcp(signs.tcp));
+    }
+    if given.is_empty() && takes_part {
+        given.push(ReadyWhen::Lockstep);
     }
     if given.len() != 1 {
         let message = format!(
