@@ -7,10 +7,13 @@
 #![forbid(unsafe_code)]
 
 mod ages;
+mod chain;
 mod latency;
+mod lockstep;
 mod memory;
 mod output;
 mod pages;
+mod part;
 mod spread;
 mod topics;
 mod wakes;
@@ -25,6 +28,8 @@ const EXAMPLES: &str = "Examples:
   gantry-bench latency --sizes 1920000 --readers 1 --rate 200 --count 5000 --json latency.json
   gantry-bench wakes                                      what waking readers costs a writer
   gantry-bench ages --each 20s                            age of quick sensors while cameras render
+  gantry-bench chain                                      camera → a → b → c: what each process adds
+  gantry-bench lockstep                                   ticks per second with 1 to 8 participants
   gantry-bench topics --for 30s                           what the running simulator delivers
   gantry-bench memory --pids 1200,1204 --for 10m --every 5s
   gantry-bench report                                     tables of docs/benchmarks from their JSON";
@@ -48,6 +53,10 @@ enum Bench {
     Wakes(wakes::WakesArgs),
     /// Age of quick sensors' frames in a reader's hand while a running simulator renders
     Ages(ages::AgesArgs),
+    /// A pipeline of processes that hand an image on: what each hop adds, asleep and polled
+    Chain(chain::ChainArgs),
+    /// Ticks per second of a simulator that waits for programs in lockstep
+    Lockstep(lockstep::LockstepArgs),
     /// Rate, losses, age and complete sets of every frame topic of a running simulator
     Topics(topics::TopicsArgs),
     /// Memory of processes over time
@@ -57,6 +66,12 @@ enum Bench {
     /// One reader of `latency`, started by it
     #[command(hide = true)]
     LatencyReader(latency::reader::ReaderArgs),
+    /// One process of `chain`, started by it
+    #[command(hide = true)]
+    ChainLink(chain::LinkArgs),
+    /// One participant of `lockstep`, started by it
+    #[command(hide = true)]
+    LockstepParticipant(lockstep::ParticipantArgs),
     /// One reader of `wakes` and `ages`, started by them
     #[command(hide = true)]
     WakeReader(wakes::reader::WakeReaderArgs),
@@ -69,6 +84,10 @@ fn main() -> ExitCode {
             Bench::Latency(latency) => latency::run(latency),
             Bench::Wakes(wakes) => wakes::run(wakes),
             Bench::Ages(ages) => ages::run(ages, &args.common.domain),
+            Bench::Chain(chain) => chain::run(chain),
+            Bench::ChainLink(link) => chain::link(link, &args.common.domain),
+            Bench::Lockstep(lockstep) => lockstep::run(lockstep),
+            Bench::LockstepParticipant(one) => lockstep::participant(one, &args.common.domain),
             Bench::WakeReader(reader) => wakes::reader::run(reader, &args.common.domain),
             Bench::Topics(topics) => topics::run(topics, &args.common.domain),
             Bench::Memory(memory) => memory::run(memory),
