@@ -8,7 +8,7 @@
     client.py PORT DOMAIN echo                   world.tick() of a server that only answers (needs msgpack)
 
 With `--json FILE` the figures are also written for the tables of docs/benchmarks.
-Run the simulator on DOMAIN with `vehicles = 0` and the gateway at PORT; PYTHONPATH has schemas/python/src.
+Run the simulator on DOMAIN with `vehicles = 0` and the gateway at PORT; PYTHONPATH has consumers/consumer_python/python.
 """
 
 import json

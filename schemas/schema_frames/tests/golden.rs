@@ -195,7 +195,7 @@ fn constants_of_the_python_package_agree_with_the_types() {
     ] {
         writeln!(py, "{name} = {value}").unwrap();
     }
-    py += "\n# name: (type name on the bus or None, size, [(field, numpy type, shape, offset), ...])\nSTRUCTS: dict[str, tuple] = {\n";
+    py += "\n# name: (type name on the bus or None, size, [(field, numpy type, shape, offset), ...])\nSTRUCTS: dict[str, tuple[str | None, int, list[tuple[str, str, tuple[int, ...], int]]]] = {\n";
     for layout in all() {
         let on_bus = layout
             .on_bus
@@ -278,7 +278,7 @@ fn constants_of_the_python_package_agree_with_the_types() {
         writeln!(py, "    (\"{}\", ({r}, {g}, {b})),", class.name).unwrap();
     }
     py += "]\n";
-    check("../python/src/gantry/_layout.py", &py);
+    check("../../consumers/consumer_python/python/gantry/_layout.py", &py);
 }
 
 /// One frame of `modality` whose every byte follows from its place, with distinct header fields.

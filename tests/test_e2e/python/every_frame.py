@@ -158,7 +158,7 @@ def check_sentences():
     text = sentence_of(gantry.NoSuchTopicError, lambda: gantry.open("ego/rear/rgb", domain=DOMAIN))
     assert "there is no topic" in text and "ego/front/rgb" in text, text
     text = sentence_of(gantry.NoSuchTopicError, lambda: gantry.open("ego/front/rgb", domain="nobody-here"))
-    assert "nothing runs on domain 'nobody-here'" in text, text
+    assert 'nothing runs on domain "nobody-here"' in text, text
     text = sentence_of(gantry.GantryError, lambda: gantry.command({"do": "destroy", "actor_id": 999999}, domain=DOMAIN))
     assert "999999" in text, text
     held = []

@@ -7,7 +7,9 @@ use std::time::Duration;
 use test_kit::sandbox::repository;
 use test_kit::{Ended, Process, Sandbox};
 
-use crate::processes::{assert_nothing_left, spawn_consumer, start_daemon, venv_program};
+use crate::processes::{
+    assert_nothing_left, python_package, spawn_consumer, start_daemon, venv_program,
+};
 
 /// Longest run of a script. Scripts that hang end themselves and say where (`carla_kit.py`); this
 /// limit is far beyond theirs on any machine.
@@ -118,7 +120,7 @@ pub fn start_script(sandbox: &Sandbox, script: &str, args: &[&str]) -> Process {
         .collect();
     // The client keeps a cache in the home folder, so the script gets one of its own.
     let home = sandbox.path("");
-    let package = repository().join("schemas/python/src");
+    let package = python_package();
     let text = |path: &std::path::Path| path.to_str().expect("paths are UTF-8").to_owned();
     let (home, package) = (text(&home), text(&package));
     let env = [

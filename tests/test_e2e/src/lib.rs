@@ -14,6 +14,6 @@ pub mod small_rig;
 
 pub use client::{ask, counter, document, join_bus, reader, step, wait_readers};
 pub use processes::{
-    assert_nothing_left, spawn_consumer, spawn_daemon, start_daemon, venv_program,
+    assert_nothing_left, python_package, spawn_consumer, spawn_daemon, start_daemon, venv_program,
 };
 pub use small_rig::{SMALL_RIG, SMALL_RIG_TOPICS};

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use test_kit::sandbox::{binary_path, repository};
 use test_kit::{Process, Sandbox};
 
 use crate::client::join_bus;
@@ -32,13 +33,35 @@ pub fn spawn_consumer(sandbox: &Sandbox, binary: &str, args: &[&str]) -> Process
 /// # Panics
 /// With the command that makes the environment, if it is not there.
 pub fn venv_program(name: &str) -> PathBuf {
-    let program = test_kit::sandbox::repository().join(".venv/bin").join(name);
+    let program = repository().join(".venv/bin").join(name);
     assert!(
         program.exists(),
         "{} is missing: run ./gantry test, which makes the Python environment .venv",
         program.display()
     );
     program
+}
+
+/// The folder of the Python package `gantry`, for PYTHONPATH. Its native module is a link to the one
+/// that was built, also in a tree that `./gantry` has not set up.
+///
+/// # Panics
+/// With the command to run if the module was not built.
+pub fn python_package() -> PathBuf {
+    let folder = repository().join("consumers/consumer_python/python");
+    let (built, link) = (
+        binary_path("libconsumer_python.so"),
+        folder.join("gantry/_native.abi3.so"),
+    );
+    if std::fs::read_link(&link).ok().as_deref() != Some(built.as_path()) {
+        // Renamed into place, because tests run beside one another.
+        let own = folder.join(format!("gantry/_native.so.{}", std::process::id()));
+        let _ = std::fs::remove_file(&own);
+        std::os::unix::fs::symlink(&built, &own)
+            .and_then(|()| std::fs::rename(&own, &link))
+            .expect("the package's folder can be written");
+    }
+    folder
 }
 
 /// Cleans up after killed processes, and asserts that nothing of the sandbox is left in shared

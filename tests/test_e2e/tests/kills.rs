@@ -5,10 +5,9 @@ use nix::sys::signal::Signal;
 use schema_frames::ActorKind;
 use test_e2e::recording::{gapless, sequences};
 use test_e2e::{
-    SMALL_RIG, SMALL_RIG_TOPICS, assert_nothing_left, counter, join_bus, reader, spawn_consumer,
-    start_daemon, venv_program, wait_readers,
+    SMALL_RIG, SMALL_RIG_TOPICS, assert_nothing_left, counter, join_bus, python_package, reader,
+    spawn_consumer, start_daemon, venv_program, wait_readers,
 };
-use test_kit::sandbox::repository;
 use test_kit::{Process, Sandbox, eventually};
 
 const DRIVING: &str = "driving vehicles=5";
@@ -169,7 +168,7 @@ fn readers_killed_while_they_hold_frames_give_their_places_back() {
         "import gantry, time\nwith gantry.open('ego/front/depth', domain={:?}) as topic:\n    held = [topic.next(timeout=60) for _ in range(3)]\n    print('holding', len(held), flush=True)\n    time.sleep(1e6)",
         sandbox.domain()
     );
-    let source = repository().join("schemas/python/src");
+    let source = python_package();
     let env = [
         ("PYTHONPATH", source.to_str().unwrap()),
         ("PYTHONDONTWRITEBYTECODE", "1"),

@@ -1,7 +1,9 @@
 //! The Python package against a real daemon, with the interpreter of the repository's own
 //! environment.
 
-use test_e2e::{SMALL_RIG, assert_nothing_left, spawn_consumer, start_daemon, venv_program};
+use test_e2e::{
+    SMALL_RIG, assert_nothing_left, python_package, spawn_consumer, start_daemon, venv_program,
+};
 use test_kit::Sandbox;
 use test_kit::sandbox::{binary_path, repository};
 
@@ -12,7 +14,7 @@ fn every_kind_of_frame_is_read_in_place() {
     // Events and flow need something that moves.
     let driver = spawn_consumer(&sandbox, "gantry-drive", &[]);
     let script = repository().join("tests/test_e2e/python/every_frame.py");
-    let package = repository().join("schemas/python/src");
+    let package = python_package();
     let args = [script.to_str().unwrap(), sandbox.domain()];
     let env = [
         ("PYTHONPATH", package.to_str().unwrap()),
@@ -39,8 +41,10 @@ fn every_kind_of_frame_is_read_in_place() {
 #[test]
 fn the_package_passes_its_own_tests_without_skipping() {
     let sandbox = Sandbox::new("pytest");
-    let package = repository().join("schemas/python");
-    let (tests, source) = (package.join("tests"), package.join("src"));
+    let (tests, source) = (
+        repository().join("consumers/consumer_python/tests"),
+        python_package(),
+    );
     let card = binary_path("examples/test_card");
     let env = [
         ("PYTHONPATH", source.to_str().unwrap()),

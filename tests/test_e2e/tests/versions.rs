@@ -2,8 +2,8 @@
 //! sentence that says what to do.
 
 use schema_frames::SCHEMA_VERSION;
-use test_e2e::{SMALL_RIG, join_bus, spawn_consumer, spawn_daemon, venv_program};
-use test_kit::sandbox::{binary_path, repository};
+use test_e2e::{SMALL_RIG, join_bus, python_package, spawn_consumer, spawn_daemon, venv_program};
+use test_kit::sandbox::binary_path;
 use test_kit::{Process, Sandbox};
 
 const TOPIC: &str = "ego/front/rgb";
@@ -51,7 +51,7 @@ fn python_refuses_another_version_with_a_sentence() {
         "import gantry\ntry:\n    gantry.open({TOPIC:?}, domain={:?})\nexcept gantry.SchemaVersionError as error:\n    print(error)",
         sandbox.domain()
     );
-    let source = repository().join("schemas/python/src");
+    let source = python_package();
     let env = [
         ("PYTHONPATH", source.to_str().unwrap()),
         ("PYTHONDONTWRITEBYTECODE", "1"),

@@ -83,6 +83,7 @@ fn only_one_crate_names_each_engine() {
         ("xodr", &["schema_roads"]),
         ("obvhs", &["sensor_ray"]),
         ("ash", &["sensor_gpu"]),
+        ("pyo3", &["consumer_python"]),
     ];
     let mut wrong = Vec::new();
     for (name, (path, table)) in manifests() {

@@ -8,8 +8,8 @@ use crate::programs;
 
 /// Import name and what it is for.
 const MODULES: [(&str, &str); 5] = [
-    ("iceoryx2", "reading topics"),
-    ("numpy", "reading topics"),
+    ("gantry", "reading and publishing topics"),
+    ("numpy", "reading and publishing topics"),
     ("rerun", "the viewer"),
     ("mcap", "reading recordings"),
     ("carla", "CARLA scripts"),

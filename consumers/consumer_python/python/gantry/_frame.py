@@ -1,0 +1,240 @@
+"""A frame: a typed header, and a read-only view of the payload that keeps the sample alive."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _layout
+from ._dtypes import unpacker
+from ._errors import FrameFormatError
+from ._load import native
+
+_UNPACK_HEADER = unpacker("FrameHeader").unpack
+
+
+class Pose(NamedTuple):
+    """A rigid transform target_from_source."""
+
+    #: Position of the source's origin in the target, metres.
+    translation_m: tuple[float, float, float]
+    #: Unit quaternion [x, y, z, w].
+    rotation_xyzw: tuple[float, float, float, float]
+
+    def matrix(self) -> npt.NDArray[np.float64]:
+        """Returns the transform as a 4 × 4 matrix of float64, for column vectors in metres."""
+        x, y, z, w = self.rotation_xyzw
+        out = np.eye(4)
+        out[:3, :3] = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+        out[:3, 3] = self.translation_m
+        return out
+
+
+def camera_matrix(intrinsics_px: tuple[float, float, float, float]) -> npt.NDArray[np.float64]:
+    """Returns the 3 × 3 matrix of `[fx, fy, cx, cy]`, pixels."""
+    fx, fy, cx, cy = intrinsics_px
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+
+
+class Header(NamedTuple):
+    """The fields of `GantryFrameHeader` by name; SPEC.md §3 says what they mean."""
+
+    magic: int
+    schema_version: int
+    header_bytes: int
+    sensor_id: int
+    kind: int
+    encoding: int
+    tick: int
+    sim_nanos: int
+    seq: int
+    episode: int
+    flags: int
+    payload_bytes: int
+    width: int
+    height: int
+    row_stride: int
+    element_bytes: int
+    window_nanos: int
+    world_from_sensor: Pose
+    intrinsics_px: tuple[float, float, float, float]
+    range_limit_m: float
+    azimuth_rad: float
+    parent_id: int
+    n_channels: int
+    epoch: int
+    rendered_mono_nanos: int
+    published_mono_nanos: int
+    cpu_copies: int
+    ticks_in_flight: int
+    payload_place: int
+
+    @classmethod
+    def from_bytes(cls, data: Any) -> Header:
+        """Reads 256 bytes from any buffer, whatever they are; frames were checked before."""
+        numbers: tuple[Any, ...] = _UNPACK_HEADER(data)
+        pose = Pose(numbers[17:20], numbers[20:24])
+        return cls._make((*numbers[:17], pose, numbers[24:28], *numbers[28:]))
+
+    @property
+    def modality(self) -> str:
+        """Name of the modality, which is the last segment of the topic: `rgb`, `depth`, …"""
+        return _layout.MODALITIES[self.encoding][0]
+
+    @property
+    def intrinsics(self) -> npt.NDArray[np.float64]:
+        """Camera matrix, 3 × 3, pixels. The centre of the top-left pixel is (0.5, 0.5)."""
+        return camera_matrix(self.intrinsics_px)
+
+
+class Frame:
+    """A frame in shared memory.
+
+    `array` and its slices keep the frame's memory borrowed, and a reader may hold only a few frames
+    (3 of images and clouds, 4 of small sensors). To keep the data, keep `copy()`.
+    """
+
+    __slots__ = ("topic", "_sample", "_header", "_array")
+
+    def __init__(self, sample: native.Sample, topic: str = "") -> None:
+        #: Topic without the domain; empty for a frame from bytes.
+        self.topic = topic
+        self._sample = sample
+        self._header: Header | None = None
+        self._array: npt.NDArray[Any] | None = None
+
+    @property
+    def header(self) -> Header:
+        """All fields of the header by name."""
+        if self._header is None:
+            self._header = Header.from_bytes(self._sample.header_bytes())
+        return self._header
+
+    @property
+    def array(self) -> npt.NDArray[Any]:
+        """The payload as a read-only view.
+
+        Images by modality: `rgb` (h, w, 4) uint8 in the order B G R A; `depth` (h, w) float32,
+        metres along the optical axis, +inf where nothing was hit; `semantic` (h, w) uint8 class
+        numbers; `instance` (h, w) uint32 object ids; `flow` (h, w, 2) float32 pixels, x right and
+        y down; `normals` (h, w, 4) float16, unit normal in world space and a zero.
+        All others: a structured array (n,) with the fields of SPEC.md §4.
+        """
+        if self._array is None:
+            self._array = self._sample.array()
+        return self._array
+
+    @property
+    def tick(self) -> int:
+        """Tick this frame shows."""
+        return self._sample.tick
+
+    @property
+    def seq(self) -> int:
+        """Number of the sensor's firing, from 1; a gap is a loss."""
+        return self._sample.seq
+
+    @property
+    def epoch(self) -> int:
+        """Random number of the simulator's start: another one means that it was restarted."""
+        return self._sample.epoch
+
+    @property
+    def sim_time(self) -> float:
+        """Simulated time, seconds since the daemon started."""
+        return self._sample.sim_nanos * 1e-9
+
+    @property
+    def modality(self) -> str:
+        """Name of the modality: `rgb`, `depth`, …"""
+        return self._sample.modality
+
+    @property
+    def image(self) -> npt.NDArray[Any]:
+        """`array` of an image. Raises `FrameFormatError` for a list."""
+        if not self._sample.is_image:
+            raise FrameFormatError(f"a frame of {self.modality} is a list, not an image; use frame.array")
+        return self.array
+
+    @property
+    def rgb(self) -> npt.NDArray[np.uint8]:
+        """The `array` of an `rgb` frame as a view (h, w, 3) uint8 in the order R G B.
+
+        Raises `FrameFormatError` for another modality.
+        """
+        if self.modality != "rgb":
+            raise FrameFormatError(f"frame.rgb needs a frame of rgb, this is {self.modality}")
+        return self.array[..., 2::-1]
+
+    def copy(self) -> npt.NDArray[Any]:
+        """Returns a writeable copy of `array`, which keeps no shared memory borrowed."""
+        return self.array.copy()
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
+        if copy or (dtype is not None and np.dtype(dtype) != self.array.dtype):
+            return np.array(self.array, dtype=dtype)
+        return self.array
+
+    def __dlpack__(self, **options: Any) -> Any:
+        """Hands `array` to another library without a copy: `torch.from_dlpack(frame)`.
+
+        The memory is marked as read-only, which takes numpy 2.1 and DLPack 1. Raises `BufferError`
+        for a library that cannot say that it reads only, and for structured arrays; hand over
+        `frame.copy()` there.
+        """
+        return self.array.__dlpack__(**options)
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        """Returns DLPack's number of the processor's own memory."""
+        kind, number = self.array.__dlpack_device__()
+        return int(kind), int(number)
+
+    def __len__(self) -> int:
+        return len(self.array)
+
+    def __repr__(self) -> str:
+        width, height = self._sample.size
+        return f"<gantry.Frame {self.topic or self.modality} tick={self.tick} seq={self.seq} {width}×{height}>"
+
+    def _repr_png_(self) -> bytes | None:
+        """Returns a PNG for Jupyter, or None for modalities without an obvious picture."""
+        from ._classes import colour_classes
+
+        if self.modality == "rgb":
+            return _png(np.ascontiguousarray(self.rgb))
+        if self.modality == "semantic":
+            return _png(colour_classes(self.array))
+        if self.modality == "depth":
+            with np.errstate(divide="ignore"):
+                grey = np.clip(255.0 * 2.0 / (2.0 + np.maximum(self.array, 0.0)), 0, 255).astype(np.uint8)
+            return _png(np.repeat(grey[..., None], 3, axis=2))
+        return None
+
+
+def _png(rgb: npt.NDArray[np.uint8]) -> bytes:
+    """Encodes (h, w, 3) uint8 as PNG."""
+    height, width, _ = rgb.shape
+
+    def chunk(kind: bytes, body: bytes) -> bytes:
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    rows = np.zeros((height, 1 + 3 * width), np.uint8)
+    rows[:, 1:] = rgb.reshape(height, -1)
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows.tobytes(), 1)) + chunk(b"IEND", b"")
+
+
+def frame_from_bytes(data: bytes, topic: str = "") -> Frame:
+    """Makes a frame from the 256 bytes of its header and its payload, for example of a recording.
+
+    The arrays are read-only views of `data`. Raises `FrameFormatError` or `SchemaVersionError`.
+    """
+    return Frame(native.sample_from_bytes(bytes(data)), topic)

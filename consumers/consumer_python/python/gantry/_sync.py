@@ -1,0 +1,151 @@
+"""Samples of several topics that show the same tick."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Any, AsyncIterator, Generator, Iterator, Sequence
+
+from ._frame import Frame
+from ._load import native
+from ._topic import Topic, open as open_topic
+from ._world import Snapshot, parse_snapshot
+
+
+class Row(dict[str, Frame]):
+    """Samples of one tick, by topic: `row["ego/front/rgb"]`."""
+
+    def __init__(self, samples: dict[str, Frame], snapshot: Snapshot | None = None) -> None:
+        super().__init__(samples)
+        first = next(iter(samples.values()))
+        #: Tick that all samples show.
+        self.tick: int = first.tick
+        #: Simulated time, seconds.
+        self.sim_time: float = first.sim_time
+        #: The world at this tick; None without `snapshots=True`, or if it did not come.
+        self.snapshot: Snapshot | None = snapshot
+
+
+class Sync:
+    """Iterates over the ticks of which every topic has a sample; the slowest one sets the pace.
+
+    `for row in sync` blocks a thread, `async for row in sync` a task.
+    """
+
+    def __init__(self, topics: Sequence[str], domain: str | None, timeout: float, snapshots: bool) -> None:
+        if not topics:
+            raise ValueError("sync needs at least one topic")
+        self._topics: dict[str, Topic[Any]] = {}
+        self._heads: dict[str, Frame] = {}
+        self._snapshots: native.Snapshots | None = None
+        try:
+            for topic in topics:
+                self._topics[topic] = open_topic(topic, domain, timeout)
+            if snapshots:
+                self._snapshots = native.Snapshots(next(iter(self._topics.values()))._domain)
+        except Exception:
+            self.close()
+            raise
+
+    def __enter__(self) -> Sync:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes all topics."""
+        topics, self._topics, self._heads = self._topics, {}, {}
+        for topic in topics.values():
+            topic.close()
+        if self._snapshots is not None:
+            self._snapshots.close()
+
+    def next(self, timeout: float | None = None) -> Row | None:
+        """Returns the samples of the next complete tick.
+
+        Returns None if they did not arrive within `timeout` seconds (None: without a limit); the
+        next call goes on with those that did. Raises as `Topic.poll`.
+        """
+        deadline = None if timeout is None else time.monotonic() + timeout
+        steps = self._steps()
+        try:
+            topic = next(steps)
+            while True:
+                left = None if deadline is None else max(0.0, deadline - time.monotonic())
+                sample = topic.next(left)
+                if sample is None:
+                    return None
+                topic = steps.send(sample)
+        except StopIteration as done:
+            return self._row(done.value)
+
+    async def anext(self, timeout: float | None = None) -> Row | None:
+        """As `next`, in an event loop: other tasks run while it waits, and no thread is used."""
+        try:
+            return await asyncio.wait_for(self._anext(), timeout)
+        except asyncio.TimeoutError:
+            return None
+
+    async def _anext(self) -> Row | None:
+        steps = self._steps()
+        try:
+            topic = next(steps)
+            while True:
+                sample = await topic._anext()
+                if sample is None:
+                    return None
+                topic = steps.send(sample)
+        except StopIteration as done:
+            return self._row(done.value)
+
+    def _steps(self) -> Generator[Topic[Any], Frame, dict[str, Frame]]:
+        """Yields the topic whose next sample is needed, and returns the samples of one tick."""
+        heads = self._heads
+        while len(heads) < len(self._topics):
+            for name, topic in self._topics.items():
+                while name not in heads:
+                    sample = yield topic
+                    place = (sample.epoch, sample.tick)
+                    newest = max(heads.values(), key=lambda head: head.tick, default=None)
+                    # A sample of another epoch: the simulator restarted and counts its ticks from 1
+                    # again, so the samples collected so far are dropped.
+                    if newest is None or place[0] != newest.epoch or place[1] >= newest.tick:
+                        for other in [other for other, head in heads.items() if (head.epoch, head.tick) != place]:
+                            del heads[other]
+                        heads[name] = sample
+                    del sample, newest
+        self._heads = {}
+        return {name: heads[name] for name in self._topics}
+
+    def _row(self, samples: dict[str, Frame]) -> Row:
+        snapshot = None
+        if self._snapshots is not None:
+            first = next(iter(samples.values()))
+            # It was sent before any frame of its tick.
+            found = self._snapshots.at(first.tick, first.epoch, 1.0)
+            snapshot = None if found is None else parse_snapshot(*found)
+        return Row(samples, snapshot)
+
+    def __iter__(self) -> Iterator[Row]:
+        while self._topics:
+            row = self.next()
+            if row is not None:
+                yield row
+            row = None
+
+    async def __aiter__(self) -> AsyncIterator[Row]:
+        while self._topics:
+            row = await self._anext()
+            if row is not None:
+                yield row
+            row = None
+
+
+def sync(topics: Sequence[str], domain: str | None = None, timeout: float = 0.0, *, snapshots: bool = False) -> Sync:
+    """Opens several topics, to be read tick by tick.
+
+    Waits up to `timeout` seconds for each to appear. With `snapshots` each row has the world of its
+    tick as `row.snapshot`. Raises as `open`.
+    """
+    return Sync(topics, domain, timeout, snapshots)

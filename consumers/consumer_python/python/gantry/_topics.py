@@ -1,0 +1,43 @@
+"""The topics of a domain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ._domain import resolve
+from ._load import native
+
+
+@dataclass(frozen=True)
+class TopicDetails:
+    """One topic of a domain."""
+
+    #: Name without the domain.
+    name: str
+    #: `frame`, `result`, `snapshot`, `document`, `control` or `other`.
+    kind: str
+    #: Modality of a frame topic, otherwise None.
+    modality: str | None
+    #: Number of writers.
+    publishers: int
+    #: Number of readers.
+    subscribers: int
+    #: Schema version that the topic carries.
+    schema: str
+    #: Type of a topic of results, otherwise None.
+    result: str | None = None
+    #: Number of readers that are allowed.
+    max_subscribers: int = 0
+    #: Longest payload that its writers can send, bytes; 0 without a writer.
+    payload_bytes: int = 0
+
+
+def topics(domain: str | None = None) -> list[TopicDetails]:
+    """Lists all topics of the domain, sorted by name.
+
+    Raises `GantryError` if shared memory cannot be used.
+    """
+    return [
+        TopicDetails(name, kind, modality, publishers, subscribers, schema, result, max_subscribers, payload_bytes)
+        for name, kind, modality, publishers, subscribers, max_subscribers, payload_bytes, schema, result in native.topics(resolve(domain))
+    ]

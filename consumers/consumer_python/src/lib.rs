@@ -1,0 +1,66 @@
+//! The native half of the Python package `gantry`: the ports of `schema_bus` and the lockstep and
+//! snapshots of `consumer_kit` as Python objects, and numpy arrays in shared memory.
+//!
+//! It holds no rules of its own: what is checked, counted and waited for is what every Rust
+//! consumer does. The public interface, names and defaults are in `python/gantry`, whose
+//! `_native.pyi` lists what is here.
+//!
+//! Three rules keep threads and processes apart. A lock that is taken with Python's global lock held
+//! is never kept while that is awaited. A call that waits has let go of the global lock. A forked child uses nothing and drops
+//! nothing of its parent's.
+//!
+//! Modules in reading order: `fork`, `errors`, `place` (a domain), `wait`, `view` (arrays), `frame`,
+//! `topic`, `world`, `lockstep`, `control`, `publish` and `result`.
+
+#![warn(missing_docs)]
+
+mod control;
+mod errors;
+mod fork;
+mod frame;
+mod lockstep;
+mod place;
+mod publish;
+mod result;
+mod topic;
+mod view;
+mod wait;
+mod world;
+
+use pyo3::prelude::*;
+
+/// Native half of the package `gantry`; use the package.
+#[pymodule(gil_used = false)]
+mod _native {
+    #[pymodule_export]
+    use crate::control::Controls;
+    #[pymodule_export]
+    use crate::frame::{Sample, sample_from_bytes, set_elements};
+    #[pymodule_export]
+    use crate::lockstep::Lockstep;
+    #[pymodule_export]
+    use crate::place::{close_all, command, default_domain, publisher_alive, set_program, topics};
+    #[pymodule_export]
+    use crate::publish::{Loan, Publisher};
+    #[pymodule_export]
+    use crate::result::{Outcome, outcome_from_bytes};
+    #[pymodule_export]
+    use crate::topic::Reader;
+    #[pymodule_export]
+    use crate::world::{Snapshots, document, snapshot};
+
+    /// Number of this interface, which the Python half compares with its own.
+    #[pymodule_export]
+    const INTERFACE: u32 = 2;
+    /// Version of the layouts that this module reads and writes.
+    #[pymodule_export]
+    const SCHEMA_VERSION: u16 = schema_frames::SCHEMA_VERSION;
+
+    use super::*;
+
+    #[pymodule_init]
+    fn init(_module: &Bound<'_, PyModule>) -> PyResult<()> {
+        crate::fork::watch();
+        Ok(())
+    }
+}

@@ -1,0 +1,188 @@
+//! A result in Python's hands: its header, its inputs, and parts of its body as arrays.
+
+#![expect(unsafe_code, reason = "arrays over the memory of samples")]
+
+use std::sync::Arc;
+
+use numpy::{PyArrayDescr, PyArrayDescrMethods as _};
+use parking_lot::Mutex;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use schema_bus::{Answerable, ResultSample};
+use schema_frames::{InputRecord, ResultHeader, ResultType};
+
+use crate::errors;
+use crate::fork::Owned;
+use crate::frame::Sample;
+use crate::place::Place;
+use crate::view::{self, Access, Memory, Shape};
+
+/// Who keeps a payload in place.
+enum Keeper {
+    /// A sample in shared memory; its port's node must outlive it.
+    Shared(Mutex<Owned<ResultSample>>, Arc<Place>),
+    /// Bytes, for example of a recording.
+    Bytes(Py<PyBytes>),
+}
+
+/// A result: header, body and inputs. Arrays keep it.
+#[pyclass(frozen, module = "gantry._native")]
+pub struct Outcome {
+    header: ResultHeader,
+    kind: ResultType,
+    body: Memory,
+    inputs: Vec<InputRecord>,
+    keeper: Keeper,
+}
+
+impl Outcome {
+    /// A result of the bus. Its port belongs to `place`.
+    pub fn shared(sample: ResultSample, place: &Arc<Place>) -> Self {
+        let body: &[u8] = &sample;
+        Outcome {
+            header: *sample.header(),
+            kind: sample.kind(),
+            body: Memory {
+                start: body.as_ptr().cast_mut(),
+                len: body.len(),
+            },
+            inputs: sample.inputs().to_vec(),
+            keeper: Keeper::Shared(Mutex::new(Owned::new(sample)), place.clone()),
+        }
+    }
+
+    /// Shows the sample as something that can be answered; `false` if it comes from bytes.
+    pub fn answered(&self, act: impl FnOnce(&dyn Answerable)) -> bool {
+        match &self.keeper {
+            Keeper::Shared(sample, _place) => {
+                act(&**sample.lock());
+                true
+            }
+            Keeper::Bytes(_bytes) => false,
+        }
+    }
+}
+
+#[pymethods]
+impl Outcome {
+    /// Name of the result's type.
+    #[getter]
+    fn kind(&self) -> &'static str {
+        self.kind.name()
+    }
+
+    /// Tick that it is about.
+    #[getter]
+    fn tick(&self) -> u64 {
+        self.header.tick
+    }
+
+    /// Number of the result, counted by its writer.
+    #[getter]
+    fn seq(&self) -> u64 {
+        self.header.seq
+    }
+
+    /// Epoch of the simulator whose frames it answers.
+    #[getter]
+    fn epoch(&self) -> u64 {
+        self.header.epoch
+    }
+
+    /// Simulated time, nanoseconds.
+    #[getter]
+    fn sim_nanos(&self) -> u64 {
+        self.header.sim_nanos
+    }
+
+    /// Bytes of the body.
+    #[getter]
+    fn body_bytes(&self) -> usize {
+        self.body.len
+    }
+
+    /// A copy of the header's bytes.
+    fn header_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, bytemuck::bytes_of(&self.header))
+    }
+
+    /// A copy of the records of all inputs.
+    fn inputs_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, bytemuck::cast_slice(&self.inputs))
+    }
+
+    /// Part of the body, from `offset` bytes on, as a read-only array that keeps this result.
+    fn array<'py>(
+        slf: &Bound<'py, Self>,
+        dtype: &Bound<'py, PyArrayDescr>,
+        sizes: Vec<usize>,
+        strides: Vec<usize>,
+        offset: usize,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let shape = Shape::of(&sizes, &strides)?;
+        let memory = slf.get().body.part(offset, shape.span(dtype.itemsize()))?;
+        // SAFETY: the keeper in this result, which becomes the array's base, keeps the body mapped
+        // at its address: a borrowed sample is not reused, and bytes do not move. The part lies
+        // within the body. Numbers and structs of numbers are all that `gantry` gives as elements.
+        unsafe { view::array(dtype, shape, memory, Access::Read, slf.clone().into_any()) }
+    }
+}
+
+/// A result from the bytes of its header and its payload, which are checked.
+#[pyfunction]
+pub fn outcome_from_bytes(bytes: Bound<'_, PyBytes>) -> PyResult<Outcome> {
+    const HEADER: usize = size_of::<ResultHeader>();
+    let data = bytes.as_bytes();
+    if data.len() < HEADER {
+        return Err(errors::format(format!(
+            "{} bytes are no result; its header alone has {HEADER}",
+            data.len()
+        )));
+    }
+    let (head, payload) = data.split_at(HEADER);
+    let header: ResultHeader = bytemuck::pod_read_unaligned(head);
+    let kind = header
+        .check(payload.len())
+        .map_err(|fault| errors::result(&fault, ""))?;
+    let inputs = &payload[header.inputs_offset() as usize..header.payload_bytes as usize];
+    Ok(Outcome {
+        header,
+        kind,
+        body: Memory {
+            start: payload.as_ptr().cast_mut(),
+            len: header.body_bytes as usize,
+        },
+        inputs: inputs
+            .chunks_exact(size_of::<InputRecord>())
+            .map(bytemuck::pod_read_unaligned)
+            .collect(),
+        keeper: Keeper::Bytes(bytes.unbind()),
+    })
+}
+
+/// What a result answers, given as the native half of a frame or of a result.
+#[derive(FromPyObject)]
+pub enum Input<'py> {
+    /// A frame.
+    Frame(PyRef<'py, Sample>),
+    /// A result.
+    Result(PyRef<'py, Outcome>),
+}
+
+impl Input<'_> {
+    /// Shows it as something that can be answered.
+    pub fn answered(&self, act: impl FnOnce(&dyn Answerable)) -> PyResult<()> {
+        let is_live = match self {
+            Input::Frame(frame) => frame.answered(act),
+            Input::Result(result) => result.answered(act),
+        };
+        match is_live {
+            true => Ok(()),
+            false => Err(PyValueError::new_err(
+                "a result cannot answer a frame that was read from bytes, because it has no topic; answer the frame as it comes from the bus",
+            )),
+        }
+    }
+}

@@ -1,0 +1,166 @@
+"""Results: golden ones, made by the Rust tests, read from bytes; and the records that helpers make."""
+
+import pathlib
+import sys
+import unittest
+
+import numpy as np
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "python"))
+
+import gantry  # noqa: E402
+from gantry import _dtypes, _layout  # noqa: E402
+
+GOLDEN = HERE.parents[2] / "schemas" / "schema_frames" / "tests" / "golden" / "results.txt"
+
+
+def golden():
+    lines = [line.split() for line in GOLDEN.read_text().splitlines() if not line.startswith("#")]
+    return {name: bytes.fromhex(text) for name, text in lines}
+
+
+class GoldenResults(unittest.TestCase):
+    def test_a_header_has_every_field_of_the_layout(self):
+        data = bytearray((37 * i + 11) % 251 for i in range(320))
+        data[84:88] = (8).to_bytes(4, "little")
+        record, header = np.frombuffer(bytes(data), _dtypes.RESULT_HEADER, 1)[0], gantry.ResultHeader.from_bytes(data)
+        for name, _, _, _ in _layout.STRUCTS["ResultHeader"][2]:
+            if name == "world_from_space":
+                for part in ("translation_m", "rotation_xyzw"):
+                    np.testing.assert_array_equal(getattr(header.world_from_space, part), record[name][part])
+            elif not name.startswith("reserved"):
+                np.testing.assert_array_equal(getattr(header, name), record[name], name)
+
+    def test_every_type_has_the_shape_and_type_of_the_specification(self):
+        expected = {
+            "image": ((2, 4, 3), "u1"), "tensor": ((2, 3), "<u2"), "boxes2d": ((2,), gantry.BOX2D), "boxes3d": ((2,), gantry.BOX3D),
+            "tracks": ((2,), gantry.TRACK), "masks": ((2,), gantry.MASK), "keypoints": ((2,), gantry.KEYPOINT_SET), "flow": ((2, 4, 2), "<f4"),
+            "depth": ((2, 4), "<f4"), "semantic": ((2, 4), "u1"), "instance": ((2, 4), "<u4"),
+            "points": ((3,), [(name, "<f4") for name in ("x", "y", "z", "intensity")]), "pose": ((2,), gantry.POSE_ESTIMATE),
+            "odometry": ((2,), gantry.ODOMETRY), "path": ((2,), gantry.PATH_POINT), "control": ((2,), gantry.VEHICLE_CONTROL),
+            "scalars": ((2,), gantry.SCALAR), "text": ((2,), "u1"), "json": ((2,), "u1"), "bytes": ((2,), "u1"),
+        }  # fmt: skip
+        results = golden()
+        self.assertEqual(list(results), gantry.RESULT_TYPES)
+        self.assertEqual(set(results), set(expected))
+        for name, (shape, dtype) in expected.items():
+            with self.subTest(name):
+                result = gantry.result_from_bytes(results[name])
+                self.assertEqual((result.type, result.array.shape, result.array.dtype), (name, shape, np.dtype(dtype)))
+                self.assertFalse(result.array.flags.writeable or result.array.flags.owndata)
+
+    def test_header_and_inputs_are_read(self):
+        result = gantry.result_from_bytes(golden()["boxes2d"])
+        self.assertEqual((result.tick, result.seq, result.epoch, result.space), (1 << 40, 7, 2**64 - 2, "image"))
+        self.assertEqual((result.header.writer_epoch, result.header.flags, result.header.origin_mono_nanos), (99, 1, 3))
+        self.assertEqual([(one.topic, one.tick, one.seq) for one in result.inputs], [("ego/front/rgb", 1 << 40, 11), ("detector/boxes", 1 << 40, 11)])
+        self.assertEqual((result.inputs[0].epoch, result.inputs[0].published_mono_nanos, result.inputs[0].taken_mono_nanos), (8, 4, 5))
+        self.assertEqual(result.classes[14], "Car")
+
+    def test_bytes_land_where_they_belong(self):
+        results = {name: gantry.result_from_bytes(data) for name, data in golden().items()}
+        body = [byte for i in range(400) for byte in [[0, 0, 0x20 + i % 64, 0x41][i % 4]]]
+        self.assertEqual(results["image"].array[1, 2].tolist(), body[18:21])
+        self.assertEqual(results["boxes2d"].array["class"][1], int.from_bytes(bytes(body[52:56]), "little"))
+        self.assertEqual(results["tracks"].array["yaw_rate_radps"][0], np.frombuffer(bytes(body[144:148]), "<f4")[0])
+        self.assertEqual(results["masks"].tail.tobytes(), bytes(body[96:108]))
+        self.assertEqual(results["keypoints"].tail.dtype, gantry.KEYPOINT)
+        self.assertEqual((results["text"].text, results["json"].json()), ("hi", {}))
+        points = gantry.result_from_bytes(golden()["points"], about={"fields": [{"name": "t", "type": "u16", "offset": 6}]})
+        self.assertEqual(points.array["t"].tolist(), [int.from_bytes(bytes(body[at : at + 2]), "little") for at in (6, 22, 38)])
+
+    def test_broken_results_are_refused_with_a_sentence(self):
+        data = golden()["boxes2d"]
+        for broken, sentence in [
+            (b"X" + data[1:], "GRES"), (data[:-1], "its sample holds"), (data[:8] + b"\x63" + data[9:], "has type 99"), (data[:100], "are no result"),
+        ]:  # fmt: skip
+            with self.assertRaisesRegex(gantry.FrameFormatError, sentence):
+                gantry.result_from_bytes(broken)
+        with self.assertRaisesRegex(gantry.SchemaVersionError, "carries schema 9"):
+            gantry.result_from_bytes(data[:4] + b"\x09\x00" + data[6:])
+        with self.assertRaisesRegex(gantry.FrameFormatError, "not masks"):
+            gantry.result_from_bytes(data).masks
+        # The records of these name runs and points by random numbers.
+        with self.assertRaisesRegex(gantry.FrameFormatError, "there are 3"):
+            gantry.result_from_bytes(golden()["masks"]).masks
+        with self.assertRaisesRegex(gantry.FrameFormatError, "there are 3"):
+            gantry.result_from_bytes(golden()["keypoints"]).keypoints
+
+    def test_random_headers_never_do_worse_than_an_error(self):
+        rng = np.random.default_rng(2)
+        for data in golden().values():
+            for _ in range(200):
+                broken = bytearray(data)
+                for _ in range(3):
+                    broken[rng.integers(0, 320)] = rng.integers(0, 256)
+                try:
+                    result = gantry.result_from_bytes(bytes(broken))
+                    result.copy(), result.inputs
+                except gantry.GantryError:
+                    pass
+
+
+class Records(unittest.TestCase):
+    def test_columns_are_broadcast_and_a_wrong_one_is_named(self):
+        boxes = gantry.boxes2d([[1, 2], [3, 4]], [[5, 6], [7, 8]], score=0.5, class_=[1, 2])
+        self.assertEqual((boxes["max_px"].tolist(), boxes["score"].tolist(), boxes["class"].tolist()), ([[5, 6], [7, 8]], [0.5, 0.5], [1, 2]))
+        self.assertEqual(len(gantry.boxes2d([], [])), 0)
+        with self.assertRaisesRegex(ValueError, "score has the shape"):
+            gantry.boxes2d([[1, 2], [3, 4]], [[5, 6], [7, 8]], score=[1, 2, 3])
+        with self.assertRaisesRegex(ValueError, r"it must be \(n, 2\)"):
+            gantry.boxes2d([[1, 2, 3]], [[5, 6, 7]])
+
+    def test_a_yaw_becomes_a_quaternion_about_z(self):
+        boxes = gantry.boxes3d([[1, 2, 3]], [[2, 1, 1]], yaw_rad=np.pi / 2)
+        np.testing.assert_allclose(boxes["pose"]["rotation_xyzw"], [[0, 0, np.sqrt(0.5), np.sqrt(0.5)]])
+        self.assertTrue(np.isnan(boxes["velocity_mps"]).all())
+        with self.assertRaisesRegex(ValueError, "either rotation_xyzw or yaw_rad"):
+            gantry.path([[0, 0, 0]], yaw_rad=0, rotation_xyzw=[0, 0, 0, 1])
+
+    def test_tracks_say_which_of_their_boxes_hold(self):
+        tracks = gantry.tracks([1, 2], min_px=[[0, 0], [1, 1]], max_px=[[2, 2], [3, 3]], state=["tentative", "lost"])
+        self.assertEqual((tracks["flags"].tolist(), tracks["state"].tolist()), ([1, 1], [0, 2]))
+        self.assertEqual(gantry.tracks([1], center_m=[[0, 0, 0]], half_m=[[1, 1, 1]])["flags"].tolist(), [2])
+        with self.assertRaisesRegex(ValueError, "'gone' is no state"):
+            gantry.tracks([1], state="gone")
+        with self.assertRaisesRegex(ValueError, "needs min_px and max_px"):
+            gantry.tracks([1], min_px=[[0, 0]])
+
+    def test_runs_are_those_of_coco(self):
+        # COCO counts column by column, background first.
+        picture = np.array([[0, 1], [1, 1]], bool)
+        records, runs = gantry.masks([picture, ~picture])
+        self.assertEqual(runs.tolist(), [1, 3, 0, 1, 3])
+        self.assertEqual((records["first_run"].tolist(), records["n_runs"].tolist()), ([0, 2], [2, 3]))
+        self.assertEqual((records["min_px"].tolist(), records["max_px"].tolist()), ([[0, 0], [0, 0]], [[2, 2], [1, 1]]))
+        with self.assertRaisesRegex(ValueError, "of one size"):
+            gantry.masks([picture, picture[:1]])
+
+    def test_key_points_of_several_objects_lie_one_behind_the_other(self):
+        records, points = gantry.keypoints([[[1, 2]], [[3, 4], [5, 6]]], visibility=[2, [1, 0]])
+        self.assertEqual((records["first_point"].tolist(), records["n_points"].tolist()), ([0, 1], [1, 2]))
+        self.assertEqual((points["at_px"].tolist(), points["visibility"].tolist()), ([[1, 2], [3, 4], [5, 6]], [2, 1, 0]))
+
+    def test_poses_scalars_and_their_limits(self):
+        pose = gantry.pose([1, 2, 3], covariance=np.eye(6))
+        self.assertEqual((pose["pose"]["translation_m"].tolist(), pose["covariance"][0][7]), ([[1, 2, 3]], 1))
+        self.assertEqual(gantry.odometry([0, 0, 0], velocity_mps=[1, 0, 0])["velocity_mps"].tolist(), [[1, 0, 0]])
+        with self.assertRaisesRegex(ValueError, r"must be \(6, 6\)"):
+            gantry.pose([1, 2, 3], covariance=np.eye(3))
+        with self.assertRaisesRegex(ValueError, "56 are allowed"):
+            gantry.scalars({"x" * 57: 1.0})
+
+    def test_controls_outside_their_range_are_refused(self):
+        from gantry._control import control_record
+
+        record = np.frombuffer(control_record(24, throttle=0.5, steer=-1, gear=-1, reverse=True), gantry.VEHICLE_CONTROL)[0]
+        self.assertEqual((record["actor_id"], record["throttle_ratio"], record["steer_ratio"], record["flags"], record["gear"]), (24, 0.5, -1, 6, -1))
+        self.assertEqual(record["lamps"], 2**32 - 1)
+        for values, sentence in [({"throttle": 1.5}, "throttle is 1.5"), ({"steer": float("nan")}, "steer is nan"), ({"gear": 30}, "gear is 30")]:
+            with self.assertRaisesRegex(ValueError, sentence):
+                control_record(1, **values)
+
+
+if __name__ == "__main__":
+    unittest.main()

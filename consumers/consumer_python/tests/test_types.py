@@ -1,0 +1,68 @@
+"""The package is typed: mypy --strict on it, its stub against the native module, and a user's program."""
+
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+HERE = pathlib.Path(__file__).resolve().parent
+PACKAGE = HERE.parent / "python"
+
+PROGRAM = '''
+import asyncio
+from typing import Any
+import numpy.typing as npt
+from typing_extensions import assert_type
+import gantry
+
+with gantry.open("ego/front/rgb") as camera, gantry.open("mine/boxes", result="boxes2d") as boxes:
+    assert_type(camera, gantry.Topic[gantry.Frame])
+    assert_type(boxes.next(), gantry.Result | None)
+    for frame in camera:
+        assert_type(frame.array, npt.NDArray[Any])
+        assert_type(frame.tick, int)
+
+with gantry.publish("mine/tensor", "tensor") as topic, gantry.lockstep("mine") as lockstep:
+    with topic.loan((2, 3), "f4") as a:
+        assert_type(a, npt.NDArray[Any])
+    for tick in lockstep:
+        assert_type(tick.snapshot, gantry.Snapshot)
+        gantry.vehicle(3).control(throttle=0.5)
+
+async def main() -> None:
+    async for row in gantry.sync(["ego/front/rgb"], snapshots=True):
+        assert_type(row.snapshot, gantry.Snapshot | None)
+'''
+
+
+class Types(unittest.TestCase):
+    def run_module(self, *args, cwd=PACKAGE):
+        done = subprocess.run([sys.executable, "-m", *args], cwd=cwd, capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+
+    def setUp(self):
+        self.cache = tempfile.TemporaryDirectory()
+
+    def tearDown(self):
+        self.cache.cleanup()
+
+    def test_the_package_passes_mypy_strict(self):
+        self.run_module("mypy", "--strict", "--cache-dir", self.cache.name, "-p", "gantry")
+
+    def test_the_stub_is_that_of_the_native_module(self):
+        config = pathlib.Path(self.cache.name, "mypy.ini")
+        config.write_text(f"[mypy]\ncache_dir = {self.cache.name}\n")
+        self.run_module("mypy.stubtest", "--mypy-config-file", str(config), "gantry._native")
+
+    def test_users_learn_the_types_of_what_they_get(self):
+        program = pathlib.Path(self.cache.name, "program.py")
+        program.write_text(PROGRAM)
+        import os
+
+        os.environ["MYPYPATH"] = str(PACKAGE)
+        self.run_module("mypy", "--strict", "--cache-dir", self.cache.name, str(program), cwd=self.cache.name)
+
+
+if __name__ == "__main__":
+    unittest.main()
