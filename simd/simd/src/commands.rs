@@ -9,6 +9,7 @@ mod sensors;
 mod stepping;
 
 use anyhow::bail;
+use schema_bus::Origin;
 use schema_frames::query::MAX_HITS;
 use schema_frames::{Command, CommandReply, ReplyBatch};
 use schema_types::{ActorId, Pose};
@@ -17,9 +18,15 @@ use crate::daemon::Daemon;
 use sensors::SensorWish;
 use stepping::Configuration;
 
-/// Runs all commands that wait, by (client, seq), and answers.
+/// Runs the requests that wait, at most four of each client, by (client, seq), and answers.
 pub fn serve(daemon: &mut Daemon) -> anyhow::Result<()> {
-    let requests = daemon.ports.commands.take_all()?;
+    let requests = match daemon.ports.commands.take_all() {
+        Ok(requests) => requests,
+        Err(error) => {
+            daemon.faults.unreadable(&error);
+            return Ok(());
+        }
+    };
     if requests.is_empty() {
         return Ok(());
     }
@@ -29,7 +36,8 @@ pub fn serve(daemon: &mut Daemon) -> anyhow::Result<()> {
                 .commands
                 .iter()
                 .map(|command| {
-                    run(daemon, command).unwrap_or_else(|error| refused(format!("{error:#}")))
+                    run(daemon, command, &request.origin)
+                        .unwrap_or_else(|error| refused(format!("{error:#}")))
                 })
                 .collect(),
             Err(error) => vec![refused(error.clone())],
@@ -53,7 +61,7 @@ fn refused(error: String) -> CommandReply {
 }
 
 /// Runs one command. Every command is named here, so that a new one cannot go to the wrong place.
-fn run(daemon: &mut Daemon, command: &Command) -> anyhow::Result<CommandReply> {
+fn run(daemon: &mut Daemon, command: &Command, asker: &Origin) -> anyhow::Result<CommandReply> {
     match command {
         Command::Ping => Ok(CommandReply::Pong {
             version: env!("CARGO_PKG_VERSION").into(),
@@ -71,7 +79,7 @@ fn run(daemon: &mut Daemon, command: &Command) -> anyhow::Result<CommandReply> {
             };
             stepping::configure(daemon, &wish)
         }
-        Command::JoinLockstep { name } => stepping::join(daemon, name),
+        Command::JoinLockstep { name } => stepping::join(daemon, name, asker),
         Command::LeaveLockstep { participant } => stepping::leave(daemon, *participant),
         Command::ListMaps => Ok(CommandReply::Maps {
             names: daemon.maps.names(),

@@ -17,6 +17,7 @@ use crate::clients::Clients;
 use crate::debug_shapes::DebugShapes;
 use crate::documents::State;
 use crate::episode::Episode;
+use crate::faults::Faults;
 use crate::frames::{Sensors, TickView};
 use crate::hash::BytesHash;
 use crate::lockstep::Gate;
@@ -41,7 +42,7 @@ pub struct Daemon {
     pub pace: Pace,
     pub episode: Episode,
     pub clients: Clients,
-    pub n_controls_refused: u64,
+    pub faults: Faults,
     pub checkpoints: Checkpoints,
     /// Whether the next snapshot is the first after going back to a checkpoint.
     pub just_restored: bool,

@@ -13,6 +13,49 @@ pub struct Participant {
     pub name: String,
     /// Last tick that it has acknowledged.
     pub acked_tick: u64,
+    /// How long the world must wait for it until that is said, nanoseconds.
+    say_after_nanos: u64,
+}
+
+/// How long the world waits for a participant until that is said the first time. Each further time
+/// takes twice as long, so that a debugger's hour is a dozen lines.
+const SAY_AFTER_NANOS: u64 = 5_000_000_000;
+
+/// Why an acknowledgement does not count.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum AckFault {
+    /// Nobody has this number.
+    #[error(
+        "participant {0}, which has left the lockstep, was removed from it, or never joined; join again"
+    )]
+    Unknown(u32),
+    /// The number is another's.
+    #[error("participant {number}, which is {owner:?}; each participant acknowledges for itself")]
+    NotItsOwn {
+        /// The number.
+        number: u32,
+        /// Who joined under it.
+        owner: String,
+    },
+    /// The tick has not begun.
+    #[error("tick {tick}, but the world has only begun tick {last_tick}")]
+    Future {
+        /// The tick.
+        tick: u64,
+        /// The last tick that was begun.
+        last_tick: u64,
+    },
+}
+
+impl AckFault {
+    /// Name of the fault, the same for all numbers.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            AckFault::Unknown(_) => "unknown participant",
+            AckFault::NotItsOwn { .. } => "participant of another",
+            AckFault::Future { .. } => "future tick",
+        }
+    }
 }
 
 /// Decides whether tick `last_tick + 1` may start. Pure state; the daemon feeds it.
@@ -59,6 +102,7 @@ impl Gate {
             number,
             name,
             acked_tick: last_tick,
+            say_after_nanos: SAY_AFTER_NANOS,
         });
         number
     }
@@ -69,11 +113,46 @@ impl Gate {
         Some(self.participants.remove(idx))
     }
 
-    /// Notes that a participant has acknowledged `tick`. An unknown number is ignored.
-    pub fn ack(&mut self, number: u32, tick: u64) {
-        if let Some(participant) = self.participants.iter_mut().find(|p| p.number == number) {
-            participant.acked_tick = participant.acked_tick.max(tick);
+    /// Notes that a participant has acknowledged `tick` on the writer of this name, while
+    /// `last_tick` is the last that was begun.
+    ///
+    /// # Errors
+    /// [`AckFault`]; nothing is noted then.
+    pub fn ack(
+        &mut self,
+        number: u32,
+        writer: &str,
+        tick: u64,
+        last_tick: u64,
+    ) -> Result<(), AckFault> {
+        let participant = self
+            .participants
+            .iter_mut()
+            .find(|p| p.number == number)
+            .ok_or(AckFault::Unknown(number))?;
+        if participant.name != writer {
+            return Err(AckFault::NotItsOwn {
+                number,
+                owner: participant.name.clone(),
+            });
         }
+        if tick > last_tick {
+            return Err(AckFault::Future { tick, last_tick });
+        }
+        participant.acked_tick = participant.acked_tick.max(tick);
+        Ok(())
+    }
+
+    /// Whether it is time to say that the world has waited for a participant for so long.
+    pub fn must_say(&mut self, number: u32, waited_nanos: u64) -> bool {
+        let Some(participant) = self.participants.iter_mut().find(|p| p.number == number) else {
+            return false;
+        };
+        let must = waited_nanos >= participant.say_after_nanos;
+        if must {
+            participant.say_after_nanos = waited_nanos.saturating_mul(2);
+        }
+        must
     }
 
     /// Whether stepped mode has a cue for the next tick, or none is needed.
@@ -122,14 +201,39 @@ mod tests {
         let number = gate.join("recorder".into(), 7);
         assert!(gate.is_open(7), "tick 8 is the first it acknowledges");
         assert!(!gate.is_open(8));
-        gate.ack(number + 1, 8);
+        assert_eq!(
+            gate.ack(number + 1, "recorder", 8, 8),
+            Err(AckFault::Unknown(number + 1))
+        );
+        assert!(matches!(
+            gate.ack(number, "other", 8, 8),
+            Err(AckFault::NotItsOwn { owner, .. }) if owner == "recorder"
+        ));
+        let (tick, last_tick) = (9, 8);
+        assert_eq!(
+            gate.ack(number, "recorder", tick, last_tick),
+            Err(AckFault::Future { tick, last_tick })
+        );
         assert!(!gate.is_open(8));
-        gate.ack(number, 8);
+        assert_eq!(gate.ack(number, "recorder", 8, 8), Ok(()));
         assert!(gate.is_open(8));
+        assert_eq!(gate.ack(number, "recorder", 3, 8), Ok(()), "a late one");
+        assert!(gate.is_open(8), "takes nothing back");
         assert_eq!(
             gate.leave(number).map(|p| p.name).as_deref(),
             Some("recorder")
         );
         assert!(gate.is_open(1000));
+    }
+
+    #[test]
+    fn a_long_wait_is_said_ever_more_rarely() {
+        let mut gate = Gate::new(StepMode::FreeRunning);
+        let number = gate.join("planner".into(), 0);
+        let said: Vec<u64> = (0..=3600)
+            .filter(|secs| gate.must_say(number, secs * 1_000_000_000))
+            .collect();
+        assert_eq!(said, [5, 10, 20, 40, 80, 160, 320, 640, 1280, 2560]);
+        assert!(!gate.must_say(number + 1, u64::MAX));
     }
 }

@@ -15,6 +15,7 @@ mod daemon;
 mod debug_shapes;
 mod documents;
 mod episode;
+mod faults;
 mod frames;
 mod hash;
 mod lockstep;

@@ -14,6 +14,7 @@ use crate::clients::Clients;
 use crate::daemon::Daemon;
 use crate::debug_shapes::DebugShapes;
 use crate::episode::{self, EpisodeId};
+use crate::faults::Faults;
 use crate::frames::Sensors;
 use crate::lockstep::Gate;
 use crate::maps::Maps;
@@ -80,7 +81,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         clock: TickClock::new(period_nanos),
         tick: Tick(0),
         clients: Clients::new(now),
-        n_controls_refused: 0,
+        faults: Faults::default(),
         checkpoints: Checkpoints::new(&settings.data_folder),
         just_restored: false,
         debug: DebugShapes::default(),

@@ -2,10 +2,12 @@
 
 use std::time::Duration;
 
+use anyhow::bail;
 use launch_cli::Shutdown;
 use schema_bus::mono_now;
-use schema_frames::StepMode;
+use schema_frames::{StepMode, VehicleControlRecord};
 use schema_types::{ActorId, Tick};
+use simd_world::World;
 
 use crate::commands;
 use crate::daemon::Daemon;
@@ -48,7 +50,7 @@ fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Nex
         return Ok(Next::Stop);
     }
     daemon.ports.greet();
-    take_acks(daemon)?;
+    take_acks(daemon);
     if !may_start(daemon) {
         // Before a wait nothing may be left in flight: all frames of tick N are sent before N+1
         // begins.
@@ -102,7 +104,7 @@ fn run_tick(daemon: &mut Daemon) -> anyhow::Result<()> {
     if !may_start(daemon) {
         return Ok(());
     }
-    apply_controls(daemon)?;
+    apply_controls(daemon);
     daemon.tick = Tick(daemon.tick.0 + 1);
     daemon.sensors.start_tick(daemon.tick);
     let period_nanos = daemon.clock.period_nanos();
@@ -113,67 +115,137 @@ fn run_tick(daemon: &mut Daemon) -> anyhow::Result<()> {
     daemon.fire_sensors()
 }
 
-fn apply_controls(daemon: &mut Daemon) -> anyhow::Result<()> {
-    for batch in daemon.ports.controls.drain()? {
+fn apply_controls(daemon: &mut Daemon) {
+    let batches = match daemon.ports.controls.drain() {
+        Ok(batches) => batches,
+        Err(error) => return daemon.faults.unreadable(&error),
+    };
+    for batch in batches {
         for record in &batch.records {
-            let actor = ActorId(record.actor_id);
-            let lamps = if record.lamps == u32::MAX {
-                Ok(())
-            } else {
-                daemon.world.set_lamps(actor, record.lamps)
-            };
-            let control = daemon.world.set_control(actor, record.control());
-            if let Err(error) = control.and(lamps) {
-                if daemon.n_controls_refused == 0 {
-                    tracing::warn!(writer = batch.writer, %error, "control refused; further refusals are only counted");
-                }
-                daemon.n_controls_refused += 1;
+            if let Err(error) = apply_control(&mut daemon.world, record)
+                && daemon.faults.controls.count(&batch.origin, "control")
+            {
+                tracing::warn!(
+                    "{} sent a control as {:?} that was refused: {error}; further refusals are only counted",
+                    batch.origin,
+                    batch.writer
+                );
             }
         }
     }
-    Ok(())
 }
 
-fn take_acks(daemon: &mut Daemon) -> anyhow::Result<()> {
-    for ack in daemon.ports.acks.drain()? {
-        if ack.epoch == daemon.episode.stamp.epoch {
-            daemon.gate.ack(ack.participant, ack.tick);
-        }
+/// Holds a control until it is replaced. A record of which a number is not finite is refused whole,
+/// and the vehicle keeps the control that it has.
+fn apply_control(world: &mut World, record: &VehicleControlRecord) -> anyhow::Result<()> {
+    let pedals = [
+        ("throttle_ratio", record.throttle_ratio),
+        ("steer_ratio", record.steer_ratio),
+        ("brake_ratio", record.brake_ratio),
+    ];
+    if let Some((name, value)) = pedals.into_iter().find(|(_, value)| !value.is_finite()) {
+        bail!(
+            "{name} of actor {} is {value}, but must be a finite number",
+            record.actor_id
+        );
+    }
+    let actor = ActorId(record.actor_id);
+    world.set_control(actor, record.control())?;
+    if record.lamps != u32::MAX {
+        world.set_lamps(actor, record.lamps)?;
     }
     Ok(())
 }
 
-/// Removes lockstep participants whose process is gone, and idle ones if a time-out is set.
+fn take_acks(daemon: &mut Daemon) {
+    let acks = match daemon.ports.acks.drain() {
+        Ok(acks) => acks,
+        Err(error) => return daemon.faults.unreadable(&error),
+    };
+    let Tick(last_tick) = daemon.tick;
+    for ack in acks {
+        // Acknowledgements of the daemon before this one, and those of processes that have gone,
+        // which the gate no longer waits for either.
+        if ack.epoch != daemon.episode.stamp.epoch || ack.origin.pid.is_none() {
+            continue;
+        }
+        let noted = daemon
+            .gate
+            .ack(ack.participant, &ack.origin.port, ack.tick, last_tick);
+        if let Err(fault) = noted
+            && daemon.faults.acks.count(&ack.origin, fault.kind())
+        {
+            tracing::warn!(
+                "{} acknowledged {fault}; this and further ones of it do not count",
+                ack.origin
+            );
+        }
+    }
+}
+
+/// Removes lockstep participants whose process is gone, and idle ones if a time-out is set. Says for
+/// whom the world waits long.
 fn look_after_participants(daemon: &mut Daemon) {
     let Tick(tick) = daemon.tick;
-    if daemon.gate.missing(tick).next().is_none() {
+    // The first tick waits for a number of participants. Nobody owes it an acknowledgement, but who
+    // is gone may not be counted.
+    let is_first = tick == 0 && daemon.settings.run.n_awaited_participants > 0;
+    let looked_at: Vec<_> = if is_first {
+        daemon.gate.participants().to_vec()
+    } else {
+        daemon.gate.missing(tick).cloned().collect()
+    };
+    if looked_at.is_empty() {
         return;
     }
     daemon.bus.clean_dead_nodes();
-    let living = daemon.ports.acks.writers();
-    let missing: Vec<_> = daemon.gate.missing(tick).cloned().collect();
+    let writers = daemon.ports.acks.writers();
     let idle_nanos = mono_now().0.saturating_sub(daemon.pace.last_start_nanos());
     let timed_out = daemon
         .settings
         .run
         .lockstep_timeout_nanos
         .is_some_and(|limit_nanos| idle_nanos > limit_nanos);
-    for participant in missing {
-        let alive = living.contains(&participant.name);
-        if !alive || timed_out {
-            let why = if alive {
-                "is idle for longer than --lockstep-timeout"
-            } else {
-                "is gone"
-            };
-            tracing::warn!(
-                name = participant.name,
-                tick,
-                "lockstep participant {why}; going on without it"
-            );
-            daemon.gate.leave(participant.number);
-            daemon.ports.documents.touch_info();
-        }
+    let n_before = daemon.gate.participants().len();
+    for participant in looked_at {
+        let process = writers.iter().find(|w| w.port == participant.name);
+        let why = match process {
+            None => "is gone".to_owned(),
+            Some(_) if is_first => continue,
+            Some(process) if timed_out => {
+                format!("is idle for longer than --lockstep-timeout ({process})")
+            }
+            Some(process) => {
+                if daemon.gate.must_say(participant.number, idle_nanos) {
+                    let state = if process.is_stopped() {
+                        ", which is stopped"
+                    } else {
+                        ""
+                    };
+                    tracing::warn!(
+                        name = participant.name,
+                        tick,
+                        "the world waits for lockstep participant {:?}, {process}{state}, for {} s; let it go on, end it, or start with --lockstep-timeout",
+                        participant.name,
+                        idle_nanos / 1_000_000_000
+                    );
+                }
+                continue;
+            }
+        };
+        tracing::warn!(
+            name = participant.name,
+            tick,
+            "lockstep participant {why}; going on without it"
+        );
+        daemon.gate.leave(participant.number);
+        daemon.ports.documents.touch_info();
+    }
+    // While the world stands still, no tick says who is left.
+    if daemon.gate.participants().len() < n_before
+        && let Err(error) = daemon.publish_documents()
+    {
+        tracing::warn!(%error, "cannot say who is left in the lockstep");
     }
 }
 

@@ -12,7 +12,20 @@ pub fn counters(daemon: &Daemon) -> CommandReply {
         ("ticks".to_owned(), daemon.tick.0),
         ("late_ticks".to_owned(), daemon.pace.n_late()),
         ("ticks_given_up".to_owned(), daemon.pace.n_given_up()),
-        ("controls_refused".to_owned(), daemon.n_controls_refused),
+        ("controls_refused".to_owned(), daemon.faults.controls.n()),
+        (
+            "control_samples_lost".to_owned(),
+            daemon.ports.controls.n_lost(),
+        ),
+        (
+            "control_samples_refused".to_owned(),
+            daemon.ports.controls.n_faults(),
+        ),
+        ("acks_refused".to_owned(), daemon.faults.acks.n()),
+        (
+            "requests_refused".to_owned(),
+            daemon.ports.commands.n_faults(),
+        ),
         ("gpu_passes".to_owned(), gpu.passes),
         ("gpu_draws".to_owned(), gpu.draws),
         ("gpu_triangles".to_owned(), gpu.triangles),

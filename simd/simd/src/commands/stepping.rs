@@ -1,11 +1,12 @@
 //! Commands that decide when ticks happen: cues, the length of a tick, and lockstep.
 
 use anyhow::{bail, ensure};
-use schema_bus::mono_now;
+use schema_bus::{Origin, mono_now};
 use schema_frames::{CommandReply, StepMode};
 use schema_types::Tick;
 
 use crate::daemon::Daemon;
+use crate::lockstep::Participant;
 use crate::pace::Pace;
 
 /// Shortest and longest tick, nanoseconds: 10 kHz to 0.1 Hz.
@@ -69,11 +70,12 @@ pub fn configure(daemon: &mut Daemon, wish: &Configuration) -> anyhow::Result<Co
     Ok(CommandReply::Done)
 }
 
-pub fn join(daemon: &mut Daemon, name: &str) -> anyhow::Result<CommandReply> {
+pub fn join(daemon: &mut Daemon, name: &str, asker: &Origin) -> anyhow::Result<CommandReply> {
     ensure!(
         !name.is_empty() && name.len() <= 64,
         "name is {name:?}, but must have 1 to 64 characters"
     );
+    replace_namesake(daemon, name, asker)?;
     let Tick(last_tick) = daemon.tick;
     let participant = daemon.gate.join(name.to_owned(), last_tick);
     tracing::info!(
@@ -87,6 +89,33 @@ pub fn join(daemon: &mut Daemon, name: &str) -> anyhow::Result<CommandReply> {
         participant,
         first_tick: last_tick + 1,
     })
+}
+
+/// Gives up the place of a participant that was killed and comes back under its name. Both cannot be
+/// there: the daemon knows participants by the names of their writers.
+fn replace_namesake(daemon: &mut Daemon, name: &str, asker: &Origin) -> anyhow::Result<()> {
+    let namesake = |p: &&Participant| p.name == name;
+    let Some(before) = daemon.gate.participants().iter().find(namesake) else {
+        return Ok(());
+    };
+    let number = before.number;
+    daemon.bus.clean_dead_nodes();
+    let writers = daemon.ports.acks.writers();
+    let same: Vec<_> = writers.iter().filter(|w| w.port == name).collect();
+    if let Some(other) = same.iter().find(|w| w.pid != asker.pid) {
+        bail!("name is {name:?}, but {other} has joined under it; choose another")
+    }
+    ensure!(
+        same.len() < 2,
+        "name is {name:?}, but this process has joined under it already; leave first, or choose another"
+    );
+    tracing::warn!(
+        name,
+        participant = number,
+        "a participant of this name joins again; its former place in the lockstep ends"
+    );
+    daemon.gate.leave(number);
+    Ok(())
 }
 
 pub fn leave(daemon: &mut Daemon, participant: u32) -> anyhow::Result<CommandReply> {

@@ -1,0 +1,417 @@
+//! Programs of users that do one thing wrong: they flood, send garbage, lie about lengths, stop, or
+//! die with shared memory in hand. In each test the simulator's ticks go on, another client is
+//! served, a line names the process once, and nothing is left in shared memory.
+//!
+//! The wrong is done by the example `misbehave`, a process of its own.
+
+use nix::sys::signal::Signal;
+use schema_bus::{Bus, CommandClient};
+use schema_frames::{Command, CommandReply};
+use test_e2e::{
+    SMALL_RIG, ask, assert_nothing_left, counter, join_bus, reader, spawn_consumer, start_daemon,
+    step,
+};
+use test_kit::{Process, Sandbox, eventually};
+
+/// A simulator that ticks on its own, and this test as another client of it.
+struct Stage {
+    // Fields drop in this order: ports before their bus, and the daemon before its folder.
+    client: CommandClient,
+    bus: Bus,
+    daemon: Process,
+    sandbox: Sandbox,
+}
+
+impl Stage {
+    fn new(name: &str, extra: &[&str]) -> Stage {
+        let sandbox = Sandbox::new(name);
+        let daemon = start_daemon(&sandbox, SMALL_RIG, extra);
+        let bus = join_bus(&sandbox, "bystander");
+        let client = bus.command_client("bystander").unwrap();
+        Stage {
+            client,
+            bus,
+            daemon,
+            sandbox,
+        }
+    }
+
+    /// Starts a program with a fault and waits until it is at work.
+    fn misbehave(&self, fault: &str, word: &str) -> Process {
+        let program = test_kit::sandbox::binary_path("examples/misbehave");
+        let args = [self.sandbox.domain(), fault, word];
+        let mut process = self
+            .sandbox
+            .spawn_program("misbehave", &program, &args, &[]);
+        process.wait_line("at work");
+        process
+    }
+
+    /// Waits until the world is `n` ticks further.
+    fn ticks_go_on(&mut self, n: u64) {
+        let before = counter(&mut self.client, "ticks");
+        eventually(&format!("{n} more ticks"), || {
+            (counter(&mut self.client, "ticks") >= before + n).then_some(())
+        });
+    }
+
+    /// Waits for a line of the daemon with all of `words`; asserts that it stays the only one of its
+    /// kind while the world goes on.
+    fn is_said_once(&mut self, words: &[&str]) {
+        let lines_with = |daemon: &Process| {
+            let has_all = |line: &&String| words.iter().all(|word| line.contains(word));
+            daemon.lines().iter().filter(has_all).count()
+        };
+        eventually(&format!("the daemon says {words:?}"), || {
+            (lines_with(&self.daemon) > 0).then_some(())
+        });
+        self.ticks_go_on(20);
+        let lines = self.daemon.lines();
+        assert_eq!(lines_with(&self.daemon), 1, "{words:?} in {lines:#?}");
+    }
+
+    /// An actor that is a vehicle.
+    fn vehicle(&mut self) -> u32 {
+        let mut snapshots = self.bus.snapshot_reader().unwrap();
+        let snapshot = eventually("a snapshot", || snapshots.latest().unwrap());
+        let is_vehicle = |record: &&schema_frames::ActorRecord| {
+            record.kind() == Some(schema_frames::ActorKind::Vehicle)
+        };
+        let vehicle = snapshot.records().iter().find(is_vehicle);
+        vehicle.expect("the small rig has vehicles").id
+    }
+
+    /// Ends both, the wrongdoer by `kill -9`, and asserts that nothing is left.
+    fn end(self, wrongdoer: Process) {
+        wrongdoer.kill9();
+        let Stage {
+            client,
+            bus,
+            daemon,
+            sandbox,
+        } = self;
+        drop((client, bus));
+        daemon.stop().expect_code(0);
+        assert_nothing_left(&sandbox);
+    }
+}
+
+/// How the daemon calls a process.
+fn named(process: &Process) -> String {
+    format!("process {} (misbehave)", process.pid())
+}
+
+#[test]
+fn a_flood_of_controls_starves_neither_ticks_nor_other_writers() {
+    let mut stage = Stage::new("flood-vehicles", &[]);
+    let vehicle = stage.vehicle();
+    let flooder = stage.misbehave("flood-vehicles", &vehicle.to_string());
+    stage.is_said_once(&[&named(&flooder), "floods control/vehicles", "lost"]);
+    assert!(counter(&mut stage.client, "control_samples_lost") > 100);
+    // Another writer's control is applied in the midst of it: names are sorted, the last counts.
+    let mut other = stage.bus.control_writer("zealous").unwrap();
+    let mut snapshots = stage.bus.snapshot_reader().unwrap();
+    eventually("another writer's control is seen", || {
+        let control = schema_frames::VehicleControl {
+            brake_ratio: 0.375,
+            ..Default::default()
+        };
+        let record = schema_frames::VehicleControlRecord::new(vehicle, control);
+        other.send(1, &[record]).unwrap();
+        let snapshot = snapshots.latest().unwrap()?;
+        let part = snapshot.actor(vehicle)?.vehicle()?;
+        (part.brake_ratio == 0.375).then_some(())
+    });
+    let before = stage.daemon.resident_bytes();
+    stage.ticks_go_on(40);
+    let grown = stage.daemon.resident_bytes().saturating_sub(before);
+    assert!(grown < 64 << 20, "the daemon grew by {grown} bytes");
+    drop((other, snapshots));
+    stage.end(flooder);
+}
+
+#[test]
+fn a_flood_of_requests_starves_neither_ticks_nor_other_clients() {
+    let mut stage = Stage::new("flood-requests", &[]);
+    let flooder = stage.misbehave("flood-requests", "");
+    stage.is_said_once(&[&named(&flooder), "floods control/world", "lost"]);
+    let mut imu = reader(&stage.bus, "ego/imu/imu");
+    eventually("a frame", || imu.next().unwrap());
+    drop(imu);
+    stage.end(flooder);
+}
+
+#[test]
+fn requests_of_garbage_are_refused_and_their_process_is_named() {
+    let mut stage = Stage::new("garbage-requests", &[]);
+    let wrongdoer = stage.misbehave("garbage-requests", "");
+    stage.is_said_once(&[&named(&wrongdoer), "on control/world", "refused"]);
+    stage.end(wrongdoer);
+}
+
+#[test]
+fn acknowledgements_of_nobody_are_named_and_counted() {
+    let mut stage = Stage::new("flood-acks", &[]);
+    let wrongdoer = stage.misbehave("flood-acks", "");
+    stage.is_said_once(&[&named(&wrongdoer), "never joined"]);
+    assert!(counter(&mut stage.client, "acks_refused") > 100);
+    stage.end(wrongdoer);
+}
+
+/// A writer that acknowledges for a participant that is not itself: the gate waits on for the
+/// participant.
+#[test]
+fn nobody_acknowledges_for_another() {
+    let mut stage = Stage::new("acks-of-others", &[]);
+    let participant = consumer_kit::Lockstep::join(&stage.bus, "slow", test_kit::PATIENCE).unwrap();
+    let first = participant.first_tick();
+    // The first participant of a run is number 1.
+    let wrongdoer = stage.misbehave("acks-of-others", "1");
+    let words = [named(&wrongdoer), "which is \"slow\"".to_owned()];
+    let has_all = |line: &String| words.iter().all(|word| line.contains(word));
+    eventually("the daemon names it", || {
+        stage.daemon.lines().iter().any(has_all).then_some(())
+    });
+    assert_eq!(
+        counter(&mut stage.client, "ticks"),
+        first,
+        "the world waits for the real participant"
+    );
+    participant.ack(first).unwrap();
+    eventually("the next tick", || {
+        (counter(&mut stage.client, "ticks") == first + 1).then_some(())
+    });
+    drop(participant);
+    stage.ticks_go_on(5);
+    stage.end(wrongdoer);
+}
+
+#[test]
+fn nobody_acknowledges_the_future() {
+    let mut stage = Stage::new("future-acks", &[]);
+    let wrongdoer = stage.misbehave("future-acks", "");
+    let words = [named(&wrongdoer), "has only begun tick".to_owned()];
+    let has_all = |line: &String| words.iter().all(|word| line.contains(word));
+    eventually("the daemon names it", || {
+        stage.daemon.lines().iter().any(has_all).then_some(())
+    });
+    let ticks = counter(&mut stage.client, "ticks");
+    let lines = stage.daemon.lines();
+    assert_eq!(lines.iter().filter(|line| has_all(line)).count(), 1);
+    assert!(counter(&mut stage.client, "ticks") <= ticks + 1, "it waits");
+    let wrongdoer_name = named(&wrongdoer);
+    wrongdoer.kill9();
+    stage.daemon.wait_line("lockstep participant is gone");
+    stage.ticks_go_on(5);
+    let next = stage.misbehave("lockstep", "");
+    assert_ne!(named(&next), wrongdoer_name);
+    stage.ticks_go_on(5);
+    stage.end(next);
+}
+
+#[test]
+fn controls_of_garbage_are_dropped_and_their_process_is_named() {
+    let mut stage = Stage::new("garbage-vehicles", &[]);
+    let wrongdoer = stage.misbehave("garbage-vehicles", "");
+    stage.is_said_once(&[&named(&wrongdoer), "on control/vehicles", "dropped"]);
+    assert!(counter(&mut stage.client, "control_samples_refused") > 100);
+    stage.end(wrongdoer);
+}
+
+/// Not a number in a control: the vehicle keeps the control that it has, and its place stays a
+/// number.
+#[test]
+fn a_control_that_is_not_a_number_is_refused() {
+    let mut stage = Stage::new("wild-controls", &[]);
+    let vehicle = stage.vehicle();
+    let wrongdoer = stage.misbehave("wild-controls", &vehicle.to_string());
+    stage.is_said_once(&[&named(&wrongdoer), "steer_ratio", "NaN", "finite"]);
+    let mut snapshots = stage.bus.snapshot_reader().unwrap();
+    let snapshot = eventually("a snapshot", || snapshots.latest().unwrap());
+    let record = snapshot.actor(vehicle).expect("the vehicle is there");
+    let part = record.vehicle().expect("it is a vehicle");
+    assert_eq!(part.throttle_ratio, 0.0, "nothing of the record is applied");
+    assert!(record.speed_mps().is_finite());
+    drop((snapshot, snapshots));
+    stage.end(wrongdoer);
+}
+
+#[test]
+fn a_control_for_an_actor_that_is_not_there_is_refused() {
+    let mut stage = Stage::new("unknown-vehicle", &[]);
+    let wrongdoer = stage.misbehave("unknown-vehicle", "");
+    stage.is_said_once(&[&named(&wrongdoer), "999999", "refused"]);
+    assert!(counter(&mut stage.client, "controls_refused") > 10);
+    stage.end(wrongdoer);
+}
+
+/// A second writer on a sensor's topic sends headers with wrong magic, version and lengths. The
+/// recorder refuses them, names the process, and keeps the sensor's own frames.
+#[test]
+fn garbage_on_a_sensors_topic_is_refused_by_its_readers() {
+    let mut stage = Stage::new("garbage-frames", &[]);
+    let mut recorder = spawn_consumer(&stage.sandbox, "gantry-record", &["--out", "a.mcap"]);
+    eventually("the recorder reads", || {
+        let topics = stage.bus.topics().ok()?;
+        let imu = topics.iter().find(|t| t.name == "ego/imu/imu")?;
+        (imu.subscribers > 0).then_some(())
+    });
+    let wrongdoer = stage.misbehave("garbage-frames", "ego/imu/imu");
+    let line = recorder.wait_line("refused a frame");
+    assert!(line.contains(&named(&wrongdoer)), "{line}");
+    stage.ticks_go_on(20);
+    let refusals = recorder.lines().into_iter();
+    let refusals = refusals.filter(|line| line.contains("refused a frame"));
+    assert_eq!(refusals.count(), 1, "it is said once");
+    // Losses are told by the exit code; a flooded topic loses frames.
+    assert!([0, 3].contains(&recorder.stop().code()));
+    let found = test_e2e::recording::sequences(&stage.sandbox.path("a.mcap"));
+    assert!(!found["/ego/front/rgb/gantry"].is_empty());
+    stage.end(wrongdoer);
+}
+
+/// Snapshots that claim more actors than they have: a driver refuses them and goes on driving.
+#[test]
+fn garbage_snapshots_are_refused_by_their_readers() {
+    let mut stage = Stage::new("garbage-snapshots", &[]);
+    let mut driver = spawn_consumer(&stage.sandbox, "gantry-drive", &[]);
+    driver.wait_line("driving vehicles=");
+    let wrongdoer = stage.misbehave("garbage-snapshots", "");
+    let line = eventually("the driver names it", || {
+        let lines = driver.lines();
+        lines
+            .into_iter()
+            .find(|line| line.contains(&named(&wrongdoer)))
+    });
+    assert!(line.contains("world/snapshot"), "{line}");
+    stage.ticks_go_on(20);
+    assert!(driver.is_running());
+    let wrongdoer_gone = wrongdoer.kill9();
+    assert!(!wrongdoer_gone.status.success());
+    driver.stop().expect_code(0);
+    let bystander = stage.misbehave("unknown-vehicle", "");
+    stage.end(bystander);
+}
+
+/// A reader that keeps every frame it may hold: the sensor has slots for all its readers, so it
+/// loses nothing, and another reader gets every frame.
+#[test]
+fn a_reader_that_holds_all_it_may_takes_nothing_from_others() {
+    let mut stage = Stage::new("hold-frames", &[]);
+    let mut imu = reader(&stage.bus, "ego/imu/imu");
+    let mut holder = stage.misbehave("hold-frames", "ego/imu/imu");
+    holder.wait_line("holds 4 frames");
+    let mut last: Option<u64> = None;
+    let mut n_frames = 0;
+    eventually("forty frames in a row", || {
+        while let Some(frame) = imu.next().unwrap() {
+            let seq = frame.header().seq;
+            assert!(last.is_none_or(|last| seq == last + 1), "{last:?}, {seq}");
+            (last, n_frames) = (Some(seq), n_frames + 1);
+        }
+        (n_frames >= 40).then_some(())
+    });
+    assert_eq!(counter(&mut stage.client, "dropped ego/imu/imu"), 0);
+    drop(imu);
+    stage.end(holder);
+}
+
+/// A process is killed while it fills samples of two topics: nobody sees them, and its places and
+/// memory come back.
+#[test]
+fn a_process_that_dies_inside_a_loan_leaves_no_trace() {
+    let mut stage = Stage::new("die-in-loan", &[]);
+    for _ in 0..4 {
+        let process = stage.misbehave("die-in-loan", "own/boxes");
+        let ended = process.wait();
+        assert_eq!(
+            std::os::unix::process::ExitStatusExt::signal(&ended.status),
+            Some(Signal::SIGKILL as i32)
+        );
+        stage.ticks_go_on(3);
+    }
+    stage.bus.clean_dead_nodes();
+    let topics = stage.bus.topics().unwrap();
+    assert!(
+        topics.iter().all(|topic| topic.name != "own/boxes"),
+        "{topics:#?}"
+    );
+    let bystander = stage.misbehave("unknown-vehicle", "");
+    stage.end(bystander);
+}
+
+/// A participant that is stopped holds the world, which is what lockstep promises. A line says for
+/// whom the world waits, and why; once the process goes on, so does the world.
+#[test]
+fn a_stopped_participant_is_named_while_the_world_waits() {
+    let mut stage = Stage::new("stopped", &[]);
+    let participant = stage.misbehave("lockstep", "");
+    stage.ticks_go_on(5);
+    participant.signal(Signal::SIGSTOP);
+    let line = stage.daemon.wait_line("the world waits for");
+    assert!(line.contains(&named(&participant)), "{line}");
+    assert!(line.contains("which is stopped"), "{line}");
+    // Commands are served meanwhile.
+    assert!(matches!(
+        ask(&mut stage.client, Command::Ping),
+        CommandReply::Pong { .. }
+    ));
+    participant.signal(Signal::SIGCONT);
+    stage.ticks_go_on(5);
+    stage.end(participant);
+}
+
+#[test]
+fn a_stopped_participant_is_removed_after_the_time_out() {
+    let mut stage = Stage::new("timed-out", &["--lockstep-timeout", "1"]);
+    let participant = stage.misbehave("lockstep", "");
+    stage.ticks_go_on(5);
+    participant.signal(Signal::SIGSTOP);
+    let line = stage.daemon.wait_line("idle for longer than");
+    assert!(line.contains(&named(&participant)), "{line}");
+    stage.ticks_go_on(5);
+    // What it acknowledges when it wakes up no longer counts, and it is told once.
+    participant.signal(Signal::SIGCONT);
+    stage.is_said_once(&[&named(&participant), "was removed from it"]);
+    stage.end(participant);
+}
+
+/// A participant that was killed comes back under its name before the daemon noticed its death.
+#[test]
+fn a_killed_participant_may_come_back_at_once() {
+    let mut stage = Stage::new("comes-back", &[]);
+    let first = stage.misbehave("lockstep", "");
+    stage.ticks_go_on(5);
+    let second = {
+        first.kill9();
+        stage.misbehave("lockstep", "")
+    };
+    stage.ticks_go_on(10);
+    // While it lives, nobody else may join under its name.
+    let refused = consumer_kit::Lockstep::join(&stage.bus, "misbehave", test_kit::PATIENCE);
+    let sentence = refused.expect_err("the name is taken").to_string();
+    assert!(sentence.contains(&named(&second)), "{sentence}");
+    stage.ticks_go_on(10);
+    stage.end(second);
+}
+
+/// In stepped mode a flood of wake-ups and requests causes no tick that nobody asked for.
+#[test]
+fn a_flood_in_stepped_mode_causes_no_ticks() {
+    let sandbox = Sandbox::new("stepped-flood");
+    let text = SMALL_RIG.replace("tick_hz = 20", "tick_hz = 20\nmode = \"stepped\"");
+    let daemon = start_daemon(&sandbox, &text, &[]);
+    let bus = join_bus(&sandbox, "bystander");
+    let client = bus.command_client("bystander").unwrap();
+    let mut stage = Stage {
+        client,
+        bus,
+        daemon,
+        sandbox,
+    };
+    let flooder = stage.misbehave("flood-requests", "");
+    assert_eq!(step(&mut stage.client, 3), 3);
+    assert_eq!(counter(&mut stage.client, "ticks"), 3);
+    assert_eq!(step(&mut stage.client, 2), 5);
+    stage.end(flooder);
+}
