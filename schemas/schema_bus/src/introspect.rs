@@ -23,6 +23,7 @@ use crate::declared::attribute_key;
 use crate::error::BusError;
 use crate::iceoryx_error::service_error;
 use crate::node::{BusNode, Service};
+use crate::qos::Qos;
 use crate::topics::{TopicKind, kind_of};
 use crate::wire::OnBus as _;
 
@@ -79,6 +80,8 @@ pub struct ServicePorts {
     pub max_writers: usize,
     /// Readers that are allowed.
     pub max_readers: usize,
+    /// Capacity of a topic; `None` of services that are no topics.
+    pub qos: Option<Qos>,
     /// Where a sample's parts lie in a writer's segment; `None` of services that are no topics.
     pub(crate) slot: Option<Slot>,
 }
@@ -197,6 +200,16 @@ fn empty(name: String, service: &StaticConfig) -> Option<ServicePorts> {
         ),
         _ => return None,
     };
+    let qos = match service.messaging_pattern() {
+        Pattern::PublishSubscribe(of) => Some(Qos {
+            readers: of.max_subscribers(),
+            publishers: of.max_publishers(),
+            buffer: of.subscriber_max_buffer_size(),
+            borrowed: of.subscriber_max_borrowed_samples(),
+            history: of.history_size(),
+        }),
+        _ => None,
+    };
     let type_name = |part: fn(&MessageTypeDetails) -> &TypeDetail| {
         let name = types.map(|types| part(types).type_name().to_string());
         name.unwrap_or_default()
@@ -212,6 +225,7 @@ fn empty(name: String, service: &StaticConfig) -> Option<ServicePorts> {
         readers: Vec::new(),
         max_writers,
         max_readers,
+        qos,
         slot: types.filter(|_| exchange == Exchange::Topic).map(Slot::of),
     })
 }
