@@ -3,6 +3,8 @@
 Needs `pip install opencv-python-headless`; docs/pipelines.md explains it line by line.
 """
 
+import contextlib
+
 import cv2
 import gantry
 import numpy as np
@@ -34,6 +36,7 @@ def lane_marks(bgr: np.ndarray):
 
 
 with (
+    contextlib.suppress(KeyboardInterrupt),  # Ctrl-C and the launcher's end
     gantry.open("ego/front/rgb", timeout=60) as camera,
     gantry.publish("people/boxes", "boxes2d", classes=["person"]) as boxes,
     gantry.publish("lanes/lines", "keypoints", bones=[(0, 1)]) as lanes,

@@ -3,6 +3,8 @@
 Needs `pip install norfair`; docs/pipelines.md explains it line by line.
 """
 
+import contextlib
+
 import gantry
 import norfair
 import numpy as np
@@ -10,6 +12,7 @@ import numpy as np
 tracker = norfair.Tracker(distance_function="iou", distance_threshold=0.8, initialization_delay=2, hit_counter_max=10)
 
 with (
+    contextlib.suppress(KeyboardInterrupt),  # Ctrl-C and the launcher's end
     gantry.open("people/boxes", timeout=60) as boxes,
     gantry.publish("people/tracks", "tracks", classes=["person"]) as tracks,
 ):
@@ -19,6 +22,11 @@ with (
         alive = tracker.update(seen)
         at = np.array([track.estimate for track in alive]).reshape(-1, 2, 2)
         tracks.send(
-            gantry.tracks([track.id for track in alive], min_px=at[:, 0], max_px=at[:, 1], n_hits=[track.age for track in alive]),
+            gantry.tracks(
+                [track.id for track in alive],
+                min_px=at[:, 0],
+                max_px=at[:, 1],
+                state=["confirmed" if track.last_detection in seen else "lost" for track in alive],
+            ),
             answers=result,
         )
