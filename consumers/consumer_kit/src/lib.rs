@@ -46,6 +46,7 @@ pub use lockstep::{Lockstep, LockstepError};
 pub use publish::{ListLoan, PublishError, Publisher};
 pub use result::FollowedResult;
 pub use run_files::file_of_run;
+pub use schema_bus::names::default_domain;
 pub use snapshots::{KEPT_SNAPSHOTS, SnapshotTrail, WorldAt};
 pub use steps::Steps;
 pub use topic::{FollowedTopic, Take, TopicReport};
