@@ -1,5 +1,7 @@
 //! The command line of `gantry`.
 
+mod look;
+
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -9,11 +11,15 @@ use clap::{Parser, Subcommand};
 use launch_cli::CommonArgs;
 use launch_spec::Period;
 
+pub use look::{Column, EchoArgs, GraphArgs, TopArgs, TopicArgs, TopicWord, WindowArgs};
+
 const EXAMPLES: &str = "\
 Examples:
   gantry up                                              the quickstart: town, car, sensors, traffic, viewer
   gantry up launch/two_rigs.toml --for 20s --view none --record drive.mcap
-  gantry topic hz ego/front/rgb";
+  gantry top
+  gantry topic hz ego/front/rgb
+  gantry graph --svg graph.svg";
 
 /// Headless driving simulator: run it, look at what it publishes, find out why it does not run
 #[derive(Parser, Debug)]
@@ -32,6 +38,10 @@ pub enum Word {
     Up(UpArgs),
     /// List and measure what is published
     Topic(TopicArgs),
+    /// Watch processes and topics on a screen: load, rates, ages, losses, who reads what
+    Top(TopArgs),
+    /// Draw processes and topics
+    Graph(GraphArgs),
     /// Examine graphics driver, shared memory, ports and limits, and say what to repair
     Doctor(DoctorArgs),
     /// Check OpenDRIVE files, or write out a map's
@@ -140,87 +150,6 @@ impl FromStr for ViewMode {
             },
         }
     }
-}
-
-const TOPIC_EXAMPLES: &str = "\
-A topic may be written with or without the domain: gantry/ego/front/rgb or ego/front/rgb.
-
-Examples:
-  gantry topic list
-  gantry topic hz ego/front/rgb --window 5s
-  gantry topic echo world/snapshot --count 1 --json";
-
-/// `gantry topic`.
-#[derive(clap::Args, Debug, Clone)]
-#[command(after_help = TOPIC_EXAMPLES)]
-pub struct TopicArgs {
-    #[command(subcommand)]
-    pub word: TopicWord,
-}
-
-/// What to find out about topics.
-#[derive(Subcommand, Debug, Clone)]
-pub enum TopicWord {
-    /// All topics of the domain, with how many publish and read
-    List(ListArgs),
-    /// One topic: schema version, sizes, limits, who is there
-    Info(OneTopic),
-    /// Rate, jitter and losses of a topic over a window
-    Hz(WindowArgs),
-    /// Age of frames when they arrive here: publisher's clock to ours, same machine
-    Delay(WindowArgs),
-    /// Headers and records as text, or one JSON object per line
-    Echo(EchoArgs),
-}
-
-/// `gantry topic list`.
-#[derive(clap::Args, Debug, Clone)]
-pub struct ListArgs {
-    /// Print one JSON object per line
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// A topic.
-#[derive(clap::Args, Debug, Clone)]
-pub struct OneTopic {
-    /// Topic, e.g. ego/front/rgb
-    pub topic: String,
-    /// Print a JSON object
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// A topic and how long to watch it.
-#[derive(clap::Args, Debug, Clone)]
-pub struct WindowArgs {
-    /// Topic, e.g. ego/front/rgb
-    pub topic: String,
-    /// Length of a measurement
-    #[arg(long, value_name = "TIME", value_parser = Period::from_str, default_value = "3s")]
-    pub window: Period,
-    /// Number of measurements [default: until Ctrl-C]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
-    pub count: Option<u64>,
-    /// Print one JSON object per measurement
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// `gantry topic echo`.
-#[derive(clap::Args, Debug, Clone)]
-pub struct EchoArgs {
-    /// Topic, e.g. ego/front/rgb
-    pub topic: String,
-    /// Stop after this many [default: until Ctrl-C]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
-    pub count: Option<u64>,
-    /// List elements to print of each frame, at most
-    #[arg(long, value_name = "N", default_value_t = 3)]
-    pub elements: usize,
-    /// Print one JSON object per frame
-    #[arg(long)]
-    pub json: bool,
 }
 
 /// `gantry doctor`.

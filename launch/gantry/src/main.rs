@@ -6,24 +6,36 @@
 //! stops it.
 
 mod bus;
+mod census;
 mod cli;
 mod doctor;
 mod external;
+mod graph;
 mod map;
 mod programs;
+mod reading;
+mod top;
 mod topic;
 mod up;
 
 use std::process::ExitCode;
 
-use cli::{Args, Word};
+use cli::{Args, TopicWord, Word};
 
 fn main() -> ExitCode {
     launch_cli::run(|args: Args| match &args.word {
         Word::Up(up) => up::run(up, &args.common),
         Word::Topic(topic) => {
-            args.common.init_logging();
+            // A screen has no room for log lines.
+            if !matches!(topic.word, TopicWord::Top(_)) {
+                args.common.init_logging();
+            }
             topic::run(topic, &args.common)
+        }
+        Word::Top(top) => top::run(top, top::Tables::Both, &args.common),
+        Word::Graph(graph) => {
+            args.common.init_logging();
+            graph::run(graph, &args.common)
         }
         Word::Doctor(doctor) => {
             args.common.init_logging();

@@ -1,15 +1,18 @@
-//! `gantry topic`: lists topics, measures their rate and delay, and prints their content. It reads
-//! like any consumer.
+//! `gantry topic`: lists topics, measures their rate, size and delay, and prints their content. It
+//! reads like any consumer.
 
 mod echo;
+mod echo_result;
+mod fields;
 mod info;
 mod measure;
-mod source;
+mod statistics;
 
 use launch_cli::{CommonArgs, Exit};
 use schema_bus::Bus;
 
 use crate::cli::{Form, TopicArgs, TopicWord};
+use crate::top::{self, Tables};
 
 pub fn run(args: &TopicArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     let bus = Bus::open(&common.domain, "gantry-topic")?;
@@ -27,9 +30,19 @@ pub fn run(args: &TopicArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
         TopicWord::Hz(window) => {
             measure::run(&bus, &short(&window.topic), window, measure::What::Rate)
         }
+        TopicWord::Bw(window) => measure::run(
+            &bus,
+            &short(&window.topic),
+            window,
+            measure::What::Bandwidth,
+        ),
         TopicWord::Delay(window) => {
             measure::run(&bus, &short(&window.topic), window, measure::What::Age)
         }
         TopicWord::Echo(echo) => echo::run(&bus, &short(&echo.topic), echo),
+        TopicWord::Top(top) => {
+            drop(bus);
+            top::run(top, Tables::Topics, common)
+        }
     }
 }

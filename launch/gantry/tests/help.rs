@@ -25,14 +25,19 @@ fn help_of(words: &[&str]) -> String {
 
 #[test]
 fn help_texts_are_those_that_were_reviewed() {
-    let cases: [(&str, &[&str]); 11] = [
+    let cases: [(&str, &[&str]); 16] = [
         ("gantry", &["--help"]),
         ("gantry_up", &["up", "--help"]),
         ("gantry_topic", &["topic", "--help"]),
         ("gantry_topic_list", &["topic", "list", "--help"]),
+        ("gantry_topic_info", &["topic", "info", "--help"]),
         ("gantry_topic_hz", &["topic", "hz", "--help"]),
+        ("gantry_topic_bw", &["topic", "bw", "--help"]),
         ("gantry_topic_delay", &["topic", "delay", "--help"]),
         ("gantry_topic_echo", &["topic", "echo", "--help"]),
+        ("gantry_topic_top", &["topic", "top", "--help"]),
+        ("gantry_top", &["top", "--help"]),
+        ("gantry_graph", &["graph", "--help"]),
         ("gantry_doctor", &["doctor", "--help"]),
         ("gantry_map", &["map", "--help"]),
         ("gantry_map_check", &["map", "check", "--help"]),

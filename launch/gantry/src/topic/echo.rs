@@ -3,15 +3,18 @@
 use std::time::{Duration, Instant};
 
 use launch_cli::{Exit, Shutdown};
-use schema_bus::{Bus, ControlBatch, Document, Frame, Snapshot};
+use schema_bus::{Ack, AnySample, Bus, ControlBatch, Document, Frame, Snapshot};
 use schema_frames::{
-    ActorRecord, CollisionEvent, DvsEvent, GnssSample, ImuSample, LaneCrossing, LidarPoint,
+    About, ActorRecord, CollisionEvent, DvsEvent, GnssSample, ImuSample, LaneCrossing, LidarPoint,
     Modality, ObstacleEvent, RadarDetection, SemanticLidarPoint,
 };
 use serde_json::{Value, json};
 
-use super::source::{Sample, Source};
+use super::echo_result::result_value;
+use super::fields::{debug_fields, first, hex};
+use super::info::description;
 use crate::cli::EchoArgs;
+use crate::reading::source::{Sample, Source};
 
 /// Silence after which a hint is printed. A topic may be silent for good reason: a stepped world, or
 /// a document that does not change.
@@ -19,10 +22,12 @@ const PATIENCE: Duration = Duration::from_secs(2);
 
 pub fn run(bus: &Bus, topic: &str, args: &EchoArgs) -> anyhow::Result<Exit> {
     let shutdown = Shutdown::install()?;
+    let about = description(bus, topic).unwrap_or_default();
     let mut source = Source::open(bus, topic)?;
     let start = Instant::now();
     let (mut printed, mut said) = (0, false);
-    while !shutdown.requested() && args.count.is_none_or(|count| printed < count) {
+    let count = if args.once { Some(1) } else { args.count };
+    while !shutdown.requested() && count.is_none_or(|count| printed < count) {
         let Some(sample) = source.next()? else {
             if printed == 0 && !said && start.elapsed() > PATIENCE {
                 said = true;
@@ -34,7 +39,7 @@ pub fn run(bus: &Bus, topic: &str, args: &EchoArgs) -> anyhow::Result<Exit> {
             source.nap()?;
             continue;
         };
-        let value = as_value(&sample, args.elements);
+        let value = as_value(&sample, &about, args.elements);
         // The sample is given back before a terminal, which may be slow, is written to.
         drop(sample);
         if args.json {
@@ -51,12 +56,15 @@ pub fn run(bus: &Bus, topic: &str, args: &EchoArgs) -> anyhow::Result<Exit> {
     Ok(Exit::Done)
 }
 
-fn as_value(sample: &Sample, n_elements: usize) -> Value {
+fn as_value(sample: &Sample, about: &About, n_elements: usize) -> Value {
     match sample {
         Sample::Frame(frame) => frame_value(frame, n_elements),
+        Sample::Result(result) => result_value(result, about, n_elements),
         Sample::Snapshot(snapshot) => snapshot_value(snapshot, n_elements),
         Sample::Document(document) => document_value(document),
         Sample::Controls(batch) => controls_value(batch, n_elements),
+        Sample::Ack(ack) => ack_value(ack),
+        Sample::Other(sample) => other_value(sample),
     }
 }
 
@@ -109,35 +117,6 @@ fn elements(frame: &Frame, n: usize) -> Value {
     }
 }
 
-fn first<T>(list: Option<&[T]>, n: usize, show: impl Fn(&T) -> Value) -> Value {
-    list.unwrap_or_default().iter().take(n).map(show).collect()
-}
-
-/// A record's fields by name, from its `Debug` form `Name { a: 1, b: [2.0, inf] }`: numbers and
-/// lists of numbers only.
-fn debug_fields(record: &impl std::fmt::Debug) -> Value {
-    let text = format!("{record:?}");
-    let inside = text
-        .split_once('{')
-        .map_or("", |(_, rest)| rest.trim_end_matches('}').trim());
-    let mut fields = serde_json::Map::new();
-    let mut rest = inside;
-    while let Some((name, after)) = rest.split_once(": ") {
-        let end = if after.starts_with('[') {
-            after.find(']').map_or(after.len(), |end| end + 1)
-        } else {
-            after.find(", ").unwrap_or(after.len())
-        };
-        let (value, tail) = after.split_at(end);
-        // JSON has no infinity: such values stay text.
-        let value = serde_json::from_str(value).unwrap_or_else(|_| Value::from(value.trim()));
-        fields.insert(name.trim().to_owned(), value);
-        rest = tail.trim_start_matches(", ");
-    }
-    fields.retain(|name, _| !name.starts_with("reserved"));
-    Value::Object(fields)
-}
-
 fn snapshot_value(snapshot: &Snapshot, n_elements: usize) -> Value {
     let header = snapshot.header();
     let actors: Value = snapshot
@@ -179,6 +158,15 @@ fn controls_value(batch: &ControlBatch, n_elements: usize) -> Value {
     let record = |record: &schema_frames::VehicleControlRecord| debug_fields(record);
     let records: Value = batch.records.iter().take(n_elements).map(record).collect();
     json!({"writer": batch.writer, "seq": batch.seq, "tick": batch.tick, "n_records": batch.records.len(), "records": records})
+}
+
+fn ack_value(ack: &Ack) -> Value {
+    json!({"participant": ack.participant, "name": ack.origin.port, "pid": ack.origin.pid, "epoch": ack.epoch.to_string(), "tick": ack.tick})
+}
+
+fn other_value(sample: &AnySample) -> Value {
+    let payload = sample.payload();
+    json!({"bytes": payload.len(), "first_bytes": hex(payload), "header_bytes": sample.header().len(), "header": hex(sample.header())})
 }
 
 /// Indented `key: value` lines; lists of plain values stay on one line.
@@ -224,39 +212,6 @@ fn as_text(value: &Value, depth: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn records_show_their_fields_by_name() {
-        let point = LidarPoint {
-            hit_in_sensor_m: [1.0, -2.5, 0.0],
-            intensity: 7,
-            channel: 3,
-        };
-        assert_eq!(
-            debug_fields(&point),
-            json!({"hit_in_sensor_m": [1.0, -2.5, 0.0], "intensity": 7, "channel": 3})
-        );
-        let wild = LidarPoint {
-            hit_in_sensor_m: [f32::NAN, f32::INFINITY, 0.0],
-            intensity: 0,
-            channel: 0,
-        };
-        assert_eq!(
-            debug_fields(&wild)["hit_in_sensor_m"],
-            json!("[NaN, inf, 0.0]")
-        );
-        let event = DvsEvent {
-            nanos_in_window: 5,
-            x_px: 1,
-            y_px: 2,
-            object_id: 9,
-            polarity: 1,
-            class: 14,
-            reserved: 0,
-        };
-        assert_eq!(debug_fields(&event)["class"], 14);
-        assert!(debug_fields(&event).get("reserved").is_none());
-    }
 
     #[test]
     fn text_is_indented_and_short_lists_stay_on_a_line() {

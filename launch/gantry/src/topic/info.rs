@@ -1,124 +1,207 @@
 //! `gantry topic list` and `info`.
 
-use launch_cli::{Exit, wrong_usage};
-use schema_bus::qos::{CONTROL, DOCUMENT, Qos, SNAPSHOT};
-use schema_bus::{Bus, TopicDetails, TopicKind};
+use std::time::{Duration, Instant};
 
+use launch_cli::{Exit, wrong_usage};
+use schema_bus::{Bus, names::about};
+use schema_frames::{About, Modality};
+
+use crate::census::{Census, Kind, Member, Topic, names, nothing_runs};
 use crate::cli::Form;
 
+/// How long the description of a topic is waited for.
+const DESCRIPTION: Duration = Duration::from_secs(1);
+
 pub fn list(bus: &Bus, form: Form) -> anyhow::Result<Exit> {
-    let topics = bus.topics()?;
+    let census = Census::take(bus)?;
     if form == Form::Json {
-        topics
-            .iter()
-            .for_each(|topic| println!("{}", as_json(bus, topic)));
+        let lines = census.topics.iter().map(|topic| as_json(&census, topic));
+        lines.for_each(|line| println!("{line}"));
         return Ok(Exit::Done);
     }
-    if topics.is_empty() {
-        eprintln!(
-            "nothing is published on domain {:?}; start something with `gantry up`, or name another with --domain",
-            bus.domain()
-        );
+    if census.topics.is_empty() {
+        eprintln!("{}", nothing_runs(&census.domain));
         return Ok(Exit::Done);
     }
-    let width = topics
-        .iter()
-        .map(|topic| topic.name.len())
-        .max()
-        .unwrap_or(0);
+    let width = |cell: fn(&Topic) -> usize, least: usize| {
+        census.topics.iter().map(cell).max().unwrap_or(0).max(least)
+    };
+    let name = width(|topic| topic.name.len(), 5);
+    let kind = width(|topic| topic.type_name.len(), 4);
     println!(
-        "{:width$}  {:<9}  {:>7}  {:>7}  {:>12}",
-        "topic", "kind", "writers", "readers", "max bytes"
+        "{:name$}  {:kind$}  {:<9}  {:>7}  {:>7}  {:>12}  written by",
+        "topic", "type", "kind", "writers", "readers", "max bytes"
     );
-    for topic in &topics {
-        let name = kind_name(topic.kind);
-        println!(
-            "{:width$}  {name:<9}  {:>7}  {:>7}  {:>12}",
-            topic.name, topic.publishers, topic.subscribers, topic.payload_bytes
+    for topic in &census.topics {
+        let readers = topic.service.readers.len();
+        let line = format!(
+            "{:name$}  {:kind$}  {:<9}  {:>7}  {:>7}  {:>12}  {}",
+            topic.name,
+            topic.type_name,
+            topic.kind.name(),
+            topic.service.writers.len(),
+            format!("{readers}/{}", topic.service.max_readers),
+            topic.max_payload_bytes(),
+            names(&topic.writers)
         );
+        println!("{}", line.trim_end());
     }
     Ok(Exit::Done)
 }
 
 pub fn info(bus: &Bus, name: &str, form: Form) -> anyhow::Result<Exit> {
-    let topics = bus.topics()?;
-    let Some(topic) = topics.iter().find(|topic| topic.name == name) else {
-        let known: Vec<&str> = topics.iter().map(|topic| topic.name.as_str()).collect();
-        let known = if known.is_empty() {
-            "nothing at all".to_owned()
-        } else {
-            known.join(", ")
+    let census = Census::take(bus)?;
+    let Some(topic) = census.topic(name) else {
+        let known: Vec<&str> = census
+            .topics
+            .iter()
+            .map(|topic| topic.name.as_str())
+            .collect();
+        let known = match known.is_empty() {
+            true => "nothing at all".to_owned(),
+            false => known.join(", "),
         };
         return Err(wrong_usage(format!(
             "there is no topic {name:?} on domain {:?}; it has {known}",
             bus.domain()
         )));
     };
+    let description = (topic.kind == Kind::Results)
+        .then(|| description(bus, &topic.name))
+        .flatten();
     if form == Form::Json {
-        println!("{}", as_json(bus, topic));
+        let mut object = as_json(&census, topic);
+        object["about"] = serde_json::to_value(&description)?;
+        println!("{object}");
         return Ok(Exit::Done);
     }
-    let schema = if topic.schema.is_empty() {
-        "none: not Gantry's"
-    } else {
-        &topic.schema
+    let service = &topic.service;
+    let schema = match service.schema.as_str() {
+        "" => "none: not Gantry's",
+        schema => schema,
+    };
+    let ends = match topic.kind {
+        Kind::Requests => ["clients", "servers"],
+        _ => ["writers", "readers"],
     };
     println!("topic          {}/{}", bus.domain(), topic.name);
-    println!("kind           {}", kind_name(topic.kind));
-    if let Some(modality) = topic.modality {
-        println!(
-            "modality       {} (encoding {}, {} bytes an element)",
-            modality.name(),
-            modality as u16,
-            modality.element_bytes()
-        );
-    }
+    println!("kind           {}", topic.kind.name());
+    println!("type           {}", type_line(topic));
     println!("schema         {schema}");
-    println!("writers        {}", topic.publishers);
-    println!(
-        "readers        {} of {}",
-        topic.subscribers, topic.max_subscribers
-    );
-    println!("largest frame  {} bytes", topic.payload_bytes);
-    if let Some(qos) = qos_of(topic) {
+    for (end, ports, max, members) in [
+        (
+            ends[0],
+            service.writers.len(),
+            service.max_writers,
+            &topic.writers,
+        ),
+        (
+            ends[1],
+            service.readers.len(),
+            service.max_readers,
+            &topic.readers,
+        ),
+    ] {
+        println!("{end:<14} {ports} of {max}{}", processes(members));
+    }
+    println!("largest sample {} bytes", topic.max_payload_bytes());
+    if let Some(qos) = &service.qos {
         println!(
             "per reader     {} waiting, {} held, {} from the past",
             qos.buffer, qos.borrowed, qos.history
         );
     }
+    if let Some(about) = description {
+        describe(&about);
+    }
     Ok(Exit::Done)
 }
 
-fn qos_of(topic: &TopicDetails) -> Option<Qos> {
-    match topic.kind {
-        TopicKind::Frames => topic.modality.map(Qos::of),
-        TopicKind::Snapshot => Some(SNAPSHOT),
-        TopicKind::Document => Some(DOCUMENT),
-        TopicKind::Controls => Some(CONTROL),
-        TopicKind::Other => None,
+/// `: simd (4242), gantry-view (4243)`, or nothing.
+fn processes(members: &[Member]) -> String {
+    let one = |member: &Member| match member.pid {
+        Some(pid) => format!("{} ({pid})", member.name),
+        None => member.name.clone(),
+    };
+    let all: Vec<String> = members.iter().map(one).collect();
+    match all.is_empty() {
+        true => String::new(),
+        false => format!(": {}", all.join(", ")),
     }
 }
 
-fn kind_name(kind: TopicKind) -> &'static str {
-    match kind {
-        TopicKind::Frames => "frames",
-        TopicKind::Snapshot => "snapshot",
-        TopicKind::Document => "document",
-        TopicKind::Controls => "controls",
-        TopicKind::Other => "other",
+fn type_line(topic: &Topic) -> String {
+    match modality_of(topic) {
+        Some(modality) => format!(
+            "{} (encoding {}, {} bytes an element)",
+            modality.name(),
+            modality as u16,
+            modality.element_bytes()
+        ),
+        None => topic.type_name.clone(),
     }
 }
 
-fn as_json(bus: &Bus, topic: &TopicDetails) -> serde_json::Value {
+fn modality_of(topic: &Topic) -> Option<Modality> {
+    let name = topic.name.rsplit('/').next()?;
+    Modality::from_name(name).filter(|_| topic.kind == Kind::Frames)
+}
+
+/// What the writer of a topic of results says about it.
+pub fn description(bus: &Bus, topic: &str) -> Option<About> {
+    let name = about(topic);
+    if !bus.exists(&name) {
+        return None;
+    }
+    let mut reader = bus.document_reader(&name).ok()?;
+    let start = Instant::now();
+    while start.elapsed() < DESCRIPTION {
+        if let Ok(Some(document)) = reader.latest() {
+            return document.json().ok();
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    None
+}
+
+fn describe(about: &About) {
+    if !about.classes.is_empty() {
+        println!("classes        {}", about.classes.join(", "));
+    }
+    let fields: Vec<String> = about
+        .fields
+        .iter()
+        .map(|field| format!("{} {} at {}", field.name, field.element, field.offset))
+        .collect();
+    if !fields.is_empty() {
+        println!("fields         {}", fields.join(", "));
+    }
+    if let Some(schema) = &about.schema {
+        println!(
+            "message        {} ({}, schema {})",
+            schema.name, schema.message_encoding, schema.schema_encoding
+        );
+    }
+    if !about.note.is_empty() {
+        println!("note           {}", about.note);
+    }
+}
+
+fn as_json(census: &Census, topic: &Topic) -> serde_json::Value {
+    let service = &topic.service;
     serde_json::json!({
         "topic": topic.name,
-        "domain": bus.domain(),
-        "kind": kind_name(topic.kind),
-        "modality": topic.modality.map(|modality| modality.name()),
-        "schema": topic.schema,
-        "writers": topic.publishers,
-        "readers": topic.subscribers,
-        "max_readers": topic.max_subscribers,
-        "max_payload_bytes": topic.payload_bytes,
+        "domain": census.domain,
+        "kind": topic.kind.name(),
+        "type": topic.type_name,
+        "modality": modality_of(topic).map(|modality| modality.name()),
+        "schema": service.schema,
+        "writers": service.writers.len(),
+        "max_writers": service.max_writers,
+        "written_by": topic.writers,
+        "readers": service.readers.len(),
+        "max_readers": service.max_readers,
+        "read_by": topic.readers,
+        "max_payload_bytes": topic.max_payload_bytes(),
     })
 }

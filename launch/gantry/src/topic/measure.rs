@@ -1,54 +1,56 @@
-//! `gantry topic hz` and `delay`: rate, jitter, losses and age of a topic over a window.
+//! `gantry topic hz`, `bw` and `delay`: rate, size, losses, age and latency of a topic over a
+//! window.
 
 use std::time::Instant;
 
-use anyhow::Context as _;
-use hdrhistogram::Histogram;
-use launch_cli::{Exit, Shutdown};
+use launch_cli::{Exit, Shutdown, wrong_usage};
 use schema_bus::{Bus, mono_now};
+use serde_json::{Value, json};
 
-use super::source::{Source, Stamp};
 use crate::cli::{Form, WindowArgs};
+use crate::reading::meter::{Meter, Previous, quantiles_into, spread};
+use crate::reading::source::Source;
 
 /// Which figures to print.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum What {
     /// Intervals between the writer's stamps.
     Rate,
-    /// Time from the writer's stamp until this program had the sample.
+    /// Bytes per second and per sample.
+    Bandwidth,
+    /// Time from the writer's stamp until this program had the sample, and of results the time
+    /// from their inputs.
     Age,
 }
 
-/// The figures of one measurement.
+/// One measurement.
 struct Window {
-    samples: u64,
-    lost: u64,
-    bytes: u64,
-    /// Intervals or ages, nanoseconds.
-    nanos: Histogram<u64>,
+    meter: Meter,
     secs: f64,
-}
-
-/// Sequence number and time of the previous sample.
-#[derive(Default)]
-struct Previous {
-    seq: Option<u64>,
-    at_nanos: Option<u64>,
 }
 
 pub fn run(bus: &Bus, topic: &str, args: &WindowArgs, what: What) -> anyhow::Result<Exit> {
     let shutdown = Shutdown::install()?;
     let mut source = Source::open(bus, topic)?;
     let mut previous = Previous::default();
+    let count = if args.once { Some(1) } else { args.count };
     let mut windows = 0;
-    while args.count.is_none_or(|count| windows < count) {
-        let window = measure(&mut source, &mut previous, args, what, &shutdown)?;
+    while count.is_none_or(|count| windows < count) {
+        let window = measure(&mut source, &mut previous, args, &shutdown)?;
         // A window that Ctrl-C cut short says nothing about the rate.
         if shutdown.requested() {
             break;
         }
+        if what == What::Age && window.meter.samples > 0 && window.meter.ages.is_empty() {
+            return Err(wrong_usage(format!(
+                "samples of {topic:?} have no time of publishing, so they have no age; `gantry topic hz {topic}` counts them"
+            )));
+        }
         windows += 1;
-        print(topic, &window, what, Form::of(args.json));
+        match Form::of(args.json) {
+            Form::Json => println!("{}", window.as_json(topic, what, source.n_refused())),
+            Form::Text => println!("{}", window.as_text(topic, what)),
+        }
     }
     Ok(Exit::Done)
 }
@@ -57,187 +59,143 @@ fn measure(
     source: &mut Source,
     previous: &mut Previous,
     args: &WindowArgs,
-    what: What,
     shutdown: &Shutdown,
 ) -> anyhow::Result<Window> {
     let start = Instant::now();
-    let mut window = Window::new()?;
+    let mut meter = Meter::new()?;
     while start.elapsed() < args.window.duration() && !shutdown.requested() {
         match source.next()? {
-            Some(sample) => window.count(&sample.stamp(), previous, what)?,
+            Some(sample) => {
+                let now = mono_now().0;
+                meter.count(&sample.stamp(), previous, now)?;
+            }
             None => source.nap()?,
         }
     }
-    window.secs = start.elapsed().as_secs_f64();
-    Ok(window)
+    let secs = start.elapsed().as_secs_f64();
+    Ok(Window { meter, secs })
 }
 
 impl Window {
-    fn new() -> anyhow::Result<Self> {
-        let nanos = Histogram::new(3).context("cannot make a histogram")?;
-        Ok(Window {
-            samples: 0,
-            lost: 0,
-            bytes: 0,
-            nanos,
-            secs: 0.0,
-        })
-    }
-
-    fn count(&mut self, stamp: &Stamp, previous: &mut Previous, what: What) -> anyhow::Result<()> {
-        let now = mono_now().0;
-        let at = stamp.published_mono_nanos.unwrap_or(now);
-        self.samples += 1;
-        self.bytes += stamp.bytes;
-        if let (Some(before), Some(seq)) = (previous.seq, stamp.seq) {
-            // A sequence number that falls back comes from a new writer.
-            self.lost += seq.saturating_sub(before.saturating_add(1));
-        }
-        let value = match what {
-            What::Rate => previous.at_nanos.map(|before| at.saturating_sub(before)),
-            What::Age => {
-                let published = stamp
-                    .published_mono_nanos
-                    .context("this topic has no publishing time in its header, so it has no age")?;
-                Some(now.saturating_sub(published))
+    fn as_json(&self, topic: &str, what: What, n_refused: u64) -> Value {
+        let meter = &self.meter;
+        let mut line = json!({"topic": topic, "samples": meter.samples, "lost": meter.lost, "refused": n_refused, "window_secs": self.secs});
+        let bytes_per_sec = meter.bytes as f64 / self.secs;
+        match what {
+            What::Rate => {
+                quantiles_into(&mut line, "interval", &meter.intervals);
+                line["rate_hz"] = meter.rate_hz(self.secs).into();
+                line["bytes_per_sec"] = bytes_per_sec.into();
+                line["jitter_nanos"] = meter.intervals.stdev().into();
             }
-        };
-        if let Some(value) = value {
-            self.nanos
-                .record(value)
-                .context("an interval is too long to count")?;
-        }
-        *previous = Previous {
-            seq: stamp.seq,
-            at_nanos: Some(at),
-        };
-        Ok(())
-    }
-
-    fn rate_hz(&self) -> f64 {
-        let mean = self.nanos.mean();
-        if self.nanos.is_empty() || mean <= 0.0 {
-            self.samples as f64 / self.secs
-        } else {
-            1e9 / mean
-        }
-    }
-
-    fn as_json(&self, topic: &str, what: What) -> serde_json::Value {
-        let nanos = &self.nanos;
-        let at = |quantile: f64| nanos.value_at_quantile(quantile);
-        let name = if what == What::Rate {
-            "interval"
-        } else {
-            "delay"
-        };
-        let mut line = serde_json::json!({"topic": topic, "samples": self.samples, "lost": self.lost, "window_secs": self.secs});
-        let figures = [
-            ("min", nanos.min()),
-            ("p50", at(0.5)),
-            ("p90", at(0.9)),
-            ("p99", at(0.99)),
-            ("p999", at(0.999)),
-            ("max", nanos.max()),
-        ];
-        for (figure, value) in figures {
-            line[format!("{name}_nanos_{figure}")] = (!nanos.is_empty()).then_some(value).into();
-        }
-        if what == What::Rate {
-            line["rate_hz"] = self.rate_hz().into();
-            line["bytes_per_sec"] = (self.bytes as f64 / self.secs).into();
-            line["jitter_nanos"] = nanos.stdev().into();
+            What::Bandwidth => {
+                line["bytes_per_sec"] = bytes_per_sec.into();
+                line["bytes"] = meter.bytes.into();
+                line["sample_bytes_min"] = meter.sizes.map(|(least, _)| least).into();
+                line["sample_bytes_mean"] = (meter.samples > 0)
+                    .then(|| meter.bytes as f64 / meter.samples as f64)
+                    .into();
+                line["sample_bytes_max"] = meter.sizes.map(|(_, most)| most).into();
+            }
+            What::Age => {
+                quantiles_into(&mut line, "delay", &meter.ages);
+                if !meter.since_sensor.is_empty() {
+                    quantiles_into(&mut line, "since_sensor", &meter.since_sensor);
+                }
+                let of_input = |(input, times)| {
+                    let mut object = json!({"input": input});
+                    quantiles_into(&mut object, "latency", times);
+                    object
+                };
+                let inputs: Vec<Value> = meter.latencies.iter().map(of_input).collect();
+                if !inputs.is_empty() {
+                    line["inputs"] = inputs.into();
+                }
+            }
         }
         line
     }
 
     fn as_text(&self, topic: &str, what: What) -> String {
-        if self.samples == 0 {
+        let meter = &self.meter;
+        if meter.samples == 0 {
             return format!("{topic}: nothing in {:.1} s", self.secs);
         }
-        let nanos = &self.nanos;
-        let spread = |nanos_each: f64| {
-            let [min, p50, p99, max] = [
-                nanos.min(),
-                nanos.value_at_quantile(0.5),
-                nanos.value_at_quantile(0.99),
-                nanos.max(),
-            ];
-            let [min, p50, p99, max] = [min, p50, p99, max].map(|value| value as f64 / nanos_each);
-            format!("min {min:.3}  p50 {p50:.3}  p99 {p99:.3}  max {max:.3}")
-        };
-        let n = format!("{} samples, {} lost", self.samples, self.lost);
+        let n = format!("{} samples, {} lost", meter.samples, meter.lost);
+        let mbytes = meter.bytes as f64 / self.secs / 1e6;
         match what {
             What::Rate => {
-                let mbytes = self.bytes as f64 / self.secs / 1e6;
-                let jitter = nanos.stdev() / 1e6;
+                let jitter = meter.intervals.stdev() / 1e6;
                 format!(
                     "{:.2} Hz  {mbytes:.1} MB/s  interval ms: {}  jitter {jitter:.3}  ({n})",
-                    self.rate_hz(),
-                    spread(1e6)
+                    meter.rate_hz(self.secs),
+                    spread(&meter.intervals, 1e6)
                 )
             }
-            What::Age => format!("delay µs: {}  ({n})", spread(1e3)),
+            What::Bandwidth => {
+                let (least, most) = meter.sizes.unwrap_or_default();
+                let mean = meter.bytes / meter.samples;
+                format!(
+                    "{mbytes:.3} MB/s  bytes a sample: min {least}  mean {mean}  max {most}  ({n})"
+                )
+            }
+            What::Age => {
+                let mut text = format!("delay µs: {}  ({n})", spread(&meter.ages, 1e3));
+                for (input, times) in &meter.latencies {
+                    text += &format!("\n  after {input} ms: {}", spread(times, 1e6));
+                }
+                if !meter.since_sensor.is_empty() {
+                    let times = spread(&meter.since_sensor, 1e6);
+                    text += &format!("\n  after the oldest sensor frame ms: {times}");
+                }
+                text
+            }
         }
-    }
-}
-
-fn print(topic: &str, window: &Window, what: What, form: Form) {
-    if form == Form::Json {
-        println!("{}", window.as_json(topic, what));
-    } else {
-        println!("{}", window.as_text(topic, what));
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn stamp(seq: u64, published: u64) -> Stamp {
-        Stamp {
-            seq: Some(seq),
-            published_mono_nanos: Some(published),
-            bytes: 10,
-        }
-    }
-
-    #[test]
-    fn rate_comes_from_the_writers_clock_and_gaps_are_losses() {
-        let mut window = Window {
-            secs: 1.0,
-            ..Window::new().unwrap()
-        };
-        let mut previous = Previous::default();
-        for seq in [1, 2, 3, 6, 7] {
-            window
-                .count(&stamp(seq, seq * 50_000_000), &mut previous, What::Rate)
-                .unwrap();
-        }
-        assert_eq!((window.samples, window.lost, window.bytes), (5, 2, 50));
-        // Four intervals of 50, 50, 150 and 50 ms.
-        assert!(
-            (window.rate_hz() - 1e9 / 75e6).abs() < 0.05,
-            "{}",
-            window.rate_hz()
-        );
-        assert_eq!(window.as_json("a", What::Rate)["lost"], 2);
-        window
-            .count(&stamp(1, 1_000_000_000), &mut previous, What::Rate)
-            .unwrap();
-        assert_eq!(window.lost, 2, "a new writer begins to count anew");
-    }
+    use crate::reading::source::Stamp;
 
     #[test]
     fn an_empty_window_says_so() {
         let window = Window {
+            meter: Meter::new().unwrap(),
             secs: 3.0,
-            ..Window::new().unwrap()
         };
         assert_eq!(
             window.as_text("ego/front/rgb", What::Age),
             "ego/front/rgb: nothing in 3.0 s"
         );
-        assert!(window.as_json("a", What::Age)["delay_nanos_p50"].is_null());
+        assert!(window.as_json("a", What::Age, 0)["delay_nanos_p50"].is_null());
+        assert!(window.as_json("a", What::Bandwidth, 0)["sample_bytes_mean"].is_null());
+    }
+
+    #[test]
+    fn a_result_tells_its_latency_by_input() {
+        let (mut meter, mut previous) = (Meter::new().unwrap(), Previous::default());
+        let stamp = Stamp {
+            published_mono_nanos: Some(7_000_000),
+            answers: vec![("ego/front/rgb".into(), 5_000_000)],
+            bytes: 64,
+            ..Stamp::default()
+        };
+        meter.count(&stamp, &mut previous, 7_000_500).unwrap();
+        let window = Window { meter, secs: 1.0 };
+        let json = window.as_json("a", What::Age, 0);
+        assert_eq!(json["inputs"][0]["input"], "ego/front/rgb");
+        let p50 = json["inputs"][0]["latency_nanos_p50"].as_u64().unwrap();
+        assert!(p50.abs_diff(5_000_000) < 10_000, "{p50}");
+        assert!(
+            window
+                .as_text("a", What::Age)
+                .contains("after ego/front/rgb ms: min ")
+        );
+        assert_eq!(
+            window.as_json("a", What::Bandwidth, 0)["sample_bytes_max"],
+            64
+        );
     }
 }

@@ -1,0 +1,298 @@
+//! Collects a [`View`]: who is there, how busy they are, and what their topics do.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::time::Instant;
+
+use launch_cli::wrong_usage;
+use nix::sys::statvfs::statvfs;
+use schema_bus::names::WORLD_SNAPSHOT;
+use schema_bus::{Bus, Watch, mono_now};
+use sysinfo::{Pid, ProcessRefreshKind, ProcessStatus, ProcessesToUpdate, System};
+
+use super::history::Track;
+use super::measure::Measurer;
+use super::view::{Measured, ProcessRow, SharedMemory, TopicRow, View, World};
+use crate::census::{Census, Kind, Member, Topic};
+
+/// Rates of a topic that are remembered, one for each look.
+const REMEMBERED: usize = 120;
+
+/// Looks at the bus and the machine again and again.
+pub struct Sampler {
+    bus: Bus,
+    watch: Watch,
+    system: System,
+    measurer: Option<Measurer>,
+    census: Census,
+    /// By the number of the writer's port.
+    tracks: BTreeMap<u128, Track>,
+    /// By topic.
+    rates: BTreeMap<String, VecDeque<f64>>,
+    looked: Instant,
+}
+
+impl Sampler {
+    /// Joins the domain and looks for the first time.
+    pub fn new(domain: &str) -> anyhow::Result<Sampler> {
+        let bus = Bus::open(domain, "gantry-top")?;
+        let watch = bus.watch();
+        let mut sampler = Sampler {
+            bus,
+            watch,
+            system: System::new(),
+            measurer: None,
+            census: Census::default(),
+            tracks: BTreeMap::new(),
+            rates: BTreeMap::new(),
+            looked: Instant::now(),
+        };
+        sampler.take_census()?;
+        Ok(sampler)
+    }
+
+    /// Notes new samples; cheap enough for every 10 ms.
+    pub fn glance(&mut self) {
+        self.watch.look();
+        self.note();
+    }
+
+    /// Looks at everything and says what there is.
+    pub fn look(&mut self) -> anyhow::Result<View> {
+        self.take_census()?;
+        let interval_secs = self.looked.elapsed().as_secs_f64();
+        self.looked = Instant::now();
+        let now = mono_now().0;
+        let mut figures = self
+            .measurer
+            .as_ref()
+            .map(Measurer::figures)
+            .unwrap_or_default();
+        let topics: Vec<TopicRow> = self
+            .census
+            .topics
+            .iter()
+            .map(|topic| row(&self.tracks, topic, now, figures.remove(&topic.name)))
+            .collect();
+        let topics = topics.into_iter().map(|row| self.remember(row)).collect();
+        Ok(View {
+            domain: self.census.domain.clone(),
+            interval_secs,
+            world: self.world(now),
+            shared_memory: shared_memory(),
+            processes: self.processes(),
+            topics,
+        })
+    }
+
+    /// Begins to read a topic, or gives its place back. Returns a sentence for the screen.
+    pub fn toggle_measuring(
+        &mut self,
+        topic: &str,
+        even_if_unread: bool,
+    ) -> anyhow::Result<String> {
+        if let Some(measurer) = self.measurer.as_ref().filter(|it| it.has(topic)) {
+            measurer.remove(topic);
+            return Ok(format!("{topic} is read no more"));
+        }
+        if let Err(reason) = self.may_measure(topic, even_if_unread) {
+            return Ok(reason);
+        }
+        self.begin(topic)?;
+        Ok(format!(
+            "reading {topic} for its losses, jitter and delay; m ends it"
+        ))
+    }
+
+    /// Begins to read a topic, also one that nobody reads.
+    ///
+    /// # Errors
+    /// A sentence if there is no such topic, or only one free place for readers.
+    pub fn measure(&mut self, topic: &str) -> anyhow::Result<()> {
+        self.may_measure(topic, true).map_err(wrong_usage)?;
+        self.begin(topic)
+    }
+
+    fn begin(&mut self, topic: &str) -> anyhow::Result<()> {
+        let measurer = match self.measurer.take() {
+            Some(measurer) => measurer,
+            None => Measurer::start(self.bus.domain())?,
+        };
+        measurer.add(topic);
+        self.measurer = Some(measurer);
+        Ok(())
+    }
+
+    /// A topic's last free place is left to others, and one that nobody reads costs nothing today.
+    fn may_measure(&self, topic: &str, even_if_unread: bool) -> Result<(), String> {
+        let Some(known) = self.census.topic(topic) else {
+            return Err(format!("there is no topic {topic:?} on this domain"));
+        };
+        let service = &known.service;
+        if known.free_places() < 2 {
+            return Err(format!(
+                "{topic} has {} of {} readers; top leaves the last place to others",
+                service.readers.len(),
+                service.max_readers
+            ));
+        }
+        if service.readers.is_empty() && known.kind == Kind::Frames && !even_if_unread {
+            return Err(format!(
+                "nobody reads {topic}, so its sensor rests; M measures it all the same"
+            ));
+        }
+        Ok(())
+    }
+
+    fn take_census(&mut self) -> anyhow::Result<()> {
+        // Otherwise ports of killed processes would be shown as alive.
+        self.bus.clean_dead_nodes();
+        self.census = Census::take(&self.bus)?;
+        let services = self.census.topics.iter().map(|topic| topic.service.clone());
+        self.watch.follow(&services.collect::<Vec<_>>());
+        let alive = |id: &u128| {
+            let mut ports = self
+                .census
+                .topics
+                .iter()
+                .flat_map(|topic| &topic.service.writers);
+            ports.any(|port| port.id == *id)
+        };
+        self.tracks.retain(|id, _| alive(id));
+        self.rates
+            .retain(|name, _| self.census.topic(name).is_some());
+        self.note();
+        let pids: Vec<Pid> = self
+            .census
+            .processes
+            .iter()
+            .filter_map(|process| process.pid.map(Pid::from_u32))
+            .collect();
+        let what = ProcessRefreshKind::nothing()
+            .with_cpu()
+            .with_memory()
+            .without_tasks();
+        self.system
+            .refresh_processes_specifics(ProcessesToUpdate::Some(&pids), true, what);
+        Ok(())
+    }
+
+    fn note(&mut self) {
+        let now = mono_now().0;
+        for port in self
+            .census
+            .topics
+            .iter()
+            .flat_map(|topic| &topic.service.writers)
+        {
+            if let Some(sample) = self.watch.newest(port.id) {
+                self.tracks.entry(port.id).or_default().see(sample, now);
+            }
+        }
+    }
+
+    fn remember(&mut self, mut row: TopicRow) -> TopicRow {
+        let rates = self.rates.entry(row.topic.clone()).or_default();
+        rates.push_back(row.rate_hz.unwrap_or(0.0));
+        while rates.len() > REMEMBERED {
+            rates.pop_front();
+        }
+        row.rate_history = rates.iter().copied().collect();
+        row
+    }
+
+    fn world(&self, now: u64) -> Option<World> {
+        let topic = self.census.topic(WORLD_SNAPSHOT)?;
+        let track = topic
+            .service
+            .writers
+            .iter()
+            .find_map(|port| self.tracks.get(&port.id))?;
+        let newest = track.newest()?;
+        Some(World {
+            tick: newest.tick,
+            sim_secs: newest.sim_nanos? as f64 / 1e9,
+            speed: track.speed(now),
+        })
+    }
+
+    fn processes(&self) -> Vec<ProcessRow> {
+        let of = |ends: fn(&Topic) -> &Vec<Member>, pid: Option<u32>| {
+            let topics = self.census.topics.iter();
+            let has = |topic: &&Topic| ends(topic).iter().any(|member| member.pid == pid);
+            topics.filter(has).map(|topic| topic.name.clone()).collect()
+        };
+        let row = |process: &Member| {
+            let pid = process.pid?;
+            let known = self.system.process(Pid::from_u32(pid));
+            Some(ProcessRow {
+                pid,
+                name: process.name.clone(),
+                cpu_percent: known.map(|known| known.cpu_usage()),
+                resident_bytes: known.map(|known| known.memory()),
+                uptime_secs: known.map(|known| known.run_time()),
+                stopped: known.is_some_and(|known| {
+                    matches!(known.status(), ProcessStatus::Stop | ProcessStatus::Tracing)
+                }),
+                writes: of(|topic| &topic.writers, process.pid),
+                reads: of(|topic| &topic.readers, process.pid),
+            })
+        };
+        self.census.processes.iter().filter_map(row).collect()
+    }
+}
+
+/// The figures of a topic: sums over its writers, of which the newest sample counts.
+fn row(
+    tracks: &BTreeMap<u128, Track>,
+    topic: &Topic,
+    now: u64,
+    measured: Option<Measured>,
+) -> TopicRow {
+    let service = &topic.service;
+    let of_writers = || {
+        service
+            .writers
+            .iter()
+            .filter_map(|port| tracks.get(&port.id))
+    };
+    let sum = |values: Vec<f64>| (!values.is_empty()).then(|| values.iter().sum());
+    let newest = of_writers()
+        .filter_map(Track::newest)
+        .max_by_key(|sample| (sample.published_mono_nanos, sample.seq));
+    let published = newest.and_then(|sample| sample.published_mono_nanos);
+    let origin = newest.and_then(|sample| sample.origin_mono_nanos);
+    let bytes = |track: &Track| Some(track.rate_hz(now)? * track.mean_bytes()?);
+    TopicRow {
+        topic: topic.name.clone(),
+        kind: topic.kind,
+        type_name: topic.type_name.clone(),
+        rate_hz: sum(of_writers()
+            .filter_map(|track| track.rate_hz(now))
+            .collect()),
+        age_nanos: published.map(|published| now.saturating_sub(published)),
+        since_sensor_nanos: published
+            .zip(origin)
+            .map(|(published, origin)| published.saturating_sub(origin)),
+        bytes_per_sec: sum(of_writers().filter_map(bytes).collect()),
+        payload_bytes: newest.map(|sample| sample.payload_bytes),
+        max_payload_bytes: topic.max_payload_bytes(),
+        seq: newest.map(|sample| sample.seq),
+        tick: newest.map(|sample| sample.tick),
+        writers: topic.writers.clone(),
+        readers: topic.readers.clone(),
+        n_readers: service.readers.len(),
+        max_readers: service.max_readers,
+        measured,
+        rate_history: Vec::new(),
+    }
+}
+
+fn shared_memory() -> SharedMemory {
+    let Ok(stat) = statvfs("/dev/shm") else {
+        return SharedMemory::default();
+    };
+    SharedMemory {
+        size_bytes: stat.blocks() as u64 * stat.fragment_size() as u64,
+        free_bytes: stat.blocks_available() as u64 * stat.fragment_size() as u64,
+    }
+}
