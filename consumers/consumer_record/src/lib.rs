@@ -6,7 +6,7 @@
 //! every part is tested on plain memory.
 //!
 //! Modules in reading order: [`options`] and [`session`] (a recording from start to end),
-//! [`discover`], [`frames`] and [`snapshots`] (conversion to [`messages`], encoded by [`wire`]),
+//! [`discover`], [`frames`], [`results`] and [`snapshots`] (conversion to [`messages`], encoded by [`wire`]),
 //! [`sink`], [`queue`] and [`writer`] (into the file); [`reader`], [`info`] and [`recover`] (from
 //! the file).
 //!
@@ -34,6 +34,8 @@ pub mod options;
 pub mod queue;
 pub mod reader;
 pub mod recover;
+mod result_topics;
+pub mod results;
 pub mod session;
 pub mod sink;
 pub mod snapshots;

@@ -12,8 +12,8 @@ use consumer_record::writer::ChunkCompression;
 use consumer_record::{info::file_info, recover::recover_file};
 use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
 
-/// Records every sensor, every snapshot and the map into one MCAP file that Foxglove and rerun
-/// open.
+/// Records every sensor, every result of users' programs, every snapshot and the map into one MCAP
+/// file that Foxglove and rerun open.
 #[derive(Debug, Parser)]
 #[command(
     name = "gantry-record",
@@ -26,8 +26,8 @@ struct Args {
     #[arg(long, value_name = "FILE", required = true)]
     out: Option<PathBuf>,
 
-    /// Frame topics to record, with * and ?; default: all. Snapshots and documents are always
-    /// recorded
+    /// Topics of frames and results to record, with * and ?; default: all. Snapshots and documents
+    /// of the world are always recorded
     #[arg(long, value_name = "GLOB", num_args = 1..)]
     topics: Vec<String>,
 
@@ -130,6 +130,12 @@ fn print_report(report: &Report) -> anyhow::Result<Exit> {
             written.file_bytes as f64 / 1e6
         )?;
     }
+    for (topic, n) in &report.bad_items {
+        writeln!(
+            stdout,
+            "{topic}: {n} items are only in /{topic}/gantry, because they are broken"
+        )?;
+    }
     if report.lost.is_empty() {
         return Ok(Exit::Done);
     }
@@ -137,7 +143,7 @@ fn print_report(report: &Report) -> anyhow::Result<Exit> {
         let (bus, full, refused) = (loss.on_the_bus, loss.queue_full, loss.refused);
         writeln!(
             stdout,
-            "lost of {topic}: {} frames ({bus} overwritten before they were taken, {full} did not fit the queue, {refused} broken)",
+            "lost of {topic}: {} samples ({bus} overwritten before they were taken, {full} did not fit the queue, {refused} broken)",
             loss.total()
         )?;
     }

@@ -1,5 +1,5 @@
-//! What a channel of a recording can carry: Foxglove's messages and our own lossless ones, with
-//! their schemas.
+//! What a channel of a recording can carry: Foxglove's messages, our own lossless ones and those of
+//! users, with their schemas.
 //!
 //! `docs/recording.md` describes the same for readers of files.
 
@@ -9,7 +9,7 @@ use foxglove::messages as fox;
 use crate::wire::{FieldType, descriptor_set};
 
 /// Message type of a channel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Content {
     /// `foxglove.RawImage`.
     RawImage,
@@ -34,23 +34,46 @@ pub enum Content {
     Snapshot,
     /// `gantry.Document`: header bytes and text.
     Document,
+    /// `gantry.Result`: the 320 header bytes, the inputs, and the body unless the topic's other
+    /// message holds it.
+    Result,
+    /// `foxglove.ImageAnnotations`.
+    ImageAnnotations,
+    /// `foxglove.PosesInFrame`.
+    PosesInFrame,
+    /// `foxglove.Log`.
+    Log,
+    /// `gantry.Tensor`, JSON: shape, figures and, of small ones, the numbers.
+    Tensor,
+    /// `gantry.Scalars`, JSON: a number per name.
+    Scalars,
+    /// `gantry.Control`, JSON: pedals and steering per vehicle.
+    Control,
+    /// `gantry.Json`: a user's JSON as it came.
+    Json,
+    /// A user's bytes as they came, by a schema of the user's own.
+    Own(std::sync::Arc<SchemaText>),
 }
 
-/// Name, encoding and data of a schema as MCAP wants them.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// A schema and the encoding of its messages as MCAP wants them.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct SchemaText {
     /// Full name of the message, e.g. `foxglove.RawImage`.
     pub name: String,
-    /// Serialised `FileDescriptorSet`.
+    /// Encoding of `data`, e.g. [`PROTOBUF`].
+    pub encoding: String,
+    /// The schema; of protobuf a serialised `FileDescriptorSet`.
     pub data: Vec<u8>,
+    /// Encoding of the messages, e.g. [`PROTOBUF`].
+    pub message_encoding: String,
 }
 
-/// Encoding of every schema and every message of a recording.
+/// Encoding of the schemas and messages of a recording that are neither JSON nor a user's own.
 pub const PROTOBUF: &str = "protobuf";
 
 impl Content {
     /// The schema.
-    pub fn schema(self) -> SchemaText {
+    pub fn schema(&self) -> SchemaText {
         use FieldType::{Bytes, Double, Fixed64, String};
         match self {
             Content::RawImage => foxglove_schema::<fox::RawImage>(),
@@ -103,6 +126,26 @@ impl Content {
                     ("text", String),
                 ],
             ),
+            Content::Result => own_schema(
+                "Result",
+                &[
+                    ("tick", Fixed64),
+                    ("sim_nanos", Fixed64),
+                    ("seq", Fixed64),
+                    ("header", Bytes),
+                    ("body", Bytes),
+                    ("body_topic", String),
+                    ("inputs", Bytes),
+                ],
+            ),
+            Content::ImageAnnotations => foxglove_schema::<fox::ImageAnnotations>(),
+            Content::PosesInFrame => foxglove_schema::<fox::PosesInFrame>(),
+            Content::Log => foxglove_schema::<fox::Log>(),
+            Content::Tensor => json_schema("Tensor", TENSOR),
+            Content::Scalars => json_schema("Scalars", SCALARS),
+            Content::Control => json_schema("Control", CONTROL),
+            Content::Json => json_schema("Json", "{}"),
+            Content::Own(schema) => (**schema).clone(),
         }
     }
 }
@@ -111,16 +154,47 @@ fn foxglove_schema<M: Encode>() -> SchemaText {
     let schema = M::get_schema().expect("every message type of the foxglove crate has a schema");
     SchemaText {
         name: schema.name,
+        encoding: PROTOBUF.to_string(),
         data: schema.data.into_owned(),
+        message_encoding: PROTOBUF.to_string(),
     }
 }
 
 fn own_schema(name: &str, fields: &[crate::wire::Field]) -> SchemaText {
     SchemaText {
         name: format!("gantry.{name}"),
+        encoding: PROTOBUF.to_string(),
         data: descriptor_set(name, fields),
+        message_encoding: PROTOBUF.to_string(),
     }
 }
+
+fn json_schema(name: &str, schema: &str) -> SchemaText {
+    SchemaText {
+        name: format!("gantry.{name}"),
+        encoding: "jsonschema".to_string(),
+        data: schema.as_bytes().to_vec(),
+        message_encoding: "json".to_string(),
+    }
+}
+
+const TENSOR: &str = r#"{"type":"object","properties":{
+"dtype":{"type":"string"},"shape":{"type":"array","items":{"type":"integer"}},
+"n":{"type":"integer"},"n_finite":{"type":"integer"},
+"min":{"type":"number"},"max":{"type":"number"},"mean":{"type":"number"},
+"histogram":{"type":"array","items":{"type":"integer"}},
+"numbers":{"type":"array","items":{"type":["number","null"]}}}}"#;
+
+const SCALARS: &str = r#"{"type":"object","properties":{
+"sim_secs":{"type":"number"},
+"values":{"type":"object","additionalProperties":{"type":["number","null"]}}}}"#;
+
+const CONTROL: &str = r#"{"type":"object","properties":{
+"sim_secs":{"type":"number"},
+"vehicles":{"type":"array","items":{"type":"object","properties":{
+"actor_id":{"type":"integer"},"throttle_ratio":{"type":"number"},"steer_ratio":{"type":"number"},
+"brake_ratio":{"type":"number"},"hand_brake":{"type":"boolean"},"reverse":{"type":"boolean"},
+"manual_gear_shift":{"type":"boolean"},"gear":{"type":"integer"}}}}}}"#;
 
 /// One message, encoded.
 #[derive(Debug)]
@@ -129,7 +203,7 @@ pub struct Entry {
     pub topic: String,
     /// Its message type.
     pub content: Content,
-    /// The protobuf bytes.
+    /// The encoded message.
     pub bytes: Vec<u8>,
 }
 

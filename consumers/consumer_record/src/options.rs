@@ -13,8 +13,8 @@ pub struct Options {
     pub domain: String,
     /// Where iceoryx2 keeps its files.
     pub bus: BusOptions,
-    /// Frame topics to record, with `*` and `?`; empty means all. Snapshots and documents are
-    /// always recorded.
+    /// Topics of frames and results to record, with `*` and `?`; empty means all. Snapshots and
+    /// documents of the world are always recorded.
     pub topics: Vec<String>,
     /// File to write.
     pub out: PathBuf,

@@ -13,6 +13,7 @@ use crate::discover::Discovery;
 use crate::frames::{TopicName, frame_entries};
 use crate::options::Options;
 use crate::queue::Job;
+use crate::result_topics::{MAX_A_TURN, ResultTopics};
 use crate::sink::{Loss, Output, Sink, wall_minus_mono_nanos};
 use crate::snapshots::{SnapshotConverter, document};
 use crate::writer::Written;
@@ -29,10 +30,13 @@ const JOIN_EVERY: Duration = Duration::from_millis(250);
 pub struct Report {
     /// The files: one per run of the simulator, whose clock starts again with each.
     pub files: Vec<(PathBuf, Written)>,
-    /// Frames recorded per source.
+    /// Frames and results recorded per source.
     pub recorded: BTreeMap<String, u64>,
-    /// Frames that are missing per source, and why.
+    /// Frames and results that are missing per source, and why.
     pub lost: BTreeMap<String, Loss>,
+    /// Items of results per source that only the lossless messages hold, because they are broken:
+    /// boxes that are not finite, masks beyond their image.
+    pub bad_items: BTreeMap<String, u64>,
 }
 
 /// Records until `stop` says so.
@@ -70,6 +74,7 @@ pub fn matches(pattern: &str, text: &str) -> bool {
 struct Session {
     // Dropped in this order: ports before the node that made them.
     lockstep: Option<InStep>,
+    results: ResultTopics,
     snapshots: Option<SnapshotReader>,
     documents: Vec<(&'static str, FollowedDocument)>,
     follower: Follower,
@@ -123,6 +128,7 @@ impl Session {
         };
         Ok(Session {
             lockstep: None,
+            results: ResultTopics::new(),
             snapshots: None,
             documents: DOCUMENTS
                 .map(|name| (name, FollowedDocument::new(name)))
@@ -171,7 +177,9 @@ impl Session {
                     .topics
                     .iter()
                     .any(|pattern| matches(pattern, &topic.name));
-            if topic.modality.is_none() || !wanted || self.names.contains_key(&topic.name) {
+            let is_known = self.names.contains_key(&topic.name) || self.results.knows(&topic.name);
+            let is_recorded = topic.modality.is_some() || topic.result.is_some();
+            if !is_recorded || !wanted || is_known {
                 continue;
             }
             if topic.subscribers >= topic.max_subscribers {
@@ -184,8 +192,11 @@ impl Session {
                 }
                 continue;
             }
-            if let Some(name) = TopicName::new(&topic.name) {
-                self.full.remove(&topic.name);
+            self.full.remove(&topic.name);
+            if topic.result.is_some() {
+                self.follower.listen(&topic.name)?;
+                self.results.follow(&topic.name);
+            } else if let Some(name) = TopicName::new(&topic.name) {
                 self.follower.follow(&topic.name, Take::All);
                 self.names
                     .insert(topic.name.clone(), (name, topic.name.as_str().into()));
@@ -290,6 +301,44 @@ impl Session {
                 )?;
             }
         }
+        self.drain_results()
+    }
+
+    fn drain_results(&mut self) -> anyhow::Result<()> {
+        for idx in 0..self.results.len() {
+            for _ in 0..MAX_A_TURN {
+                let Some((result, source)) = self.results.take(idx, self.follower.bus())? else {
+                    break;
+                };
+                let header = *result.header();
+                if header.epoch != self.epoch && header.epoch != 0 {
+                    // The snapshots of its run were sent before it.
+                    self.drain_snapshots()?;
+                }
+                if self.epoch != 0 && header.epoch != 0 && header.epoch != self.epoch {
+                    tracing::debug!(
+                        topic = &*source,
+                        tick = header.tick,
+                        "left out: a result about a run whose file is finished"
+                    );
+                    continue;
+                }
+                let newest = self.has_snapshot.then_some(self.sim_nanos);
+                let sim_nanos = self.results.sim_nanos(&result, newest);
+                if let Some((about, found, entry)) = self.results.description(idx) {
+                    let revision = found.header.revision;
+                    self.sink
+                        .put(&about, revision, sim_nanos, mono_now().0, vec![entry])?;
+                }
+                let sink = &self.sink;
+                let entries = self
+                    .results
+                    .entries(idx, &result, sim_nanos, &mut |n_bytes| sink.buffer(n_bytes));
+                let published = header.published_mono_nanos;
+                self.sink
+                    .put(&source, header.seq, sim_nanos, published, entries)?;
+            }
+        }
         Ok(())
     }
 
@@ -347,6 +396,7 @@ impl Session {
             tracing::info!(file = %output.path.display(), "the simulator was restarted; its new run goes into a new file");
             self.sink.output = Some(output);
             self.snapshot_converter = SnapshotConverter::default();
+            self.results.begin_file();
             self.lockstep = None;
             (self.newest_tick, self.sim_nanos, self.has_snapshot) = (0, 0, false);
             self.attached = None;
@@ -470,7 +520,12 @@ impl Session {
 
     fn losses(&self) -> BTreeMap<String, Loss> {
         let mut lost: BTreeMap<String, Loss> = BTreeMap::new();
-        for report in self.follower.reports() {
+        for report in self
+            .follower
+            .reports()
+            .into_iter()
+            .chain(self.results.reports())
+        {
             let loss = lost.entry(report.topic).or_default();
             (loss.on_the_bus, loss.refused) = (report.counts.lost, report.counts.refused);
         }
@@ -488,6 +543,7 @@ impl Session {
             files: self.sink.finished,
             recorded: self.sink.recorded,
             lost,
+            bad_items: self.results.bad_items(),
         })
     }
 }

@@ -13,7 +13,7 @@ use anyhow::{Context, bail};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, WriteOptions, Writer};
 
-use crate::messages::{Batch, Content, PROTOBUF};
+use crate::messages::{Batch, Content};
 use crate::queue::{Job, Outlet};
 
 /// Size at which a chunk is closed.
@@ -57,7 +57,8 @@ pub struct Recording {
     writer: Writer<BufWriter<File>>,
     part: PathBuf,
     target: PathBuf,
-    channels: HashMap<(String, Content), u16>,
+    /// By topic: the contents it carries and their channels. Most topics carry one.
+    channels: HashMap<String, Vec<(Content, u16)>>,
     counts: BTreeMap<String, u64>,
 }
 
@@ -105,7 +106,7 @@ impl Recording {
     /// If the disk refuses.
     pub fn write(&mut self, batch: &Batch) -> anyhow::Result<()> {
         for entry in &batch.entries {
-            let channel_id = self.channel(&entry.topic, entry.content)?;
+            let channel_id = self.channel(&entry.topic, &entry.content)?;
             let header = MessageHeader {
                 channel_id,
                 sequence: batch.sequence,
@@ -121,19 +122,23 @@ impl Recording {
         Ok(())
     }
 
-    fn channel(&mut self, topic: &str, content: Content) -> anyhow::Result<u16> {
-        let key = (topic.to_string(), content);
-        if let Some(id) = self.channels.get(&key) {
+    fn channel(&mut self, topic: &str, content: &Content) -> anyhow::Result<u16> {
+        let known = self.channels.get(topic).map_or(&[][..], Vec::as_slice);
+        if let Some((_, id)) = known.iter().find(|(kind, _)| kind == content) {
             return Ok(*id);
         }
         let schema = content.schema();
         let schema_id = self
             .writer
-            .add_schema(&schema.name, PROTOBUF, &schema.data)?;
-        let id = self
-            .writer
-            .add_channel(schema_id, topic, PROTOBUF, &BTreeMap::new())?;
-        self.channels.insert(key, id);
+            .add_schema(&schema.name, &schema.encoding, &schema.data)?;
+        let id = self.writer.add_channel(
+            schema_id,
+            topic,
+            &schema.message_encoding,
+            &BTreeMap::new(),
+        )?;
+        let channels = self.channels.entry(topic.to_string()).or_default();
+        channels.push((content.clone(), id));
         Ok(id)
     }
 
