@@ -2,6 +2,7 @@
 //! is safe if its header passed the check.
 
 use bytemuck::pod_read_unaligned;
+use consumer_kit::items::f32_of_half;
 use schema_frames::{DvsEvent, FrameHeader, LidarPoint, Modality, SemanticLidarPoint};
 use schema_types::noise::mix;
 
@@ -149,18 +150,6 @@ pub fn normals_rgb(header: &FrameHeader, payload: &[u8]) -> Vec<u8> {
     pixels
 }
 
-/// An IEEE half as a float.
-fn f32_of_half(bits: u16) -> f32 {
-    let sign = if bits & 0x8000 == 0 { 1.0 } else { -1.0 };
-    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f32::from(bits & 1023));
-    match exponent {
-        0 => sign * fraction * 2f32.powi(-24),
-        31 if fraction == 0.0 => sign * f32::INFINITY,
-        31 => f32::NAN,
-        _ => sign * (1024.0 + fraction) * 2f32.powi(exponent - 25),
-    }
-}
-
 /// Size of a camera's image. A list of events carries no size, but the principal point is the
 /// middle of its image.
 pub fn image_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
@@ -228,7 +217,7 @@ pub fn cloud(header: &FrameHeader, payload: &[u8]) -> (Vec<[f32; 3]>, Vec<[u8; 3
 }
 
 /// Colour of a height in the sensor's axes: turbo from 2.5 m below the sensor to 5 m above it.
-fn height_colour(z_m: f32) -> [u8; 3] {
+pub fn height_colour(z_m: f32) -> [u8; 3] {
     turbo((z_m + 2.5) / 7.5)
 }
 

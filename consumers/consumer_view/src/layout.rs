@@ -4,8 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use rerun::blueprint::components::{BackgroundKind, PanelState};
 use rerun::blueprint::{
-    Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Grid, Horizontal,
-    SelectionPanel, Spatial2DView, Spatial3DView, Tabs, TimePanel, TimeSeriesView, Vertical,
+    BarChartView, Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Grid, Horizontal,
+    SelectionPanel, Spatial2DView, Spatial3DView, Tabs, TensorView, TextDocumentView, TextLogView,
+    TimePanel, TimeSeriesView, Vertical,
 };
 use rerun::external::re_sdk_types::blueprint::archetypes::{Background, EyeControls3D};
 use rerun::log::LogMsg;
@@ -20,8 +21,10 @@ pub const MAP: &str = "/world/map";
 pub const ACTORS: &str = "/world/actors";
 /// Curves over time.
 pub const PLOTS: &str = "/plots";
-/// What happened, in words.
+/// What happened, in words, and texts of users' programs.
 pub const LOG: &str = "/logs";
+/// Results of users' programs that have views of their own.
+pub const RESULTS: &str = "/results";
 /// Timeline of simulated time.
 pub const SIM_TIME: &str = "sim_time";
 /// Timeline of ticks.
@@ -53,6 +56,11 @@ impl Place {
         })
     }
 
+    /// `ego/front/rgb`.
+    pub fn topic(&self) -> String {
+        format!("{}/{}/{}", self.rig, self.sensor, self.modality.name())
+    }
+
     /// `/world/ego`.
     pub fn rig_path(&self) -> String {
         format!("{WORLD}/{}", self.rig)
@@ -70,14 +78,43 @@ impl Place {
 
     /// `/plots/latency/ego/front/rgb`.
     pub fn latency_path(&self) -> String {
-        format!(
-            "{PLOTS}/latency/{}/{}/{}",
-            self.rig,
-            self.sensor,
-            self.modality.name()
-        )
+        latency_path(&self.topic())
     }
 }
+
+/// `/plots/latency/<topic>`.
+pub fn latency_path(topic: &str) -> String {
+    format!("{PLOTS}/latency/{topic}")
+}
+
+/// A view that a topic of results needs for itself.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct ResultView {
+    /// The topic without the domain.
+    pub topic: String,
+    /// What the view shows.
+    pub kind: ViewKind,
+}
+
+/// Kind of a view of results.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum ViewKind {
+    /// An image, and what lies on it.
+    Picture,
+    /// A tensor that is no image.
+    Tensor,
+    /// How often which number occurs in a tensor.
+    Histogram,
+    /// Curves.
+    Series,
+    /// A text that each result replaces.
+    Page,
+    /// Texts, one line each; all topics share one view.
+    Lines,
+}
+
+/// Most views of results beside one another; more are put behind tabs.
+const MAX_BESIDE: usize = 9;
 
 /// Order of a camera's modalities in its grid.
 const CAMERA_ORDER: [Modality; 7] = [
@@ -95,25 +132,32 @@ const CAMERA_ORDER: [Modality; 7] = [
 const EYE_M: [f32; 3] = [-17.0, 0.0, 8.5];
 const LOOK_M: [f32; 3] = [10.0, 0.0, 0.5];
 
-/// Divides the window among the topics that exist: on the left one view per camera and modality
-/// with curves below, on the right the world, seen from behind the first rig and following it.
+/// Divides the window among the topics that exist: on the left one view per camera and modality,
+/// below them the views of results and curves, on the right the world, seen from behind the first
+/// rig and following it.
 ///
 /// # Errors
 /// If the recording's other end refuses.
-pub fn arrange(rec: &RecordingStream, places: &BTreeSet<Place>) -> anyhow::Result<()> {
+pub fn arrange(
+    rec: &RecordingStream,
+    places: &BTreeSet<Place>,
+    results: &BTreeSet<ResultView>,
+) -> anyhow::Result<()> {
     let mut left: Vec<ContainerLike> = Vec::new();
+    let mut shares = Vec::new();
     let mut cameras = camera_grids(places);
     match cameras.len() {
         0 => {}
         1 => left.extend(cameras.pop()),
         _ => left.push(Tabs::new(cameras).into()),
     }
+    shares.extend(left.first().map(|_| 3.0));
+    if !results.is_empty() {
+        left.push(result_grid(results));
+        shares.push(if results.len() > 4 { 2.2 } else { 1.5 });
+    }
     left.push(plots());
-    let shares = if left.len() == 2 {
-        vec![3.0, 1.3]
-    } else {
-        vec![1.0]
-    };
+    shares.push(1.3);
     let followed = places.iter().map(Place::rig_path).min();
     let world = world(places, followed.as_deref());
     let ContainerLike::View(view) = &world else {
@@ -206,7 +250,7 @@ fn world(places: &BTreeSet<Place>, followed: Option<&str>) -> ContainerLike {
     for place in places.iter().filter(|place| {
         place.modality.sensor_kind() == SensorKind::Camera && place.modality != Modality::Rgb
     }) {
-        contents.push(format!("- {}", place.frame_path()));
+        contents.push(format!("- {}/**", place.frame_path()));
     }
     Spatial3DView::new("world")
         .with_origin(followed.unwrap_or(WORLD))
@@ -239,7 +283,7 @@ fn camera_grids(places: &BTreeSet<Place>) -> Vec<ContainerLike> {
             let name = format!("{camera} {}", place.modality.name());
             Spatial2DView::new(name)
                 .with_origin(place.sensor_path())
-                .with_contents([format!("$origin/{}", place.modality.name())])
+                .with_contents([format!("$origin/{}/**", place.modality.name())])
                 .into()
         });
         Grid::new(views)
@@ -248,6 +292,42 @@ fn camera_grids(places: &BTreeSet<Place>) -> Vec<ContainerLike> {
             .into()
     };
     by_camera.into_iter().map(grid).collect()
+}
+
+/// The views of results: beside one another while there are few, each behind a tab otherwise.
+fn result_grid(results: &BTreeSet<ResultView>) -> ContainerLike {
+    let is_line = |view: &&ResultView| view.kind == ViewKind::Lines;
+    let mut views: Vec<ContainerLike> = results
+        .iter()
+        .filter(|view| !is_line(view))
+        .map(result_view)
+        .collect();
+    if results.iter().any(|view| is_line(&view)) {
+        views.push(TextLogView::new("texts").with_origin(LOG).into());
+    }
+    match views.len() {
+        1..=MAX_BESIDE => {
+            let columns = columns(views.len());
+            Grid::new(views).with_grid_columns(columns).into()
+        }
+        _ => Tabs::new(views).into(),
+    }
+}
+
+fn result_view(view: &ResultView) -> ContainerLike {
+    let (topic, origin) = (view.topic.as_str(), format!("{RESULTS}/{}", view.topic));
+    match view.kind {
+        ViewKind::Picture => Spatial2DView::new(topic).with_origin(origin).into(),
+        ViewKind::Tensor => TensorView::new(topic)
+            .with_origin(origin)
+            .with_contents(["$origin"])
+            .into(),
+        ViewKind::Histogram => BarChartView::new(format!("{topic} histogram"))
+            .with_origin(format!("{origin}/histogram"))
+            .into(),
+        ViewKind::Series | ViewKind::Lines => TimeSeriesView::new(topic).with_origin(origin).into(),
+        ViewKind::Page => TextDocumentView::new(topic).with_origin(origin).into(),
+    }
 }
 
 fn columns(n_views: usize) -> u32 {

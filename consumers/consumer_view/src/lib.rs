@@ -6,7 +6,8 @@
 //!
 //! Modules in reading order: [`session`] (a viewing from start to end), [`stage`] (one rerun
 //! recording and what it contains), [`layout`] (entities and the window), [`images`] (frames as
-//! pixels and points), [`pace`] (how often a topic is shown), [`viewer`] (the rerun process).
+//! pixels and points), `results` (results of
+//! users' programs), [`pace`] (how often a topic is shown), [`viewer`] (the rerun process).
 //!
 //! ```
 //! use consumer_view::layout::Place;
@@ -21,6 +22,7 @@
 pub mod images;
 pub mod layout;
 pub mod pace;
+mod results;
 pub mod session;
 pub mod stage;
 pub mod viewer;

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use consumer_kit::KEPT_SNAPSHOTS;
+use consumer_kit::items::ResultParts;
 use rerun::components::{Colormap, ViewCoordinates};
 use rerun::{ChannelDatatype, ColorModel, RecordingStream, Rgba32};
 use schema_frames::{
@@ -15,6 +16,7 @@ use schema_types::{Pose, class::CLASSES};
 
 use crate::images;
 use crate::layout::{self, Place};
+use crate::results::Results;
 
 /// Depth that is shown in the last colour of the colour map, metres.
 const DEPTH_RANGE_M: f64 = 60.0;
@@ -33,6 +35,9 @@ pub struct Stage {
     poses: Vec<(u64, BTreeMap<u32, Pose>)>,
     cameras: BTreeMap<String, [u64; 6]>,
     mounts: BTreeMap<String, Pose>,
+    results: Results,
+    /// Tick and simulated time of the newest that is shown; results without a time are shown there.
+    newest: (u64, u64),
 }
 
 impl Stage {
@@ -65,6 +70,8 @@ impl Stage {
             poses: Vec::new(),
             cameras: BTreeMap::new(),
             mounts: BTreeMap::new(),
+            results: Results::default(),
+            newest: (0, 0),
         };
         stage.arrange()?;
         Ok(stage)
@@ -76,7 +83,7 @@ impl Stage {
     }
 
     fn arrange(&self) -> anyhow::Result<()> {
-        layout::arrange(&self.rec, &self.places)
+        layout::arrange(&self.rec, &self.places, self.results.views())
     }
 
     /// Sets the sensor topics that exist; lays the window out again if they changed.
@@ -173,7 +180,8 @@ impl Stage {
         )?)
     }
 
-    fn set_clock(&self, tick: u64, sim_nanos: u64) {
+    fn set_clock(&mut self, tick: u64, sim_nanos: u64) {
+        self.newest = self.newest.max((tick, sim_nanos));
         self.rec.set_time_sequence(layout::TICK, tick as i64);
         self.rec
             .set_time(layout::SIM_TIME, std::time::Duration::from_nanos(sim_nanos));
@@ -303,6 +311,7 @@ impl Stage {
         self.set_clock(header.tick, header.sim_nanos);
         self.scalar(&place.latency_path(), latency_nanos as f64 * 1e-6)?;
         self.place_sensor(&place, header)?;
+        self.results.see(&place, header);
         match place.modality.sensor_kind() {
             SensorKind::Camera => self.show_image(&place, header, payload),
             SensorKind::Lidar => {
@@ -320,6 +329,53 @@ impl Stage {
             SensorKind::Imu => self.plot_imu(&place, payload),
             _ => Ok(()),
         }
+    }
+
+    /// Shows one result of a user's program at the time of what it answers. Its header must have
+    /// passed its check; `age_nanos` is the time from the oldest frame behind it to us, or from its
+    /// own publication without one.
+    ///
+    /// # Errors
+    /// If the recording's other end refuses.
+    pub fn show_result(&mut self, parts: &ResultParts<'_>, age_nanos: u64) -> anyhow::Result<()> {
+        let header = parts.header;
+        let (tick, sim_nanos) = match (header.tick, header.sim_nanos) {
+            (0, 0) => self.newest,
+            stamped => stamped,
+        };
+        self.set_clock(tick, sim_nanos);
+        self.scalar(&layout::latency_path(parts.topic), age_nanos as f64 * 1e-6)?;
+        if self.results.show(&self.rec, &self.rigs, parts)? {
+            self.arrange()?;
+        }
+        Ok(())
+    }
+
+    /// Removes what the newest result of a topic drew over images and in the world, because its
+    /// writer has ended.
+    ///
+    /// # Errors
+    /// If the recording's other end refuses.
+    pub fn clear_result(&mut self, topic: &str) -> anyhow::Result<()> {
+        let (tick, sim_nanos) = self.newest;
+        self.set_clock(tick, sim_nanos);
+        self.results.clear(&self.rec, topic)
+    }
+
+    /// Keeps the views of those topics of results only.
+    ///
+    /// # Errors
+    /// If the recording's other end refuses.
+    pub fn keep_results(&mut self, is_visible: impl Fn(&str) -> bool) -> anyhow::Result<()> {
+        if self.results.keep(is_visible) {
+            self.arrange()?;
+        }
+        Ok(())
+    }
+
+    /// Items of results that could not be drawn, by topic.
+    pub fn bad_items(&self) -> &BTreeMap<String, u64> {
+        self.results.bad_items()
     }
 
     fn show_image(
