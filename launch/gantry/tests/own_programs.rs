@@ -308,6 +308,27 @@ fn several_files_are_one() {
     );
 }
 
+/// The daemon reads a resolved file elsewhere, so it is told the whole path of the map.
+#[test]
+fn a_map_beside_its_launch_file_is_found_from_anywhere() {
+    let sandbox = Sandbox::new("map");
+    folder(&sandbox, "project");
+    sandbox.write("project/crossing.xodr", "<OpenDRIVE/>");
+    let file = sandbox.write(
+        "project/town.toml",
+        "version = 1\n[scenario]\nmap = 'crossing.xodr'\n",
+    );
+    let ended = up_in(&sandbox, &[&file], &["--dry-run"])
+        .wait()
+        .expect_code(0);
+    let whole = sandbox.path("project/crossing.xodr");
+    assert!(
+        ended.says(&format!("map = {:?}", whole.display().to_string())),
+        "{:#?}",
+        ended.lines
+    );
+}
+
 #[test]
 fn announced_topics_are_there_before_their_writers_and_with_their_limits() {
     let sandbox = Sandbox::new("topics");

@@ -196,7 +196,7 @@ fn a_dry_run_tells_everything_and_starts_nothing() {
         "seed = 9",
         "[sensor.roof]",
         "Shared memory",
-        "ego/front/rgb (frames of up to 24576 bytes)",
+        "ego/front/rgb (frames of up to 24576 bytes; 8 readers, 2 wait and 3 are held)",
     ] {
         assert!(ended.says(text), "{text:?} is not in {:?}", ended.lines);
     }

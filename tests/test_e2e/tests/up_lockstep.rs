@@ -227,6 +227,43 @@ fn a_simulator_that_is_restarted_waits_for_those_who_run() {
     assert_nothing_left(&sandbox);
 }
 
+/// Without the launcher, too, and with the same words for the same mistake.
+#[test]
+fn the_simulator_itself_reads_files_with_what_they_include() {
+    let sandbox = Sandbox::new("include");
+    sandbox.write(
+        "base.toml",
+        "version = 1\n[scenario]\nmap = \"Town01\"\nseed = 4\n",
+    );
+    sandbox.write(
+        "top.toml",
+        "version = 1\ninclude = [\"base.toml\"]\n[ego]\ntype_id = \"none\"\n",
+    );
+    let export = |words: &[&str], file: &str| {
+        let words = [words, &["--export-map", file]].concat();
+        sandbox.spawn("simd", &words).wait().expect_code(0);
+        std::fs::read_to_string(sandbox.path(file)).unwrap()
+    };
+    let included = export(&["--launch", "top.toml"], "a.xodr");
+    let direct = export(
+        &["--set", "scenario.map=Town01", "--set", "scenario.seed=4"],
+        "b.xodr",
+    );
+    assert!(included.len() > 10_000 && included == direct);
+    sandbox.write("top.toml", "version = 1\ninclude = [\"top.toml\"]\n");
+    let ended = sandbox
+        .spawn("simd", &["--launch", "top.toml", "--export-map", "c.xodr"])
+        .wait()
+        .expect_code(2);
+    assert!(
+        ended.says(
+            "include goes in a circle: top.toml → top.toml; take one of them out at top.toml:2:11"
+        ),
+        "{:#?}",
+        ended.lines
+    );
+}
+
 /// Readers' places of a sensor's topic are those of the launch file, and so is its memory.
 #[test]
 fn the_simulator_gives_topics_the_places_that_the_file_says() {

@@ -20,8 +20,8 @@ use super::child::{self, Event, Running};
 use super::lockstep::LockstepWatch;
 use super::outcome::{Asked, Outcome, code_of, outcome_of, signal_of};
 use super::output::{Output, Sink};
-use super::plan::{Plan, ReadySign};
-use super::ready;
+use super::plan::Plan;
+use super::ready::Readiness;
 use super::signals::Signals;
 use crate::bus::Bus;
 
@@ -40,8 +40,6 @@ struct Slot {
     starts: u64,
     restarts: VecDeque<Instant>,
     delay: Duration,
-    /// Since when its readiness is waited for.
-    awaited_since: Instant,
 }
 
 enum State {
@@ -49,7 +47,7 @@ enum State {
     Waiting,
     Up {
         run: Running,
-        missing: Missing,
+        ready: Readiness,
         asked: Option<Asked>,
     },
     /// Waits for its next start.
@@ -57,22 +55,6 @@ enum State {
         until: Instant,
     },
     Over(Outcome),
-}
-
-/// What a running process lacks until it is ready.
-#[derive(Clone, Copy, PartialEq, Eq)]
-struct Missing {
-    /// Its sign of readiness.
-    sign: bool,
-    /// Its place in lockstep.
-    place: bool,
-}
-
-impl Missing {
-    const NOTHING: Missing = Missing {
-        sign: false,
-        place: false,
-    };
 }
 
 /// Why the whole set of processes ends.
@@ -120,7 +102,6 @@ impl Supervisor {
                 starts: 0,
                 restarts: VecDeque::new(),
                 delay,
-                awaited_since: Instant::now(),
             })
         });
         Ok(Supervisor {
@@ -195,7 +176,7 @@ impl Supervisor {
 
     fn is_ready_or_done(&self, idx: usize) -> bool {
         match &self.slots[idx].state {
-            State::Up { missing, .. } => *missing == Missing::NOTHING,
+            State::Up { ready, .. } => ready.is_complete(),
             State::Over(outcome) => *outcome == Outcome::Fine,
             // It has been ready; the processes that come after it go on without it.
             State::Pausing { .. } => true,
@@ -210,7 +191,6 @@ impl Supervisor {
         }
         let slot = &mut self.slots[idx];
         slot.starts += 1;
-        slot.awaited_since = Instant::now();
         match child::start(
             idx,
             slot.starts,
@@ -225,10 +205,7 @@ impl Supervisor {
                     .say(&format!("started {} (pid {})", slot.plan.name, run.pid()));
                 slot.state = State::Up {
                     run,
-                    missing: Missing {
-                        sign: slot.plan.ready.is_some(),
-                        place: slot.plan.lockstep,
-                    },
+                    ready: Readiness::of(&slot.plan),
                     asked: None,
                 };
             }
@@ -259,9 +236,8 @@ impl Supervisor {
     fn await_lockstep_again(&mut self) {
         self.lockstep.forget();
         for slot in self.slots.iter_mut().filter(|slot| slot.plan.lockstep) {
-            if let State::Up { missing, .. } = &mut slot.state {
-                missing.place = true;
-                slot.awaited_since = Instant::now();
+            if let State::Up { ready, .. } = &mut slot.state {
+                ready.join_again();
             }
         }
     }
@@ -271,7 +247,7 @@ impl Supervisor {
         let takes_part = |slot: &Slot| {
             slot.plan.lockstep
                 && match slot.state {
-                    State::Up { missing, .. } => missing.place || !self.lockstep.has_begun(),
+                    State::Up { ready, .. } => ready.lacks_place() || !self.lockstep.has_begun(),
                     _ => false,
                 }
         };
@@ -291,75 +267,43 @@ impl Supervisor {
         }
         for idx in 0..self.slots.len() {
             let slot = &mut self.slots[idx];
-            let State::Up { missing, .. } = &mut slot.state else {
+            let State::Up { ready, .. } = &mut slot.state else {
                 continue;
             };
-            if *missing == Missing::NOTHING {
+            if ready.is_complete() {
                 continue;
             }
-            if look && missing.place {
-                missing.place = !self.lockstep.has(&slot.plan.name);
+            if look {
+                ready.look(&slot.plan, &self.bus, &self.lockstep);
             }
-            if let (true, true, Some(sign)) = (look, missing.sign, &slot.plan.ready) {
-                missing.sign = !ready::look(sign, &self.bus);
-            }
-            if *missing == Missing::NOTHING {
+            if ready.is_complete() {
                 self.say_ready(idx);
-            } else if now >= slot.awaited_since + slot.plan.ready_within {
-                let sentence = self.unready(idx);
+            } else if now >= ready.until(&slot.plan) {
+                let sentence = ready.sentence(&slot.plan, &self.lockstep);
                 self.output.warn(&sentence);
                 self.end(Reason::Failed);
             }
         }
     }
 
-    /// Why a process is not ready after the longest wait.
-    fn unready(&self, idx: usize) -> String {
-        let slot = &self.slots[idx];
-        let (name, within) = (&slot.plan.name, slot.plan.ready_within.as_secs_f64());
-        match (&slot.state, &slot.plan.ready) {
-            (State::Up { missing, .. }, Some(sign)) if missing.sign => format!(
-                "process {name} was not ready within {within} s: there was no sign of {}",
-                ready::describe(sign)
-            ),
-            _ => {
-                let others = match self.lockstep.participants() {
-                    [] => "nobody".to_owned(),
-                    names => names.join(", "),
-                };
-                let held = if self.lockstep.has_begun() {
-                    ""
-                } else {
-                    ", and the first tick waits for it"
-                };
-                format!(
-                    "process {name} did not join lockstep as {name:?} within {within} s{held}; taking part: {others}"
-                )
-            }
-        }
-    }
-
     fn say_ready(&self, idx: usize) {
         let slot = &self.slots[idx];
-        self.output.say(&format!(
-            "{} is ready after {:.1} s",
-            slot.plan.name,
-            slot.awaited_since.elapsed().as_secs_f64()
-        ));
+        if let State::Up { ready, .. } = &slot.state {
+            self.output.say(&format!(
+                "{} is ready after {:.1} s",
+                slot.plan.name,
+                ready.waited().as_secs_f64()
+            ));
+        }
     }
 
     /// Notices that all processes are ready; `--for` counts from that moment.
     fn note_all_ready(&mut self) {
         let now = Instant::now();
-        let at_rest = |slot: &Slot| {
-            matches!(
-                slot.state,
-                State::Up {
-                    missing: Missing::NOTHING,
-                    ..
-                } | State::Over(_)
-                    | State::Pausing { .. }
-            )
+        let at_rest = |slot: &Slot| match &slot.state {
+            State::Up { ready, .. } => ready.is_complete(),
+            State::Over(_) | State::Pausing { .. } => true,
+            State::Waiting => false,
         };
         if self.all_ready_at.is_none() && self.ending.is_none() && self.slots.iter().all(at_rest) {
             self.all_ready_at = Some(now);
@@ -443,14 +387,12 @@ impl Supervisor {
             State::Up {
                 asked: Some(asked), ..
             } if asked.last != Signal::SIGKILL => asked.until,
-            State::Up { missing, .. } if *missing != Missing::NOTHING && self.ending.is_none() => {
-                let waits_for_a_line =
-                    !missing.place && matches!(slot.plan.ready, Some(ReadySign::Line(_)));
-                let until = slot.awaited_since + slot.plan.ready_within;
-                if waits_for_a_line {
-                    until
-                } else {
+            State::Up { ready, .. } if !ready.is_complete() && self.ending.is_none() => {
+                let until = ready.until(&slot.plan);
+                if ready.needs_looks(&slot.plan) {
                     self.next_look.min(until)
+                } else {
+                    until
                 }
             }
             _ if slot.plan.lockstep && self.ending.is_none() && self.watches_lockstep() => {
@@ -472,14 +414,11 @@ impl Supervisor {
         match event {
             Event::PipeClosed => self.open_pipes -= 1,
             Event::SaidReady { idx, start } => {
-                if let State::Up { run, missing, .. } = &mut self.slots[idx].state
+                if let State::Up { run, ready, .. } = &mut self.slots[idx].state
                     && run.start == start
-                    && missing.sign
+                    && ready.said()
                 {
-                    missing.sign = false;
-                    if !missing.place {
-                        self.say_ready(idx);
-                    }
+                    self.say_ready(idx);
                 }
             }
             Event::Signal if self.ending.is_none() => {
