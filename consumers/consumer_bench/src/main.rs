@@ -57,7 +57,7 @@ enum Bench {
     Chain(chain::ChainArgs),
     /// Ticks per second of a simulator that waits for programs in lockstep
     Lockstep(lockstep::LockstepArgs),
-    /// Rate, losses, age and complete sets of every frame topic of a running simulator
+    /// Rate, losses, age and complete sets of every topic of frames and results
     Topics(topics::TopicsArgs),
     /// Memory of processes over time
     Memory(memory::MemoryArgs),

@@ -1,8 +1,10 @@
-//! `gantry-bench topics`: what a running simulator delivers to a consumer, topic by topic and view
-//! by view.
+//! `gantry-bench topics`: what a running simulator and users' programs deliver to a consumer, topic
+//! by topic and view by view.
 //!
 //! It reads like any consumer: it sleeps until a topic announces a frame and then takes every frame
 //! that waits. As a reader it also makes the simulator render what no other program asked for.
+
+mod results;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -10,12 +12,16 @@ use std::time::{Duration, Instant};
 
 use consumer_kit::{MAX_WAIT, WakeUps};
 use launch_cli::{Exit, Machine, Shutdown};
-use schema_bus::{Bus, BusError, Frame, FrameReader, TopicKind, mono_now};
+use schema_bus::{Bus, BusError, Frame, FrameReader, TopicDetails, TopicKind, mono_now};
 use schema_types::MonoTime;
 use serde::Serialize;
 
 use crate::output;
 use crate::spread::{Spread, Summary};
+use results::{ResultRow, ResultWatch, results_text};
+
+/// Results of one topic that are taken before the others have their turn.
+const MAX_A_TURN: usize = 256;
 
 #[derive(Debug, clap::Args)]
 pub struct TopicsArgs {
@@ -23,7 +29,7 @@ pub struct TopicsArgs {
     #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = output::duration)]
     length: Duration,
 
-    /// Only topics whose name has this in it
+    /// Only topics of frames and results whose name has this in it
     #[arg(long, value_name = "TEXT", default_value = "")]
     only: String,
 
@@ -65,21 +71,28 @@ struct Report {
     machine: Machine,
     topics: Vec<TopicRow>,
     views: Vec<ViewRow>,
+    results: Vec<ResultRow>,
 }
 
-/// Reads all frame topics for a while and prints two tables. Lost frames make the exit code 3.
+/// Reads all topics of frames and results for a while and prints their tables. Losses make the exit
+/// code 3.
 pub fn run(args: &TopicsArgs, domain: &str) -> anyhow::Result<Exit> {
     let (machine, shutdown) = (Machine::read(), Shutdown::install()?);
     let bus = Bus::open(domain, "gantry-bench")?;
-    let mut watches = open(&bus, &args.only)?;
+    let topics = wanted(&bus, &args.only)?;
+    let mut watches = open(&bus, &topics)?;
+    let mut results = open_results(&bus, &topics)?;
     anyhow::ensure!(
-        !watches.is_empty(),
-        "no frame topic with a writer on domain {domain:?}; start the simulator with `gantry up`"
+        !watches.is_empty() || !results.is_empty(),
+        "no topic of frames or results with a writer on domain {domain:?}; start the simulator with `gantry up`"
     );
     let mut events = WakeUps::new();
     for watch in &watches {
         let followed = watches.iter().map(|other| other.reader.topic());
         events.attach(&bus, watch.reader.topic(), followed)?;
+    }
+    for watch in &results {
+        events.listen(&bus, watch.topic())?;
     }
     let mut views = Views::new(watches.iter().map(|watch| watch.reader.topic()));
     let end = Instant::now() + args.length;
@@ -90,35 +103,55 @@ pub fn run(args: &TopicsArgs, domain: &str) -> anyhow::Result<Exit> {
         for watch in &mut watches {
             watch.drain(&mut views)?;
         }
+        for watch in &mut results {
+            watch.drain()?;
+        }
     }
     let report = Report {
         machine,
         topics: watches.iter().map(Watch::row).collect(),
         views: views.rows(),
+        results: results.iter().map(ResultWatch::row).collect(),
     };
-    print!(
-        "{}\n{}\n{}",
-        report.machine.heading(),
-        topics_text(&report.topics),
-        views_text(&report.views)
-    );
+    println!("{}", report.machine.heading());
+    if !report.topics.is_empty() {
+        println!("{}", topics_text(&report.topics));
+        println!("{}", views_text(&report.views));
+    }
+    if !report.results.is_empty() {
+        println!("{}", results_text(&report.results));
+    }
     output::write_json(args.json.as_deref(), &report)?;
-    let lost = report
-        .topics
+    let frames = report.topics.iter().map(|topic| topic.lost + topic.refused);
+    let results = report
+        .results
         .iter()
-        .any(|topic| topic.lost + topic.refused > 0);
+        .map(|topic| topic.lost + topic.refused);
+    let lost = frames.chain(results).any(|n| n > 0);
     Ok(if lost { Exit::DataLost } else { Exit::Done })
 }
 
-/// A reader on every frame topic that has a writer.
-fn open(bus: &Bus, only: &str) -> Result<Vec<Watch>, BusError> {
-    let wanted = |topic: &schema_bus::TopicDetails| {
-        topic.kind == TopicKind::Frames && topic.publishers > 0 && topic.name.contains(only)
-    };
-    bus.topics()?
+/// The topics that have a writer and `only` in their name.
+fn wanted(bus: &Bus, only: &str) -> Result<Vec<TopicDetails>, BusError> {
+    let is_wanted = |topic: &TopicDetails| topic.publishers > 0 && topic.name.contains(only);
+    Ok(bus.topics()?.into_iter().filter(is_wanted).collect())
+}
+
+/// A reader on every topic of frames.
+fn open(bus: &Bus, topics: &[TopicDetails]) -> Result<Vec<Watch>, BusError> {
+    topics
         .iter()
-        .filter(|topic| wanted(topic))
+        .filter(|topic| topic.kind == TopicKind::Frames)
         .map(|topic| Ok(Watch::new(bus.frame_reader(&topic.name)?)))
+        .collect()
+}
+
+/// A reader on every topic of results.
+fn open_results(bus: &Bus, topics: &[TopicDetails]) -> Result<Vec<ResultWatch>, BusError> {
+    topics
+        .iter()
+        .filter(|topic| topic.result.is_some())
+        .map(|topic| ResultWatch::open(bus, topic))
         .collect()
 }
 

@@ -3,8 +3,8 @@
 
 use std::time::{Duration, Instant};
 
-use schema_bus::{Bus, BusOptions, FramePublisher, FrameTopic};
-use schema_frames::Modality;
+use schema_bus::{Bus, BusOptions, FramePublisher, FrameTopic, ResultTopic};
+use schema_frames::{Box2d, Modality, ResultType};
 use serde_json::Value;
 use test_kit::{Process, Sandbox};
 
@@ -156,6 +156,80 @@ fn topics_tells_rate_losses_and_complete_sets() {
     assert!(number(&rgb["rate_hz"]) > 1.0 && number(&rgb["age"]["max_us"]) > 0.0);
 }
 
+/// A detector that works 10 ms on every frame of a camera.
+#[test]
+fn topics_tells_rate_and_latency_of_results() {
+    let sandbox = Sandbox::new("bench-results");
+    let options = BusOptions {
+        iceoryx_root: Some(sandbox.iceoryx_root()),
+        prefix: Some(sandbox.prefix().to_owned()),
+    };
+    let bus = Bus::open_with(sandbox.domain(), "detector", &options).expect("a private bus");
+    let camera = bus
+        .frame_publisher("ego/front/rgb", FrameTopic::new(Modality::Rgb, 16 * 16 * 4))
+        .expect("a topic");
+    let mut eye = bus.frame_reader("ego/front/rgb").expect("a reader");
+    let boxes = bus
+        .result_publisher("detector/boxes", &ResultTopic::new(ResultType::Boxes2d))
+        .expect("a topic");
+    let words = [
+        "topics",
+        "--domain",
+        sandbox.domain(),
+        "--only",
+        "detector",
+        "--for",
+        "2s",
+        "--json",
+        "report.json",
+    ];
+    let mut process = bench(&sandbox, &words);
+    let mut tick = 0;
+    while process.is_running() {
+        tick += 1;
+        let mut loan = camera.loan(16 * 16 * 4).expect("a slot is free");
+        let header = loan.header_mut();
+        header.set_image(16, 16);
+        (header.tick, header.seq, header.epoch) = (tick, tick, 7);
+        loan.send().expect("the frame fits");
+        let frame = eye.next().expect("a reader").expect("the frame was sent");
+        std::thread::sleep(Duration::from_millis(10));
+        let mut loan = boxes.loan(64).expect("a slot is free");
+        loan.write(&[Box2d {
+            min_px: [1.0; 2],
+            max_px: [2.0; 2],
+            score: 0.5,
+            class: 4,
+            id: 0,
+            reserved: 0,
+        }])
+        .expect("it fits");
+        loan.answers(&frame);
+        loan.send().expect("it is sent");
+    }
+    let ended = process.wait().expect_code(0);
+    assert!(ended.says("detector/boxes"), "{:?}", ended.lines);
+    let report = report(&sandbox);
+    assert_eq!(report["topics"], serde_json::json!([]), "only the detector");
+    let row = &report["results"][0];
+    assert_eq!(
+        (&row["topic"], &row["type"]),
+        (&"detector/boxes".into(), &"boxes2d".into())
+    );
+    let number = |value: &Value| value.as_f64().expect("a number");
+    assert!(
+        number(&row["n"]) >= 5.0 && number(&row["rate_hz"]) > 1.0,
+        "{row}"
+    );
+    assert!(number(&row["mebibytes_per_sec"]) > 0.0, "{row}");
+    // The detector works 10 ms on each frame, so no answer is quicker, nor its way to us.
+    assert!(number(&row["answering"]["p50_us"]) >= 9_900.0, "{row}");
+    assert!(
+        number(&row["since_frame"]["p50_us"]) >= number(&row["answering"]["p50_us"]) * 0.99,
+        "{row}"
+    );
+}
+
 #[test]
 fn topics_of_an_empty_domain_says_what_to_do() {
     let sandbox = Sandbox::new("bench-empty");
@@ -193,4 +267,97 @@ fn memory_watches_the_living_and_reports_the_dead() {
         .wait()
         .expect_code(1);
     assert!(ended.says("(ended)"));
+}
+
+#[test]
+fn wakes_tells_what_readers_cost_a_writer() {
+    let sandbox = Sandbox::new("bench-wakes");
+    let words = [
+        "wakes",
+        "--turns",
+        "1",
+        "--count",
+        "20",
+        "--readers",
+        "0,2",
+        "--json",
+        "report.json",
+    ];
+    bench(&sandbox, &words).wait().expect_code(0);
+    let report = report(&sandbox);
+    let rows = report["rows"].as_array().expect("rows");
+    // Two ways for each number of readers of one topic, three for the reader of a whole view.
+    assert_eq!(rows.len(), 2 * 2 + 3);
+    for row in rows {
+        let (n_topics, n_readers) = (row["n_topics"].as_u64(), row["n_readers"].as_u64());
+        assert_eq!(row["writing"]["n"], 20);
+        let n_expected = 20 * n_topics.expect("a number") * n_readers.expect("a number");
+        let n_seen = row["age"]["n"].as_u64().expect("a number");
+        let lost = row["lost"].as_u64().expect("a number");
+        assert_eq!(n_seen + lost, n_expected, "{row}");
+    }
+    assert_eq!(sandbox.leftovers(), Vec::<String>::new());
+}
+
+#[test]
+fn ages_measures_quick_sensors_beside_cameras() {
+    let sandbox = Sandbox::new("bench-ages");
+    let options = BusOptions {
+        iceoryx_root: Some(sandbox.iceoryx_root()),
+        prefix: Some(sandbox.prefix().to_owned()),
+    };
+    let bus = Bus::open_with(sandbox.domain(), "simulator", &options).expect("a private bus");
+    let publisher = |topic: &str, modality: Modality| {
+        let spec = FrameTopic::new(modality, 16 * 16 * 4);
+        bus.frame_publisher(topic, spec).expect("a topic")
+    };
+    let rgb = publisher("ego/front/rgb", Modality::Rgb);
+    let imu = publisher("ego/imu/imu", Modality::Imu);
+    let tick_event = bus.notifier("ego/tick").expect("an event");
+    let imu_event = bus.notifier("ego/imu/imu").expect("an event");
+    let words = [
+        "ages",
+        "--domain",
+        sandbox.domain(),
+        "--turns",
+        "1",
+        "--each",
+        "1s",
+        "--json",
+        "report.json",
+    ];
+    let mut process = bench(&sandbox, &words);
+    let mut tick = 0;
+    // The picture takes ten milliseconds longer than the IMU.
+    while process.is_running() {
+        tick += 1;
+        for publisher in [&imu, &rgb] {
+            let mut loan = publisher.loan(16 * 16 * 4).expect("a slot is free");
+            let header = loan.header_mut();
+            if publisher.modality() == Modality::Rgb {
+                header.set_image(16, 16);
+            } else {
+                header.set_list(1);
+            }
+            (header.tick, header.seq, header.epoch) = (tick, tick, 7);
+            loan.send().expect("the frame fits");
+            if publisher.modality() == Modality::Imu {
+                imu_event.notify();
+                std::thread::sleep(Duration::from_millis(10));
+            }
+        }
+        tick_event.notify();
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    process.wait().expect_code(0);
+    let report = report(&sandbox);
+    let rows = report["rows"].as_array().expect("rows");
+    let p50_us = |row: &serde_json::Value| row["age"]["p50_us"].as_f64().expect("a number");
+    assert_eq!(rows.len(), 3);
+    assert_eq!(rows[0]["wake"], "the rig's tick");
+    assert!(p50_us(&rows[0]) >= 10_000.0, "it waits for the picture");
+    assert!(
+        p50_us(&rows[1]) < p50_us(&rows[0]),
+        "and on its own event it does not"
+    );
 }
