@@ -1,13 +1,16 @@
-//! The worked examples of `docs/pipelines.md` as processes: lidar, clusters, brake in lockstep, and
-//! what happens when one of them dies.
+//! The worked examples of `docs/pipelines.md` as processes: lidar, clusters, brake in lockstep, what
+//! happens when one of them dies, and people that two Python programs find and follow.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use nalgebra::Isometry3;
-use schema_bus::{Bus, Snapshot, SnapshotReader};
-use schema_frames::{ActorKind, ActorRecord, Box3d, Command, CommandReply, SpawnPoints};
-use schema_types::Pose;
-use test_e2e::{ask, document, join_bus, reader, spawn_daemon};
+use schema_bus::{Bus, Frame, FrameReader, Snapshot, SnapshotReader};
+use schema_frames::{ActorKind, ActorRecord, Box3d, Command, CommandReply, SpawnPoints, Track};
+use schema_types::{Class, Pose};
+use test_e2e::{
+    ask, document, join_bus, reader, spawn_consumer, spawn_daemon, start_daemon, step, venv_program,
+};
 use test_kit::sandbox::binary_path;
 use test_kit::{Process, Sandbox, eventually};
 
@@ -138,4 +141,92 @@ fn when_the_detector_is_killed_the_brake_stops_the_car() {
     let (ego, other) = wait_until_it_stands(&mut snapshots, obstacle);
     let gap = gap_m(&ego, &other);
     assert!(gap > 1.0, "it stopped {gap} m before it");
+}
+
+/// A box in an image: left, top, right, bottom, pixels.
+type Rectangle = [f32; 4];
+
+/// The exact boxes of all people in an image, by object id.
+fn people_of(semantic: &Frame, instance: &Frame) -> BTreeMap<u32, Rectangle> {
+    let width = semantic.header().width as usize;
+    let ids = instance.elements::<u32>().expect("ids are u32");
+    let mut people: BTreeMap<u32, Rectangle> = BTreeMap::new();
+    for (i, id) in ids.iter().enumerate() {
+        if semantic[i] == Class::PEDESTRIANS.0 {
+            let (x, y) = ((i % width) as f32, (i / width) as f32);
+            let [left, top, right, bottom] = people.entry(*id).or_insert([x, y, x, y]);
+            (*left, *top) = (left.min(x), top.min(y));
+            (*right, *bottom) = (right.max(x + 1.0), bottom.max(y + 1.0));
+        }
+    }
+    people
+}
+
+/// Intersection over union.
+fn overlap(a: &Rectangle, b: &Rectangle) -> f32 {
+    let area = |r: &Rectangle| (r[2] - r[0]).max(0.0) * (r[3] - r[1]).max(0.0);
+    let both = area(&[
+        a[0].max(b[0]),
+        a[1].max(b[1]),
+        a[2].min(b[2]),
+        a[3].min(b[3]),
+    ]);
+    both / (area(a) + area(b) - both).max(1.0)
+}
+
+#[test]
+fn people_are_found_and_followed_by_two_python_programs() {
+    let sandbox = Sandbox::new("people");
+    let file = test_kit::sandbox::repository().join("launch/people.toml");
+    let launch = std::fs::read_to_string(file).unwrap();
+    let launch = launch
+        .replace("[\"rgb\"]", "[\"rgb\", \"semantic\", \"instance\"]")
+        .replace("tick_hz = 10", "tick_hz = 10\nmode = \"stepped\"");
+    let mut daemon = start_daemon(&sandbox, &launch, &[]);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let _driver = spawn_consumer(&sandbox, "gantry-drive", &["--lockstep"]);
+    daemon.wait_line("joined the lockstep");
+    let examples = test_kit::sandbox::repository().join("consumers/consumer_python/examples");
+    let python = |name: &str| {
+        let script = examples.join(name);
+        let env = [("GANTRY_DOMAIN", sandbox.domain())];
+        sandbox.spawn_program(
+            name,
+            &venv_program("python"),
+            &[script.to_str().unwrap()],
+            &env,
+        )
+    };
+    let mut semantic = reader(&bus, "ego/front/semantic");
+    let mut instance = reader(&bus, "ego/front/instance");
+    let _detector = python("people_detector.py");
+    let _tracker = python("people_tracker.py");
+    let mut tracks = eventually("tracks appear", || bus.result_reader("people/tracks").ok());
+    // By then the car stands at a red light, and the next person sets foot on the crossing before it.
+    step(&mut client, 140);
+    let mut matched: BTreeMap<u32, u32> = BTreeMap::new();
+    for _ in 0..40 {
+        let tick = step(&mut client, 1);
+        let of_tick = |frames: &mut FrameReader| {
+            eventually("the tick's image", || {
+                frames.next().unwrap().filter(|it| it.header().tick == tick)
+            })
+        };
+        let people = people_of(&of_tick(&mut semantic), &of_tick(&mut instance));
+        let result = eventually("the tick's tracks", || {
+            tracks.next().unwrap().filter(|it| it.header().tick == tick)
+        });
+        assert_eq!(result.inputs()[0].topic(), "people/boxes");
+        for track in result.records::<Track>().unwrap() {
+            let ([left, top], [right, bottom]) = (track.min_px, track.max_px);
+            let found = [left, top, right, bottom];
+            if people.values().any(|it| overlap(it, &found) > 0.4) {
+                *matched.entry(track.id).or_default() += 1;
+            }
+        }
+    }
+    // A person takes six seconds over the crossing and keeps one number on the way.
+    let longest = matched.values().copied().max().unwrap_or(0);
+    assert!(longest >= 20, "ticks by track: {matched:?}");
 }
