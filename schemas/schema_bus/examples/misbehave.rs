@@ -42,7 +42,7 @@ macro_rules! raw_headers {
 }
 raw_headers! {
     RawFrame 256 "GantryFrameHeader";
-    RawResult 256 "GantryResultHeader";
+    RawResult 320 "GantryResultHeader";
     RawSnapshot 128 "GantrySnapshotHeader";
     RawControl 64 "GantryControlHeader";
     RawRequest 64 "GantryRequestHeader";

@@ -125,10 +125,12 @@ pub enum BusError {
         fault: String,
     },
     /// A result breaks the contract.
-    #[error("{service}: {source}")]
+    #[error("{service}{}: {source}", from(.writer))]
     BadResult {
         /// The service.
         service: String,
+        /// Who sent it; `None` if this process was about to.
+        writer: Option<Arc<Origin>>,
         /// The broken rule.
         source: ResultError,
     },

@@ -16,6 +16,8 @@ use crate::clock::mono_now;
 use crate::error::BusError;
 use crate::iceoryx_error::other_error;
 use crate::node::{BusNode, Service};
+use crate::origin::Origins;
+use crate::qos;
 use crate::reader::{ReaderCounts, Received, receive, subscribe};
 use crate::result_service::ResultService;
 use crate::wire::Wire;
@@ -26,6 +28,7 @@ use crate::wire::Wire;
 pub struct ResultReader {
     port: Subscriber<Service, [u8], Wire<ResultHeader>>,
     service: ResultService,
+    origins: Origins,
     topic: Arc<str>,
     /// `writer_epoch` and `seq` of the newest result.
     place: Option<(u64, u64)>,
@@ -39,6 +42,7 @@ impl ResultReader {
         Ok(ResultReader {
             port,
             service,
+            origins: Origins::default(),
             topic: topic.into(),
             place: None,
             counts: ReaderCounts::default(),
@@ -76,7 +80,11 @@ impl ResultReader {
     /// As [`ResultReader::next`].
     pub fn latest(&mut self) -> Result<Option<ResultSample>, BusError> {
         let mut newest = None;
-        while self.waiting()? {
+        // Bounded, as in `FrameReader::latest`.
+        for _ in 0..qos::MAX_PASSED_OVER {
+            if !self.waiting()? {
+                break;
+            }
             // The older one is given back first, so that a caller that may hold only one more can
             // still drain.
             if newest.take().is_some() {
@@ -143,6 +151,10 @@ impl ResultReader {
                 self.counts.refused += 1;
                 Err(BusError::BadResult {
                     service: self.service.slices.name().as_str().into(),
+                    writer: Some(
+                        self.origins
+                            .of_writer(sample.origin().value(), &self.service.slices),
+                    ),
                     source,
                 })
             }

@@ -437,7 +437,11 @@ impl ResultLoan {
         let service = self.end.full.clone();
         self.header_mut()
             .set_tensor(of, shape)
-            .map_err(|source| BusError::BadResult { service, source })?;
+            .map_err(|source| BusError::BadResult {
+                service,
+                writer: None,
+                source,
+            })?;
         self.fits()
     }
 
@@ -498,6 +502,7 @@ impl ResultLoan {
         header.published_mono_nanos = mono_now().0;
         let bad = |source| BusError::BadResult {
             service: end.full.clone(),
+            writer: None,
             source,
         };
         let found = self.header().check(self.sample.payload().len());

@@ -507,7 +507,11 @@ fn acknowledgements_wake_the_daemon_and_name_their_writers() {
         (acks.len(), acks[0].participant, acks[0].epoch, acks[0].tick),
         (1, 2, 9, 77)
     );
-    assert_eq!(reader.writers(), ["recorder"]);
+    let writers = reader.writers();
+    assert_eq!(writers.len(), 1);
+    assert_eq!(writers[0].port, "recorder");
+    assert_eq!(writers[0].pid, Some(std::process::id()));
+    assert_eq!(acks[0].origin.port, "recorder");
 }
 
 #[test]

@@ -5,9 +5,16 @@ use crate::cli::OnLostClient;
 /// Time without any client after which stepped mode runs on by itself (`--on-lost-client resume`).
 const LOST_CLIENT_NANOS: u64 = 10_000_000_000;
 
-/// How often a waiting daemon looks for clients that were killed: a dead one counts as a client
+/// How often a daemon looks for processes that were killed: a dead one counts as a client or a reader
 /// until it is cleaned up.
 const CLEAN_NANOS: u64 = 1_000_000_000;
+
+/// The same for a daemon that has no time to spare between ticks.
+const BUSY_CLEAN_NANOS: u64 = 5_000_000_000;
+
+/// Time to spare until the next tick that cleaning takes at most in the usual case: a millisecond
+/// and a half with a dozen processes.
+pub const CLEANING_NANOS: u64 = 5_000_000;
 
 /// When clients were last there. Times are `CLOCK_MONOTONIC` nanoseconds.
 #[derive(Clone, Copy, Debug)]
@@ -43,9 +50,15 @@ impl Clients {
         std::mem::take(&mut self.is_running_alone)
     }
 
-    /// Whether it is time to clean up after clients that were killed.
-    pub fn must_clean(&mut self, now_nanos: u64) -> bool {
-        let is_due = now_nanos.saturating_sub(self.last_cleaned_nanos) > CLEAN_NANOS;
+    /// Whether it is time to clean up after processes that were killed. Without time to spare it is
+    /// put off, but not for long: a sensor goes on rendering for a dead reader.
+    pub fn must_clean(&mut self, now_nanos: u64, is_idle: bool) -> bool {
+        let wait_nanos = if is_idle {
+            CLEAN_NANOS
+        } else {
+            BUSY_CLEAN_NANOS
+        };
+        let is_due = now_nanos.saturating_sub(self.last_cleaned_nanos) > wait_nanos;
         if is_due {
             self.last_cleaned_nanos = now_nanos;
         }
@@ -79,6 +92,13 @@ mod tests {
         );
         assert!(clients.take_over(LOST_CLIENT_NANOS + 3));
         assert!(!clients.is_running_alone() && !clients.take_over(LOST_CLIENT_NANOS + 4));
+        let busy = BUSY_CLEAN_NANOS;
+        assert!(
+            !clients.must_clean(CLEAN_NANOS, true) && clients.must_clean(CLEAN_NANOS + 1, true)
+        );
+        assert!(
+            !clients.must_clean(busy, false) && clients.must_clean(busy + CLEAN_NANOS + 2, false)
+        );
         assert!(!clients.missed(2 * LOST_CLIENT_NANOS, OnLostClient::Resume));
     }
 }

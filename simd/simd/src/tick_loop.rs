@@ -9,6 +9,7 @@ use schema_frames::{StepMode, VehicleControlRecord};
 use schema_types::{ActorId, Tick};
 use simd_world::World;
 
+use crate::clients::CLEANING_NANOS;
 use crate::commands;
 use crate::daemon::Daemon;
 use crate::pace::Pace;
@@ -62,7 +63,9 @@ fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Nex
         return Ok(Next::Look);
     }
     if is_paced(daemon) {
-        let wait_nanos = daemon.pace.wait_nanos(mono_now().0);
+        let now_nanos = mono_now().0;
+        let wait_nanos = daemon.pace.wait_nanos(now_nanos);
+        clean(daemon, now_nanos, wait_nanos >= CLEANING_NANOS);
         if wait_nanos > 0 {
             if daemon.sensors.is_busy() {
                 daemon.sensors.finish_all()?;
@@ -74,6 +77,8 @@ fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Nex
             }
             return Ok(Next::Look);
         }
+    } else {
+        clean(daemon, mono_now().0, false);
     }
     if daemon.gate.mode() == StepMode::Stepped || !daemon.gate.participants().is_empty() {
         daemon.sensors.finish_all()?;
@@ -84,8 +89,11 @@ fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Nex
 fn may_start(daemon: &Daemon) -> bool {
     let Tick(tick) = daemon.tick;
     let gate = &daemon.gate;
-    let enough =
-        tick > 0 || gate.participants().len() >= daemon.settings.run.n_awaited_participants;
+    let settings = &daemon.settings;
+    let has_joined = |name: &String| gate.participants().iter().any(|p| p.name == *name);
+    let enough = tick > 0
+        || (gate.participants().len() >= settings.run.n_awaited_participants
+            && settings.awaited_participants.iter().all(has_joined));
     let open = gate.is_open(tick)
         || (daemon.clients.is_running_alone() && gate.missing(tick).next().is_none());
     enough && open
@@ -187,9 +195,12 @@ fn take_acks(daemon: &mut Daemon) {
 /// whom the world waits long.
 fn look_after_participants(daemon: &mut Daemon) {
     let Tick(tick) = daemon.tick;
-    // The first tick waits for a number of participants. Nobody owes it an acknowledgement, but who
-    // is gone may not be counted.
-    let is_first = tick == 0 && daemon.settings.run.n_awaited_participants > 0;
+    // The first tick waits for participants. Nobody owes it an acknowledgement, but who is gone may
+    // not be counted.
+    let settings = &daemon.settings;
+    let is_awaited =
+        settings.run.n_awaited_participants > 0 || !settings.awaited_participants.is_empty();
+    let is_first = tick == 0 && is_awaited;
     let looked_at: Vec<_> = if is_first {
         daemon.gate.participants().to_vec()
     } else {
@@ -249,12 +260,17 @@ fn look_after_participants(daemon: &mut Daemon) {
     }
 }
 
+/// Takes the places of killed processes back from time to time, so that nothing is rendered for them.
+fn clean(daemon: &mut Daemon, now_nanos: u64, is_idle: bool) {
+    if daemon.clients.must_clean(now_nanos, is_idle) {
+        daemon.bus.clean_dead_nodes();
+    }
+}
+
 /// Notices killed clients, and lets stepped mode run on by itself once none is left.
 fn look_after_clients(daemon: &mut Daemon) {
     let now = mono_now().0;
-    if daemon.clients.must_clean(now) {
-        daemon.bus.clean_dead_nodes();
-    }
+    clean(daemon, now, true);
     if daemon.gate.mode() == StepMode::FreeRunning
         || daemon.ports.commands.n_clients() > 0
         || daemon.tick.0 == 0

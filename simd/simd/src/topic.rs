@@ -59,7 +59,7 @@ pub struct Topic {
     pub modality: Modality,
     /// Frames sent and lost so far.
     pub counts: FrameCounts,
-    /// Event of the topic's own name, for readers that want no other frame of the rig.
+    /// Event of the topic's own name, so that its readers wait for no other frame of the rig.
     wake: Notifier,
     memory: TopicMemory,
 }
@@ -172,7 +172,8 @@ impl Topic {
         }
     }
 
-    /// Sends a filled loan and wakes those who wait for this topic alone.
+    /// Sends a filled loan and wakes those who wait for this topic, at once: what is sent after it
+    /// would only keep them waiting, and costs no less.
     pub fn send(&mut self, mut loan: FrameLoan, header: FrameHeader, audience: Audience) {
         *loan.header_mut() = header;
         if audience == Audience::Hash {
@@ -186,9 +187,7 @@ impl Topic {
         match loan.send() {
             Ok(_) => {
                 self.counts.n_sent += 1;
-                if self.wake.n_listeners() > 0 {
-                    self.wake.notify();
-                }
+                self.wake.notify_listeners();
             }
             Err(error) => {
                 tracing::warn!(topic = self.name, %error, "frame could not be sent");

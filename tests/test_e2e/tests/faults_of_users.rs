@@ -36,13 +36,17 @@ impl Stage {
         }
     }
 
-    /// Starts a program with a fault and waits until it is at work.
-    fn misbehave(&self, fault: &str, word: &str) -> Process {
+    /// Starts a program with a fault.
+    fn start(&self, fault: &str, word: &str) -> Process {
         let program = test_kit::sandbox::binary_path("examples/misbehave");
         let args = [self.sandbox.domain(), fault, word];
-        let mut process = self
-            .sandbox
-            .spawn_program("misbehave", &program, &args, &[]);
+        self.sandbox
+            .spawn_program("misbehave", &program, &args, &[])
+    }
+
+    /// As [`Stage::start`], and waits until the program is at work.
+    fn misbehave(&self, fault: &str, word: &str) -> Process {
+        let mut process = self.start(fault, word);
         process.wait_line("at work");
         process
     }
@@ -316,14 +320,58 @@ fn a_reader_that_holds_all_it_may_takes_nothing_from_others() {
     stage.end(holder);
 }
 
+/// A killed reader is noticed while the world runs on and no other process comes or goes: what it
+/// alone read is no longer rendered.
+#[test]
+fn nothing_is_rendered_for_a_killed_reader() {
+    let mut stage = Stage::new("dead-reader", &[]);
+    let mut holder = stage.misbehave("hold-frames", "ego/front/depth");
+    holder.wait_line("holds 3 frames");
+    let sent = |stage: &mut Stage| counter(&mut stage.client, "sent ego/front/depth");
+    let before = sent(&mut stage);
+    eventually("it is rendered for", || {
+        (sent(&mut stage) > before + 3).then_some(())
+    });
+    holder.kill9();
+    eventually("it is rendered for no more", || {
+        let before = sent(&mut stage);
+        stage.ticks_go_on(10);
+        (sent(&mut stage) == before).then_some(())
+    });
+    let bystander = stage.misbehave("unknown-vehicle", "");
+    stage.end(bystander);
+}
+
+/// Results of which the headers lie about what they carry: whoever reads them refuses them and goes
+/// on with everything else.
+#[test]
+fn garbage_results_are_refused_by_their_readers() {
+    let mut stage = Stage::new("garbage-results", &[]);
+    let wrongdoer = stage.misbehave("garbage-results", "own/boxes");
+    let mut recorder = spawn_consumer(&stage.sandbox, "gantry-record", &["--out", "a.mcap"]);
+    let mut viewer = spawn_consumer(&stage.sandbox, "gantry-view", &["--save", "a.rrd"]);
+    for reader in [&mut recorder, &mut viewer] {
+        let line = reader.wait_line("refused a result");
+        assert!(line.contains(&named(&wrongdoer)), "{line}");
+    }
+    stage.ticks_go_on(20);
+    for reader in [recorder, viewer] {
+        let refusals = reader.lines().into_iter();
+        let refusals = refusals.filter(|line| line.contains("refused a result"));
+        assert_eq!(refusals.count(), 1, "it is said once");
+        assert!([0, 3].contains(&reader.stop().code()));
+    }
+    stage.end(wrongdoer);
+}
+
 /// A process is killed while it fills samples of two topics: nobody sees them, and its places and
 /// memory come back.
 #[test]
 fn a_process_that_dies_inside_a_loan_leaves_no_trace() {
     let mut stage = Stage::new("die-in-loan", &[]);
     for _ in 0..4 {
-        let process = stage.misbehave("die-in-loan", "own/boxes");
-        let ended = process.wait();
+        let ended = stage.start("die-in-loan", "own/boxes").wait();
+        assert!(ended.says("at work"), "{:?}", ended.lines);
         assert_eq!(
             std::os::unix::process::ExitStatusExt::signal(&ended.status),
             Some(Signal::SIGKILL as i32)
