@@ -83,6 +83,8 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
         "logs and the full launch file are in {}",
         run_dir.display()
     ));
+    // A launcher that was killed may have left its topics behind.
+    bus.clean();
     let kept: Vec<&str> = own_topics(&launch)
         .map(|(name, _)| name)
         .filter(|name| bus.exists(name))

@@ -379,6 +379,28 @@ fn announced_topics_are_there_before_their_writers_and_with_their_limits() {
 }
 
 #[test]
+fn topics_of_a_launcher_that_was_killed_are_made_anew() {
+    let sandbox = Sandbox::new("topics-kill");
+    let launch = |readers: u32| {
+        format!(
+            "[topic.'a/b']\ntype = 'tensor'\nreaders = {readers}\n[process.p]\ncmd = ['sleep', '100000']\n"
+        )
+    };
+    let mut gantry = up(&sandbox, &launch(2), &[]);
+    gantry.wait_line("all 1 processes are up");
+    gantry.kill9();
+    let mut gantry = up(&sandbox, &launch(6), &[]);
+    gantry.wait_line("all 1 processes are up");
+    let bus = bus(&sandbox);
+    let topics = bus.topics().unwrap();
+    let found = topics.iter().find(|topic| topic.name == "a/b").unwrap();
+    assert_eq!(found.max_subscribers, 6);
+    drop(bus);
+    gantry.stop().expect_code(0);
+    assert_eq!(sandbox.leftovers(), Vec::<String>::new());
+}
+
+#[test]
 fn a_topic_of_another_type_ends_the_start_with_a_sentence() {
     let sandbox = Sandbox::new("taken");
     let bus = bus(&sandbox);

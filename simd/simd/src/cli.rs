@@ -96,6 +96,11 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub await_lockstep: u32,
 
+    /// Wait for the lockstep participant of this name before the first tick; may be repeated. A
+    /// launch file's `lockstep = true` does this
+    #[arg(long, value_name = "NAME")]
+    pub await_participant: Vec<String>,
+
     #[command(flatten)]
     pub common: CommonArgs,
 }

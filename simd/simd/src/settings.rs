@@ -39,6 +39,8 @@ pub struct Settings {
     pub audience: Audience,
     /// When the daemon stops, and what it waits for.
     pub run: RunSettings,
+    /// Names of lockstep participants that the first tick waits for.
+    pub awaited_participants: Vec<String>,
 }
 
 /// Settings of the tick loop.
@@ -122,6 +124,7 @@ impl Settings {
                     .map(|secs| u64::from(secs) * 1_000_000_000),
                 n_awaited_participants: args.await_lockstep as usize,
             },
+            awaited_participants: args.await_participant.clone(),
         })
     }
 

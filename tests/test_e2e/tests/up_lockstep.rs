@@ -5,6 +5,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use schema_bus::{Bus, SnapshotReader, names};
 use schema_frames::WorldInfo;
+use test_e2e::processes::{python_package, venv_program};
 use test_e2e::{assert_nothing_left, document, join_bus};
 use test_kit::sandbox::binary_path;
 use test_kit::{Process, Sandbox, eventually};
@@ -223,6 +224,45 @@ fn a_simulator_that_is_restarted_waits_for_those_who_run() {
     let mut reader = snapshots(&bus);
     wait_tick(&mut reader, 10);
     drop((reader, bus));
+    gantry.stop().expect_code(0);
+    assert_nothing_left(&sandbox);
+}
+
+/// Goal: what `docs/launch-files.md` says of a program of a user holds for one in Python: folder,
+/// environment, settings, domain, lockstep from the first tick on, and its restart.
+#[test]
+fn a_python_program_steps_with_the_world_from_its_first_tick() {
+    let sandbox = Sandbox::new("python-steps");
+    sandbox.write(
+        "planner.py",
+        "import json, os, sys\n\
+         import gantry\n\
+         settings = json.loads(sys.argv[-1])\n\
+         with gantry.lockstep(settings['name']) as steps:\n\
+         \x20   for n, tick in enumerate(steps):\n\
+         \x20       if n < 3 or n == settings['n']:\n\
+         \x20           print('at tick', tick, flush=True)\n\
+         \x20       if n == settings['n'] and not os.path.exists('died'):\n\
+         \x20           open('died', 'w').close()\n\
+         \x20           os._exit(9)\n",
+    );
+    let planner = format!(
+        "[process.planner]\ncmd = [{:?}, \"planner.py\"]\ncwd = \".\"\nenv = {{ PYTHONPATH = {:?} }}\nlockstep = true\n\
+         restart = {{ policy = \"on-failure\", delay = \"1ms\" }}\nparams = {{ name = \"${{name}}\", n = 20 }}\n",
+        venv_program("python").display().to_string(),
+        python_package().display().to_string(),
+    );
+    let mut gantry = up(&sandbox, &planner, &[]);
+    for tick in [1, 2, 3, 21] {
+        gantry.wait_line(&format!("planner │ at tick {tick}"));
+    }
+    gantry.wait_line("planner ended with exit code 9");
+    gantry.wait_line("restarting planner in 1 ms");
+    // It joins again and goes on where the world is.
+    eventually("a second start steps as far", || {
+        let steps = |line: &&String| line.contains("planner │ at tick");
+        (gantry.lines().iter().filter(steps).count() == 8).then_some(())
+    });
     gantry.stop().expect_code(0);
     assert_nothing_left(&sandbox);
 }

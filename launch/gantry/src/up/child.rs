@@ -75,9 +75,13 @@ pub fn start(
         plan.program.display(),
         [&plan.args, further_args].concat().join(" ")
     ));
-    let mut child = command
-        .spawn()
-        .with_context(|| format!("cannot start {}", plan.program.display()))?;
+    let mut child = command.spawn().with_context(|| {
+        let program = plan.program.display();
+        match &plan.surroundings.cores[..] {
+            [] => format!("cannot start {program}"),
+            cores => format!("cannot start {program} on cores {cores:?}"),
+        }
+    })?;
     let group = Pid::from_raw(child.id().cast_signed());
     let line = match &plan.ready {
         Some(ReadySign::Line(pattern)) => Some(pattern.clone()),

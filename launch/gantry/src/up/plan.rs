@@ -18,9 +18,8 @@ pub struct Plan {
     pub program: PathBuf,
     pub args: Vec<String>,
     pub surroundings: Surroundings,
-    /// Of the daemon: participants in lockstep that its own `cmd` awaits, besides those of the
-    /// launch file. `None` for every other process.
-    pub awaits: Option<u32>,
+    /// Whether it is the daemon, which all who take part in lockstep join.
+    pub is_daemon: bool,
     /// Whether it takes part in lockstep under its name.
     pub lockstep: bool,
     pub run_dir: PathBuf,
@@ -97,13 +96,12 @@ impl Run<'_> {
             params.hand_over(&mut args);
         }
         self.add_shared_flags(&mut args, process);
-        let awaits = process.is_daemon().then(|| take_awaited(&mut args));
         Ok(Plan {
             name: process.name.clone(),
             program,
             args,
             surroundings,
-            awaits,
+            is_daemon: process.is_daemon(),
             lockstep: process.lockstep,
             run_dir: self.dir.to_owned(),
             required: process.required,
@@ -199,33 +197,6 @@ fn sign_of(when: &ReadyWhen) -> Option<ReadySign> {
     }
 }
 
-/// Takes `--await-lockstep N` out of the daemon's arguments: the launcher adds those of the launch
-/// file and gives the sum at every start.
-fn take_awaited(args: &mut Vec<String>) -> u32 {
-    const FLAG: &str = "--await-lockstep";
-    let mut awaited: u32 = 0;
-    let mut i = 0;
-    while i < args.len() {
-        let joined = args[i]
-            .strip_prefix(FLAG)
-            .and_then(|rest| rest.strip_prefix('='))
-            .map(|number| (number.parse::<u32>(), 1));
-        let apart = (args[i] == FLAG)
-            .then(|| args.get(i + 1))
-            .flatten()
-            .map(|number| (number.parse::<u32>(), 2));
-        match joined.or(apart) {
-            // What is no number stays, for the daemon to refuse.
-            Some((Ok(number), n_words)) => {
-                awaited = awaited.saturating_add(number);
-                args.drain(i..i + n_words);
-            }
-            _ => i += 1,
-        }
-    }
-    awaited
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -299,26 +270,6 @@ mod tests {
             message.starts_with("process a: there is no program \"gantry-nothing\""),
             "{message}"
         );
-    }
-
-    #[test]
-    fn the_daemon_awaits_those_of_its_own_command_besides_those_of_the_launch() {
-        let taken = |words: &[&str]| {
-            let mut args: Vec<String> = words.iter().map(ToString::to_string).collect();
-            let n = take_awaited(&mut args);
-            (n, args.join(" "))
-        };
-        assert_eq!(taken(&["--ticks", "9"]), (0, "--ticks 9".into()));
-        assert_eq!(
-            taken(&["--await-lockstep", "2", "--ticks", "9"]),
-            (2, "--ticks 9".into())
-        );
-        assert_eq!(taken(&["a", "--await-lockstep=3"]), (3, "a".into()));
-        assert_eq!(
-            taken(&["--await-lockstep", "two"]),
-            (0, "--await-lockstep two".into())
-        );
-        assert_eq!(taken(&["--await-lockstep"]), (0, "--await-lockstep".into()));
     }
 
     #[test]

@@ -186,7 +186,7 @@ impl Supervisor {
 
     fn start(&mut self, idx: usize) {
         let further_args = self.further_args(idx);
-        if self.slots[idx].plan.awaits.is_some() {
+        if self.slots[idx].plan.is_daemon {
             self.await_lockstep_again();
         }
         let slot = &mut self.slots[idx];
@@ -218,18 +218,17 @@ impl Supervisor {
         }
     }
 
-    /// Arguments that depend on what runs at the moment: how many participants in lockstep the
-    /// daemon awaits before its first tick.
+    /// Arguments that depend on what runs at the moment: whom the daemon awaits before its first
+    /// tick.
     fn further_args(&self, idx: usize) -> Vec<String> {
-        let Some(others) = self.slots[idx].plan.awaits else {
-            return Vec::new();
-        };
-        let to_come = |slot: &&Slot| slot.plan.lockstep && !matches!(slot.state, State::Over(_));
-        let n = others as usize + self.slots.iter().filter(to_come).count();
-        if n == 0 {
+        if !self.slots[idx].plan.is_daemon {
             return Vec::new();
         }
-        vec!["--await-lockstep".into(), n.to_string()]
+        self.slots
+            .iter()
+            .filter(|slot| slot.plan.lockstep && !matches!(slot.state, State::Over(_)))
+            .flat_map(|slot| ["--await-participant".into(), slot.plan.name.clone()])
+            .collect()
     }
 
     /// A daemon that starts knows no participants: those that run have to join it.
@@ -466,7 +465,7 @@ impl Supervisor {
         };
         // Its shared memory is freed before any process is restarted.
         self.bus.clean();
-        if slot.plan.awaits.is_some() {
+        if slot.plan.is_daemon {
             self.lockstep.forget();
         } else if slot.plan.lockstep {
             self.lockstep.look(&self.bus);
