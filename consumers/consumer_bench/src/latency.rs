@@ -1,6 +1,9 @@
 //! `gantry-bench latency`: a writer in this process, readers in processes of their own, three ways
 //! between them, and a memcpy for comparison.
 //!
+//! With `--python` the readers in shared memory are also those of the Python package, which have the
+//! frame as a numpy array in hand when their clock stops.
+//!
 //! On every way a frame is filled before its clock starts, as by a renderer. In shared memory the
 //! clock starts just before the sample is sent and stops when the reader holds the frame; the
 //! reader is either woken by an event, asleep in poll(2) until then, or polls. Over TCP the clock
@@ -12,7 +15,7 @@ pub mod reader;
 use std::hint::black_box;
 use std::io::Write as _;
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, ensure};
@@ -44,6 +47,10 @@ pub struct LatencyArgs {
     /// Frames counted per line of the table
     #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u64).range(10..=10_000_000))]
     count: u64,
+
+    /// Also measure readers in Python, run by this interpreter, which has the package gantry
+    #[arg(long, value_name = "PROGRAM")]
+    python: Option<PathBuf>,
 
     /// Write the table as JSON too
     #[arg(long, value_name = "FILE")]
@@ -98,9 +105,19 @@ pub fn run(args: &LatencyArgs) -> anyhow::Result<Exit> {
     for size_bytes in args.sizes.iter().copied() {
         rows.push(memcpy(size_bytes, args.count));
         for n_readers in args.readers.iter().map(|n| *n as usize) {
-            for way in [Way::Event, Way::Polled, Way::Tcp] {
+            let rust = [Way::Event, Way::Polled, Way::Tcp].map(|way| (way, None));
+            let python = args.python.as_deref();
+            let python = python.map(|it| [(Way::Event, Some(it)), (Way::Polled, Some(it))]);
+            // Rust and Python by turns, so that they meet the same load.
+            let mut ways: Vec<_> = rust
+                .into_iter()
+                .chain(python.into_iter().flatten())
+                .collect();
+            ways.sort_by_key(|(way, _)| *way as u8);
+            for (way, python) in ways {
                 let case = Case {
                     way,
+                    python,
                     size_bytes,
                     n_readers,
                     number: rows.len(),
@@ -110,12 +127,12 @@ pub fn run(args: &LatencyArgs) -> anyhow::Result<Exit> {
                 eprintln!(
                     "{} frames of {size_bytes} bytes to {n_readers} readers by {} …",
                     args.count,
-                    way.name()
+                    case.name()
                 );
                 let row = case.run().with_context(|| {
                     format!(
                         "{} with {n_readers} readers of {size_bytes} bytes",
-                        way.name()
+                        case.name()
                     )
                 })?;
                 rows.push(row);
@@ -129,8 +146,10 @@ pub fn run(args: &LatencyArgs) -> anyhow::Result<Exit> {
 }
 
 /// One way, size and number of readers.
-struct Case {
+struct Case<'a> {
     way: Way,
+    /// Interpreter of readers in Python.
+    python: Option<&'a Path>,
     size_bytes: usize,
     n_readers: usize,
     number: usize,
@@ -138,7 +157,15 @@ struct Case {
     count: u64,
 }
 
-impl Case {
+impl Case<'_> {
+    fn name(&self) -> &'static str {
+        match (self.way, self.python) {
+            (Way::Event, Some(_)) => "python-event",
+            (Way::Polled, Some(_)) => "python-polled",
+            (way, _) => way.name(),
+        }
+    }
+
     fn run(&self) -> anyhow::Result<Row> {
         let mut sending = Spread::default();
         let (received, rate_hz) = match self.way {
@@ -157,7 +184,7 @@ impl Case {
             latency.n
         );
         Ok(Row {
-            way: self.way.name(),
+            way: self.name(),
             size_bytes: self.size_bytes,
             n_readers: self.n_readers,
             rate_hz,
@@ -174,10 +201,7 @@ impl Case {
         // A domain of its own, so that this neither meets nor disturbs a running simulator.
         let domain = format!("bench-{}", std::process::id());
         let bus = Bus::open(&domain, "gantry-bench")?;
-        let (topic, event) = (
-            format!("bench/c{}/semantic", self.number),
-            format!("bench/c{}/tick", self.number),
-        );
+        let topic = format!("bench/c{}/semantic", self.number);
         let spec = FrameTopic {
             frames_in_flight: 1,
             max_readers: self.n_readers,
@@ -187,9 +211,8 @@ impl Case {
         };
         let publisher = bus.frame_publisher(&topic, spec)?;
         publisher.touch()?;
-        let notifier = bus.notifier(&event)?;
-        let readers =
-            self.start_readers(&["--domain", &domain, "--topic", &topic, "--event", &event])?;
+        let notifier = bus.notifier(&topic)?;
+        let readers = self.start_readers(&["--domain", &domain, "--topic", &topic])?;
         let rate_hz = self.paced(|seq| {
             let mut loan = publisher.loan(self.size_bytes)?;
             loan.payload_mut().fill(seq as u8);
@@ -254,7 +277,7 @@ impl Case {
         let mut words = vec!["--way", self.way.name(), "--size", &size, "--last", &last];
         words.extend(place);
         let mut readers = (0..self.n_readers)
-            .map(|_| ReaderProcess::start(&words))
+            .map(|_| ReaderProcess::start(self.python, &words))
             .collect::<anyhow::Result<Vec<_>>>()?;
         readers
             .iter_mut()

@@ -115,7 +115,17 @@ pub fn bus(cause: BusError) -> PyErr {
             ..
         } => frame(source, &format!("{service}: ")),
         BusError::BadFrame { .. } => error(Class::FrameFormat, cause.to_string()),
-        BusError::BadResult { service, source } => result(source, &format!("{service}: ")),
+        BusError::BadResult {
+            service,
+            writer,
+            source,
+        } => {
+            let writer = writer.as_ref().map(|writer| format!(" from {writer}"));
+            result(
+                source,
+                &format!("{service}{}: ", writer.unwrap_or_default()),
+            )
+        }
         BusError::BadSample { .. } => error(Class::FrameFormat, cause.to_string()),
         _ => gantry(cause.to_string()),
     }

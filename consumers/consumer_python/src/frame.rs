@@ -1,15 +1,20 @@
 //! A frame in Python's hands: its header, and its payload as an array without a copy.
+//!
+//! Python's class `Frame` is derived from the one here and adds what is rarely asked for. Nothing of
+//! Python runs between a frame's arrival and its array: a process that has just been woken finds its
+//! memory cold, and there every function of Python's costs several microseconds.
 
 #![expect(unsafe_code, reason = "arrays over the memory of samples")]
 
+use std::cell::Cell;
 use std::sync::Arc;
 
 use numpy::PyArrayDescr;
 use parking_lot::Mutex;
-use pyo3::exceptions::PyRuntimeError;
+use pyo3::exceptions::{PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::PyBytes;
+use pyo3::types::{PyBytes, PyString, PyType};
 
 use schema_bus::{Answerable, Frame};
 use schema_frames::{FrameHeader, Modality};
@@ -28,9 +33,11 @@ enum Keeper {
 }
 
 /// A frame: header and payload. Arrays keep it.
-#[pyclass(frozen, module = "gantry._native")]
+#[pyclass(frozen, subclass, module = "gantry._native")]
 pub struct Sample {
+    topic: Py<PyString>,
     header: FrameHeader,
+    taken: u64,
     modality: Modality,
     payload: Memory,
     keeper: Keeper,
@@ -43,6 +50,21 @@ struct Element {
     /// Parts of an element, as a last dimension; 0 stands for an element that is one number or
     /// struct.
     parts: usize,
+}
+
+/// The class derived from [`Sample`].
+static CLASS: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+
+thread_local! {
+    /// What the next object of the class holds.
+    static NEXT: Cell<Option<Sample>> = const { Cell::new(None) };
+}
+
+/// Tells the class of all frames, which is derived from `Sample` and takes no arguments.
+#[pyfunction]
+pub fn set_frame_class(py: Python<'_>, frame_class: Py<PyType>) {
+    // A second import finds the same class.
+    let _ = CLASS.set(py, frame_class);
 }
 
 /// By encoding, which counts from 1.
@@ -83,18 +105,36 @@ pub fn set_elements(
 }
 
 impl Sample {
-    /// A frame of the bus. Its port belongs to `place`.
-    pub fn shared(frame: Frame, place: &Arc<Place>) -> Self {
+    /// A frame of the bus as an object. Its port belongs to `place`.
+    pub fn shared(
+        py: Python<'_>,
+        frame: Frame,
+        topic: &Py<PyString>,
+        place: &Arc<Place>,
+    ) -> PyResult<Py<PyAny>> {
         let payload: &[u8] = &frame;
-        Sample {
+        let sample = Sample {
+            topic: topic.clone_ref(py),
             header: *frame.header(),
+            taken: frame.taken().0,
             modality: frame.modality(),
             payload: Memory {
                 start: payload.as_ptr().cast_mut(),
                 len: payload.len(),
             },
             keeper: Keeper::Shared(Mutex::new(Owned::new(frame)), place.clone()),
-        }
+        };
+        sample.into_object(py)
+    }
+
+    fn into_object(self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let class = CLASS
+            .get(py)
+            .ok_or_else(|| PyRuntimeError::new_err("import gantry, not gantry._native"))?;
+        NEXT.set(Some(self));
+        let made = class.bind(py).call0();
+        NEXT.set(None);
+        Ok(made?.unbind())
     }
 
     /// Shows the frame as something that can be answered; `false` if it comes from bytes.
@@ -128,37 +168,56 @@ impl Sample {
 
 #[pymethods]
 impl Sample {
+    #[new]
+    fn new() -> PyResult<Self> {
+        NEXT.take().ok_or_else(|| {
+            PyTypeError::new_err("frames come from gantry.open and gantry.frame_from_bytes")
+        })
+    }
+
+    /// Topic without the domain; empty for a frame from bytes.
+    #[getter]
+    fn topic(&self, py: Python<'_>) -> Py<PyString> {
+        self.topic.clone_ref(py)
+    }
+
     /// Tick that the frame shows.
     #[getter]
     fn tick(&self) -> u64 {
         self.header.tick
     }
 
-    /// Number of the sensor's firing.
+    /// Number of the sensor's firing, from 1; a gap is a loss.
     #[getter]
     fn seq(&self) -> u64 {
         self.header.seq
     }
 
-    /// Random number of the daemon's start.
+    /// Random number of the simulator's start: another one means that it was restarted.
     #[getter]
     fn epoch(&self) -> u64 {
         self.header.epoch
     }
 
-    /// Simulated time, nanoseconds.
+    /// Simulated time, seconds since the daemon started.
     #[getter]
-    fn sim_nanos(&self) -> u64 {
-        self.header.sim_nanos
+    fn sim_time(&self) -> f64 {
+        self.header.sim_nanos as f64 * 1e-9
     }
 
-    /// `CLOCK_MONOTONIC` just before the frame was sent.
+    /// `CLOCK_MONOTONIC` just before the frame was sent, nanoseconds: compare `time.monotonic_ns()`.
     #[getter]
     fn published_mono_nanos(&self) -> u64 {
         self.header.published_mono_nanos
     }
 
-    /// Name of the modality.
+    /// `CLOCK_MONOTONIC` when this reader took the frame, nanoseconds; 0 for a frame from bytes.
+    #[getter]
+    fn taken_mono_nanos(&self) -> u64 {
+        self.taken
+    }
+
+    /// Name of the modality: `rgb`, `depth`, …
     #[getter]
     fn modality(&self) -> &'static str {
         self.modality.name()
@@ -181,7 +240,14 @@ impl Sample {
         PyBytes::new(py, bytemuck::bytes_of(&self.header))
     }
 
-    /// The payload as a read-only array that keeps this sample.
+    /// The payload as a read-only view, which keeps the frame's memory borrowed.
+    ///
+    /// Images by modality: `rgb` (h, w, 4) uint8 in the order B G R A; `depth` (h, w) float32, metres
+    /// along the optical axis, +inf where nothing was hit; `semantic` (h, w) uint8 class numbers;
+    /// `instance` (h, w) uint32 object ids; `flow` (h, w, 2) float32 pixels, x right and y down;
+    /// `normals` (h, w, 4) float16, unit normal in world space and a zero. All others: a structured
+    /// array (n,) with the fields of SPEC.md §4.
+    #[getter]
     fn array<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
         let (py, this) = (slf.py(), slf.get());
         let element = ELEMENTS
@@ -205,7 +271,11 @@ impl Sample {
 
 /// A frame from the bytes of its header and its payload, which are checked.
 #[pyfunction]
-pub fn sample_from_bytes(bytes: Bound<'_, PyBytes>) -> PyResult<Sample> {
+pub fn sample_from_bytes(
+    bytes: Bound<'_, PyBytes>,
+    topic: Bound<'_, PyString>,
+) -> PyResult<Py<PyAny>> {
+    let py = bytes.py();
     const HEADER: usize = size_of::<FrameHeader>();
     let data = bytes.as_bytes();
     if data.len() < HEADER {
@@ -218,13 +288,16 @@ pub fn sample_from_bytes(bytes: Bound<'_, PyBytes>) -> PyResult<Sample> {
     let modality = header
         .check(data.len() - HEADER)
         .map_err(|fault| errors::frame(&fault, ""))?;
-    Ok(Sample {
+    let sample = Sample {
+        topic: topic.unbind(),
         header,
+        taken: 0,
         modality,
         payload: Memory {
             start: data[HEADER..].as_ptr().cast_mut(),
             len: header.payload_bytes as usize,
         },
         keeper: Keeper::Bytes(bytes.unbind()),
-    })
+    };
+    sample.into_object(py)
 }

@@ -35,15 +35,18 @@ mod _native {
     #[pymodule_export]
     use crate::control::Controls;
     #[pymodule_export]
-    use crate::frame::{Sample, sample_from_bytes, set_elements};
+    use crate::frame::{Sample, sample_from_bytes, set_elements, set_frame_class};
     #[pymodule_export]
     use crate::lockstep::Lockstep;
     #[pymodule_export]
-    use crate::place::{close_all, command, default_domain, publisher_alive, set_program, topics};
+    use crate::place::{
+        close_all, command, default_domain, leave, publisher_alive, set_private, set_program,
+        topics,
+    };
     #[pymodule_export]
     use crate::publish::{Loan, Publisher};
     #[pymodule_export]
-    use crate::result::{Outcome, outcome_from_bytes};
+    use crate::result::{About, Outcome, outcome_from_bytes, set_result_class};
     #[pymodule_export]
     use crate::topic::Reader;
     #[pymodule_export]
@@ -51,7 +54,7 @@ mod _native {
 
     /// Number of this interface, which the Python half compares with its own.
     #[pymodule_export]
-    const INTERFACE: u32 = 2;
+    const INTERFACE: u32 = 3;
     /// Version of the layouts that this module reads and writes.
     #[pymodule_export]
     const SCHEMA_VERSION: u16 = schema_frames::SCHEMA_VERSION;

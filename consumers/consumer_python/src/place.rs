@@ -1,6 +1,7 @@
 //! A domain as this process has joined it: one bus, and the ports that all calls share.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -8,7 +9,7 @@ use parking_lot::Mutex;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyTuple};
 
-use schema_bus::{Bus, CommandClient, CommandError, TopicDetails, TopicKind};
+use schema_bus::{Bus, BusOptions, CommandClient, CommandError, TopicDetails, TopicKind};
 
 use crate::fork::{self, Owned};
 use crate::wait::Timeout;
@@ -23,6 +24,8 @@ pub struct Place {
 }
 
 static PLACES: Mutex<BTreeMap<String, Arc<Place>>> = Mutex::new(BTreeMap::new());
+/// Where iceoryx2's files of private domains are.
+static PRIVATE: Mutex<BTreeMap<String, BusOptions>> = Mutex::new(BTreeMap::new());
 static PROGRAM: Mutex<String> = Mutex::new(String::new());
 
 impl Place {
@@ -34,7 +37,8 @@ impl Place {
         if let Some(place) = places.get(domain) {
             return Ok(place.clone());
         }
-        let opened = Bus::open(domain, &program);
+        let options = PRIVATE.lock().get(domain).cloned().unwrap_or_default();
+        let opened = Bus::open_with(domain, &program, &options);
         match opened {
             Ok(bus) => {
                 let place = Arc::new(Place {
@@ -67,6 +71,30 @@ pub fn default_domain() -> String {
 #[pyfunction]
 pub fn set_program(name: &str) {
     *PROGRAM.lock() = name.to_owned();
+}
+
+/// Says where iceoryx2's files of `domain` are: its folder, and the start of its names in
+/// `/dev/shm`. Call it before anything of the domain is opened.
+#[pyfunction]
+pub fn set_private(domain: &str, root: PathBuf, prefix: &str) {
+    let options = BusOptions {
+        iceoryx_root: Some(root),
+        prefix: Some(prefix.to_owned()),
+    };
+    PRIVATE.lock().insert(domain.to_owned(), options);
+}
+
+/// Removes what killed processes left in `domain`, leaves it, and forgets where its files are.
+/// Returns whether nothing of it is held any more.
+#[pyfunction]
+pub fn leave(py: Python<'_>, domain: &str) -> PyResult<bool> {
+    let place = Place::of(domain)?;
+    Ok(py.detach(|| {
+        place.bus.clean_dead_nodes();
+        PLACES.lock().remove(domain);
+        PRIVATE.lock().remove(domain);
+        Arc::try_unwrap(place).is_ok()
+    }))
 }
 
 /// Leaves all domains; what ports are open leave with their objects. Called when Python ends.

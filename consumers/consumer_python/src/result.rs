@@ -6,15 +6,17 @@ use std::sync::Arc;
 
 use numpy::{PyArrayDescr, PyArrayDescrMethods as _};
 use parking_lot::Mutex;
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyBytes;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyBytes, PyString, PyType};
 
-use schema_bus::{Answerable, ResultSample};
+use consumer_kit::FollowedDocument;
+use schema_bus::{Answerable, BusError, ResultSample, names};
 use schema_frames::{InputRecord, ResultHeader, ResultType};
 
 use crate::errors;
-use crate::fork::Owned;
+use crate::fork::{self, Owned};
 use crate::frame::Sample;
 use crate::place::Place;
 use crate::view::{self, Access, Memory, Shape};
@@ -25,6 +27,51 @@ enum Keeper {
     Shared(Mutex<Owned<ResultSample>>, Arc<Place>),
     /// Bytes, for example of a recording.
     Bytes(Py<PyBytes>),
+}
+
+/// The description of a topic of results.
+#[pyclass(frozen, module = "gantry._native")]
+pub struct About {
+    // Ports go before their node.
+    document: Mutex<Owned<FollowedDocument>>,
+    place: Arc<Place>,
+}
+
+impl About {
+    /// Follows the description of `topic`. Before the first result is taken: the writer sends it to
+    /// new readers before its next result.
+    pub fn follow(place: &Arc<Place>, topic: &str) -> Result<Self, BusError> {
+        let mut document = FollowedDocument::new(names::about(topic));
+        document.changed(place.bus())?;
+        Ok(About {
+            document: Mutex::new(Owned::new(document)),
+            place: place.clone(),
+        })
+    }
+}
+
+#[pymethods]
+impl About {
+    /// The description as JSON; `None` if none has come.
+    fn text(&self, py: Python<'_>) -> PyResult<Option<String>> {
+        fork::check()?;
+        py.detach(|| {
+            let mut document = self.document.lock();
+            document.changed(self.place.bus())?;
+            Ok(document.newest().map(|newest| newest.text.clone()))
+        })
+        .map_err(errors::bus)
+    }
+}
+
+/// The class that shows results to users.
+static CLASS: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+
+/// Tells the class that shows results; it takes an `Outcome`, the topic and its `About`.
+#[pyfunction]
+pub fn set_result_class(py: Python<'_>, result_class: Py<PyType>) {
+    // A second import finds the same class.
+    let _ = CLASS.set(py, result_class);
 }
 
 /// A result: header, body and inputs. Arrays keep it.
@@ -38,10 +85,16 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// A result of the bus. Its port belongs to `place`.
-    pub fn shared(sample: ResultSample, place: &Arc<Place>) -> Self {
+    /// A result of the bus as an object. Its port belongs to `place`.
+    pub fn shared(
+        py: Python<'_>,
+        sample: ResultSample,
+        topic: &Py<PyString>,
+        about: &Py<About>,
+        place: &Arc<Place>,
+    ) -> PyResult<Py<PyAny>> {
         let body: &[u8] = &sample;
-        Outcome {
+        let outcome = Outcome {
             header: *sample.header(),
             kind: sample.kind(),
             body: Memory {
@@ -50,7 +103,12 @@ impl Outcome {
             },
             inputs: sample.inputs().to_vec(),
             keeper: Keeper::Shared(Mutex::new(Owned::new(sample)), place.clone()),
-        }
+        };
+        let class = CLASS
+            .get(py)
+            .ok_or_else(|| PyRuntimeError::new_err("import gantry, not gantry._native"))?;
+        let made = class.bind(py).call1((outcome, topic, about))?;
+        Ok(made.unbind())
     }
 
     /// Shows the sample as something that can be answered; `false` if it comes from bytes.

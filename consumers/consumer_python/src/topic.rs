@@ -3,36 +3,36 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use consumer_kit::FollowedDocument;
 use parking_lot::Mutex;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyString;
 
-use schema_bus::{
-    Bus, BusError, Frame, FrameReader, ReaderCounts, ResultReader, ResultSample, names,
-};
+use schema_bus::{Bus, BusError, Frame, FrameReader, ReaderCounts, ResultReader, ResultSample};
 
 use crate::errors;
 use crate::fork::{self, Owned};
 use crate::frame::Sample;
 use crate::place::Place;
-use crate::result::Outcome;
+use crate::result::{About, Outcome};
 use crate::wait::{Failure, Timeout, Waker};
 
 /// The reading end of a topic, for any number of threads: each sample goes to one of them.
-#[pyclass(frozen, module = "gantry._native")]
+#[pyclass(frozen, subclass, module = "gantry._native")]
 pub struct Reader {
     // Ports go before their node.
     port: Mutex<Option<Owned<Port>>>,
     waker: Waker,
+    about: Option<Py<About>>,
+    topic: Py<PyString>,
+    full_name: String,
     place: Arc<Place>,
-    topic: String,
 }
 
 /// What a topic carries.
 enum Port {
     Frames(FrameReader),
-    Results(ResultReader, FollowedDocument),
+    Results(ResultReader),
 }
 
 /// What was taken from it.
@@ -41,11 +41,11 @@ enum Found {
     Result(ResultSample),
 }
 
-/// What Python gets.
-#[derive(IntoPyObject)]
-pub enum Taken {
-    Frame(Sample),
-    Result(Outcome),
+/// Which sample to take if several wait.
+#[derive(Clone, Copy)]
+enum Which {
+    Oldest,
+    Newest,
 }
 
 impl Port {
@@ -54,13 +54,7 @@ impl Port {
             Ok(reader) => Ok(Port::Frames(reader)),
             // It exists, and carries something else.
             Err(error @ BusError::OtherKind { .. }) => match bus.result_reader(topic) {
-                Ok(reader) => {
-                    // Before the first result is taken: the writer sends the description to new
-                    // readers before its next result.
-                    let mut about = FollowedDocument::new(names::about(topic));
-                    about.changed(bus)?;
-                    Ok(Port::Results(reader, about))
-                }
+                Ok(reader) => Ok(Port::Results(reader)),
                 Err(BusError::OtherKind { .. }) => Err(error),
                 Err(other) => Err(other),
             },
@@ -72,52 +66,51 @@ impl Port {
         Ok(match (self, which) {
             (Port::Frames(reader), Which::Oldest) => reader.next()?.map(Found::Frame),
             (Port::Frames(reader), Which::Newest) => reader.latest()?.map(Found::Frame),
-            (Port::Results(reader, _), Which::Oldest) => reader.next()?.map(Found::Result),
-            (Port::Results(reader, _), Which::Newest) => reader.latest()?.map(Found::Result),
+            (Port::Results(reader), Which::Oldest) => reader.next()?.map(Found::Result),
+            (Port::Results(reader), Which::Newest) => reader.latest()?.map(Found::Result),
         })
     }
 
     fn counts(&self) -> ReaderCounts {
         match self {
             Port::Frames(reader) => reader.counts(),
-            Port::Results(reader, _) => reader.counts(),
+            Port::Results(reader) => reader.counts(),
         }
     }
 
     fn has_writer(&self) -> bool {
         match self {
             Port::Frames(reader) => reader.has_writer(),
-            Port::Results(reader, _) => reader.has_writer(),
+            Port::Results(reader) => reader.has_writer(),
         }
     }
-}
-
-/// Which sample to take if several wait.
-#[derive(Clone, Copy)]
-enum Which {
-    Oldest,
-    Newest,
 }
 
 impl Reader {
     fn look(&self, which: Which) -> Result<Option<Found>, Failure> {
         let mut port = self.port.lock();
-        Ok(port.as_mut().ok_or(Failure::Closed)?.take(which)?)
+        let port: &mut Port = port.as_mut().ok_or(Failure::Closed)?;
+        Ok(port.take(which)?)
     }
 
-    fn finish(&self, found: Result<Option<Found>, Failure>) -> PyResult<Option<Taken>> {
-        let place = &self.place;
-        match found {
-            Ok(found) => Ok(found.map(|found| match found {
-                Found::Frame(frame) => Taken::Frame(Sample::shared(frame, place)),
-                Found::Result(result) => Taken::Result(Outcome::shared(result, place)),
-            })),
-            Err(failure) => Err(failure.raise(&self.name())),
-        }
-    }
-
-    fn name(&self) -> String {
-        format!("topic \"{}/{}\"", self.place.bus().domain(), self.topic)
+    fn finish(
+        &self,
+        py: Python<'_>,
+        found: Result<Option<Found>, Failure>,
+    ) -> PyResult<Option<Py<PyAny>>> {
+        let object = match found {
+            Ok(None) => return Ok(None),
+            Ok(Some(Found::Frame(frame))) => Sample::shared(py, frame, &self.topic, &self.place),
+            Ok(Some(Found::Result(result))) => {
+                let about = self
+                    .about
+                    .as_ref()
+                    .expect("a topic of results was opened with its description");
+                Outcome::shared(py, result, &self.topic, about, &self.place)
+            }
+            Err(failure) => Err(failure.raise(&format!("topic {:?}", self.full_name))),
+        };
+        object.map(Some)
     }
 
     fn wait(
@@ -126,11 +119,11 @@ impl Reader {
         which: Which,
         timeout: Option<f64>,
         busy_wait: f64,
-    ) -> PyResult<Option<Taken>> {
+    ) -> PyResult<Option<Py<PyAny>>> {
         fork::check()?;
         let first = self.look(which);
         if !matches!(first, Ok(None)) {
-            return self.finish(first);
+            return self.finish(py, first);
         }
         let timeout = Timeout::new(timeout)?;
         let busy = Duration::try_from_secs_f64(busy_wait).map_err(|_| {
@@ -139,81 +132,97 @@ impl Reader {
             ))
         })?;
         let found = self.waker.until(py, timeout, busy, || self.look(which))?;
-        self.finish(found)
+        self.finish(py, found)
     }
 }
 
 #[pymethods]
 impl Reader {
-    /// Opens a topic without the domain in front.
     #[new]
     fn open(py: Python<'_>, domain: &str, topic: &str) -> PyResult<Self> {
         let place = Place::of(domain)?;
-        let bus = place.bus();
         let opened = py.detach(|| {
-            // The event first, so that no frame comes between the two.
+            let bus = place.bus();
+            // The event first, so that no sample comes between the two.
             let waker = Waker::new(bus.listener(topic)?);
-            Ok((waker, Port::open(bus, topic)?))
+            let port = Port::open(bus, topic)?;
+            let about = match &port {
+                Port::Frames(_) => None,
+                Port::Results(_) => Some(About::follow(&place, topic)?),
+            };
+            Ok((waker, port, about))
         });
-        let (waker, port) = opened.map_err(errors::bus)?;
+        let (waker, port, about) = opened.map_err(errors::bus)?;
         Ok(Reader {
             port: Mutex::new(Some(Owned::new(port))),
             waker,
+            about: about.map(|about| Py::new(py, about)).transpose()?,
+            topic: PyString::new(py, topic).unbind(),
+            full_name: format!("{domain}/{topic}"),
             place,
-            topic: topic.to_owned(),
         })
     }
 
-    /// Takes the oldest frame that waits, if any.
-    fn poll(&self) -> PyResult<Option<Taken>> {
-        fork::check()?;
-        self.finish(self.look(Which::Oldest))
+    /// Name without the domain.
+    #[getter]
+    fn name(&self, py: Python<'_>) -> Py<PyString> {
+        self.topic.clone_ref(py)
     }
 
-    /// Takes the next frame; waits up to `timeout` seconds for it.
+    /// Takes the oldest sample that waits, or returns None if none does.
+    ///
+    /// Raises `BorrowLimitError` if too many samples are held, `FrameFormatError` or
+    /// `SchemaVersionError` for one that breaks the contract; the next call continues after it.
+    fn poll(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
+        fork::check()?;
+        self.finish(py, self.look(Which::Oldest))
+    }
+
+    /// Takes the next sample; waits up to `timeout` seconds for it (None: without a limit).
+    ///
+    /// Returns None if none arrived in time. For the first `busy_wait` seconds the reader looks again
+    /// and again instead of sleeping: it has the frame some 50 µs earlier, because it need not be
+    /// woken, but keeps a processor busy. Other threads run meanwhile. Raises as `poll`.
+    #[pyo3(signature = (timeout=None, busy_wait=0.0))]
     fn next(
         &self,
         py: Python<'_>,
         timeout: Option<f64>,
         busy_wait: f64,
-    ) -> PyResult<Option<Taken>> {
+    ) -> PyResult<Option<Py<PyAny>>> {
         self.wait(py, Which::Oldest, timeout, busy_wait)
     }
 
-    /// Takes the newest frame; waits up to `timeout` seconds if there is none.
+    /// Takes the newest sample, and waits as `next` does if there is none.
+    ///
+    /// Older ones are dropped and counted in `counts.skipped`. Raises as `poll`.
+    #[pyo3(signature = (timeout=None, busy_wait=0.0))]
     fn latest(
         &self,
         py: Python<'_>,
         timeout: Option<f64>,
         busy_wait: f64,
-    ) -> PyResult<Option<Taken>> {
+    ) -> PyResult<Option<Py<PyAny>>> {
         self.wait(py, Which::Newest, timeout, busy_wait)
     }
 
-    /// Type of the topic's results; `None` for a topic of frames, or if closed.
+    /// Type of the topic's results; None for a topic of frames, or if closed.
     #[getter]
     fn result(&self) -> Option<&'static str> {
         match &**self.port.lock().as_ref()? {
             Port::Frames(_) => None,
-            Port::Results(reader, _) => Some(reader.kind().name()),
+            Port::Results(reader) => Some(reader.kind().name()),
         }
     }
 
-    /// The description of a topic of results as JSON; `None` if none has come.
-    fn about(&self, py: Python<'_>) -> PyResult<Option<String>> {
-        fork::check()?;
-        py.detach(|| match self.port.lock().as_deref_mut() {
-            Some(Port::Results(_, about)) => {
-                about.changed(self.place.bus())?;
-                Ok(about.newest().map(|document| document.text.clone()))
-            }
-            _ => Ok(None),
-        })
-        .map_err(errors::bus)
+    /// Description of the topic's results; None for a topic of frames.
+    #[getter]
+    fn about(&self, py: Python<'_>) -> Option<Py<About>> {
+        self.about.as_ref().map(|about| about.clone_ref(py))
     }
 
-    /// Samples taken, skipped, lost and refused, and restarts of the writer; `None` if closed.
-    fn counts(&self) -> Option<(u64, u64, u64, u64, u64)> {
+    /// Samples taken, skipped, lost and refused, and restarts of the writer; None if closed.
+    fn numbers(&self) -> Option<(u64, u64, u64, u64, u64)> {
         let port = self.port.lock();
         let counts = port.as_ref()?.counts();
         Some((
@@ -226,18 +235,21 @@ impl Reader {
     }
 
     /// Whether a process writes the topic now.
+    #[getter]
     fn has_writer(&self) -> bool {
         let port = self.port.lock();
         port.as_ref().is_some_and(|port| port.has_writer())
     }
 
-    /// Descriptor that becomes readable when a frame was sent.
+    /// Returns a descriptor that can be read when a sample may wait, for select and poll.
+    ///
+    /// `next(timeout=0)` takes the wake-ups. Raises `GantryError` if the topic is closed.
     fn fileno(&self, py: Python<'_>) -> PyResult<i32> {
         self.waker.fileno(py)
     }
 
-    /// Closes the topic. Frames that are held stay.
-    fn close(&self, py: Python<'_>) {
+    /// Closes the ports. Samples that are held stay.
+    fn close_ports(&self, py: Python<'_>) {
         if fork::check().is_ok() {
             let port = self.port.lock().take();
             py.detach(|| drop(port));

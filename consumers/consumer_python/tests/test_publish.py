@@ -242,7 +242,7 @@ class Answers(CardCase):
                 tracks.send(gantry.tracks([1]), answers=row)
                 assert [one.topic for one in read_tracks.next(timeout=10).inputs] == ["ego/card/rgb", "mine/boxes"]
                 # Bytes have no topic that could be named.
-                recorded = gantry.frame_from_bytes(row["ego/card/rgb"]._sample.header_bytes() + row["ego/card/rgb"].array.tobytes())
+                recorded = gantry.frame_from_bytes(row["ego/card/rgb"].header_bytes() + row["ego/card/rgb"].array.tobytes())
                 try:
                     boxes.send(gantry.boxes2d([], []), answers=recorded)
                 except ValueError as error:

@@ -2,6 +2,7 @@
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
+use std::path::Path;
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -52,8 +53,6 @@ pub struct ReaderArgs {
     last: u64,
     #[arg(long, required_unless_present = "address")]
     topic: Option<String>,
-    #[arg(long, required_unless_present = "address")]
-    event: Option<String>,
     #[arg(long)]
     address: Option<String>,
 }
@@ -91,12 +90,10 @@ impl Received {
 /// Reads until the last frame and prints what it saw as one line of JSON.
 pub fn run(args: &ReaderArgs, domain: &str) -> anyhow::Result<Exit> {
     let mut received = Received::default();
-    match (&args.address, &args.topic, &args.event) {
-        (Some(address), ..) => read_tcp(args, address, &mut received)?,
-        (None, Some(topic), Some(event)) => {
-            read_shared_memory(args, domain, topic, event, &mut received)?
-        }
-        _ => bail!("a reader needs --address, or --topic and --event"),
+    match (&args.address, &args.topic) {
+        (Some(address), _) => read_tcp(args, address, &mut received)?,
+        (None, Some(topic)) => read_shared_memory(args, domain, topic, &mut received)?,
+        _ => bail!("a reader needs --address or --topic"),
     }
     received.lost = (args.last - WARM_UP).saturating_sub(received.nanos.len() as u64);
     println!("{}", serde_json::to_string(&received)?);
@@ -112,13 +109,12 @@ fn read_shared_memory(
     args: &ReaderArgs,
     domain: &str,
     topic: &str,
-    event: &str,
     received: &mut Received,
 ) -> anyhow::Result<()> {
     let bus = Bus::open(domain, "gantry-bench-reader")?;
     let mut reader = bus.frame_reader(topic)?;
     let listener = (args.way == Way::Event)
-        .then(|| bus.listener(event))
+        .then(|| bus.listener(topic))
         .transpose()?;
     say_ready()?;
     let mut heard = Instant::now();
@@ -202,12 +198,17 @@ pub struct ReaderProcess {
 }
 
 impl ReaderProcess {
-    /// Starts this program again as a reader.
-    pub fn start(words: &[&str]) -> anyhow::Result<Self> {
-        let program = std::env::current_exe().context("cannot find this program's file")?;
-        let mut command = Command::new(program);
+    /// Starts this program again as a reader, or a reader in Python.
+    pub fn start(python: Option<&Path>, words: &[&str]) -> anyhow::Result<Self> {
+        let mut command = match python {
+            Some(python) => Command::new(python),
+            None => Command::new(std::env::current_exe().context("cannot find this program")?),
+        };
+        match python {
+            Some(_) => command.args(["-c", include_str!("reader.py")]),
+            None => command.arg("latency-reader"),
+        };
         command
-            .arg("latency-reader")
             .args(words)
             .stdin(Stdio::null())
             .stdout(Stdio::piped());

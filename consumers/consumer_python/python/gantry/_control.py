@@ -30,6 +30,14 @@ def note_tick(domain: str, tick: int) -> None:
     _ticks[domain] = tick
 
 
+def forget(domain: str) -> None:
+    """Closes the writers of a domain that is left."""
+    with _lock:
+        _ticks.pop(domain, None)
+        for key in [key for key in _writers if key[0] == domain]:
+            del _writers[key]
+
+
 def control_record(
     actor_id: int,
     *,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -95,72 +95,30 @@ class Header(NamedTuple):
         return camera_matrix(self.intrinsics_px)
 
 
-class Frame:
+class Frame(native.Sample):
     """A frame in shared memory.
 
     `array` and its slices keep the frame's memory borrowed, and a reader may hold only a few frames
     (3 of images and clouds, 4 of small sensors). To keep the data, keep `copy()`.
     """
 
-    __slots__ = ("topic", "_sample", "_header", "_array")
+    __slots__ = ("_header",)
 
-    def __init__(self, sample: native.Sample, topic: str = "") -> None:
-        #: Topic without the domain; empty for a frame from bytes.
-        self.topic = topic
-        self._sample = sample
-        self._header: Header | None = None
-        self._array: npt.NDArray[Any] | None = None
+    _header: Header
 
     @property
     def header(self) -> Header:
         """All fields of the header by name."""
-        if self._header is None:
-            self._header = Header.from_bytes(self._sample.header_bytes())
-        return self._header
-
-    @property
-    def array(self) -> npt.NDArray[Any]:
-        """The payload as a read-only view.
-
-        Images by modality: `rgb` (h, w, 4) uint8 in the order B G R A; `depth` (h, w) float32,
-        metres along the optical axis, +inf where nothing was hit; `semantic` (h, w) uint8 class
-        numbers; `instance` (h, w) uint32 object ids; `flow` (h, w, 2) float32 pixels, x right and
-        y down; `normals` (h, w, 4) float16, unit normal in world space and a zero.
-        All others: a structured array (n,) with the fields of SPEC.md §4.
-        """
-        if self._array is None:
-            self._array = self._sample.array()
-        return self._array
-
-    @property
-    def tick(self) -> int:
-        """Tick this frame shows."""
-        return self._sample.tick
-
-    @property
-    def seq(self) -> int:
-        """Number of the sensor's firing, from 1; a gap is a loss."""
-        return self._sample.seq
-
-    @property
-    def epoch(self) -> int:
-        """Random number of the simulator's start: another one means that it was restarted."""
-        return self._sample.epoch
-
-    @property
-    def sim_time(self) -> float:
-        """Simulated time, seconds since the daemon started."""
-        return self._sample.sim_nanos * 1e-9
-
-    @property
-    def modality(self) -> str:
-        """Name of the modality: `rgb`, `depth`, …"""
-        return self._sample.modality
+        try:
+            return self._header
+        except AttributeError:
+            self._header = Header.from_bytes(self.header_bytes())
+            return self._header
 
     @property
     def image(self) -> npt.NDArray[Any]:
         """`array` of an image. Raises `FrameFormatError` for a list."""
-        if not self._sample.is_image:
+        if not self.is_image:
             raise FrameFormatError(f"a frame of {self.modality} is a list, not an image; use frame.array")
         return self.array
 
@@ -179,9 +137,10 @@ class Frame:
         return self.array.copy()
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
-        if copy or (dtype is not None and np.dtype(dtype) != self.array.dtype):
-            return np.array(self.array, dtype=dtype)
-        return self.array
+        array = self.array
+        if copy or (dtype is not None and np.dtype(dtype) != array.dtype):
+            return np.array(array, dtype=dtype)
+        return array
 
     def __dlpack__(self, **options: Any) -> Any:
         """Hands `array` to another library without a copy: `torch.from_dlpack(frame)`.
@@ -201,7 +160,7 @@ class Frame:
         return len(self.array)
 
     def __repr__(self) -> str:
-        width, height = self._sample.size
+        width, height = self.size
         return f"<gantry.Frame {self.topic or self.modality} tick={self.tick} seq={self.seq} {width}×{height}>"
 
     def _repr_png_(self) -> bytes | None:
@@ -237,4 +196,7 @@ def frame_from_bytes(data: bytes, topic: str = "") -> Frame:
 
     The arrays are read-only views of `data`. Raises `FrameFormatError` or `SchemaVersionError`.
     """
-    return Frame(native.sample_from_bytes(bytes(data)), topic)
+    return cast(Frame, native.sample_from_bytes(bytes(data), topic))
+
+
+native.set_frame_class(Frame)

@@ -285,7 +285,7 @@ def _name_inputs(loan: native.Loan, answers: Answered) -> None:
     if answers is None:
         return
     if isinstance(answers, Frame):
-        loan.answers(answers._sample)
+        loan.answers(answers)
     elif isinstance(answers, Result):
         loan.answers(answers._outcome)
     else:

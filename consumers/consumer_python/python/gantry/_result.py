@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import json
-from typing import Any, Callable, Iterable, NamedTuple
+from typing import Any, Iterable, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -84,38 +85,41 @@ class Input(NamedTuple):
     taken_mono_nanos: int
 
 
-class Description:
-    """What a topic of results says about itself, read when it is needed."""
+class About:
+    """A description that was given instead of read, for results from bytes."""
 
-    def __init__(self, read: Callable[[], str | None]) -> None:
-        self._read = read
-        self._text: str | None = None
-        self._known: dict[str, Any] = {}
+    def __init__(self, known: dict[str, Any]) -> None:
+        self._text = json.dumps(known)
 
-    def read(self) -> dict[str, Any]:
-        """Returns the JSON of `<topic>/about`; empty as long as the topic says nothing."""
-        text = self._read()
-        if text is not None and text != self._text:
-            self._text, self._known = text, dict(json.loads(text))
-        return self._known
+    def text(self) -> str | None:
+        """Returns the description as JSON."""
+        return self._text
 
-    def classes(self) -> list[str]:
-        """Returns the names of the topic's classes, which are CARLA's if it names none."""
-        return list(self.read().get("classes") or CLASS_NAMES)
 
-    def point(self, element_bytes: int) -> np.dtype[Any]:
-        """Returns the type of a point of this many bytes."""
-        fields = self.read().get("fields")
-        if not fields:
-            return _USUAL_POINT if element_bytes == _USUAL_POINT.itemsize else np.dtype(f"V{element_bytes}")
-        spec: Any = {
-            "names": [field["name"] for field in fields],
-            "formats": [SCALARS[field["type"]] for field in fields],
-            "offsets": [field["offset"] for field in fields],
-            "itemsize": element_bytes,
-        }
-        dtype: np.dtype[Any] = np.dtype(spec)
-        return dtype
+@functools.lru_cache(maxsize=64)
+def _parsed(text: str | None) -> dict[str, Any]:
+    return {} if text is None else dict(json.loads(text))
+
+
+def class_names(about: native.About | About | None) -> list[str]:
+    """Returns the names of a topic's classes, which are CARLA's if it names none."""
+    return list(_parsed(about.text() if about else None).get("classes") or CLASS_NAMES)
+
+
+@functools.lru_cache(maxsize=64)
+def _point(text: str | None, element_bytes: int) -> np.dtype[Any]:
+    """Returns the type of a point of this many bytes."""
+    fields = _parsed(text).get("fields")
+    if not fields:
+        return _USUAL_POINT if element_bytes == _USUAL_POINT.itemsize else np.dtype(f"V{element_bytes}")
+    spec: Any = {
+        "names": [field["name"] for field in fields],
+        "formats": [SCALARS[field["type"]] for field in fields],
+        "offsets": [field["offset"] for field in fields],
+        "itemsize": element_bytes,
+    }
+    dtype: np.dtype[Any] = np.dtype(spec)
+    return dtype
 
 
 def _padded_text(data: Any) -> str:
@@ -131,7 +135,7 @@ class Result:
 
     __slots__ = ("topic", "_outcome", "_about", "_header", "_array")
 
-    def __init__(self, outcome: native.Outcome, topic: str, about: Description) -> None:
+    def __init__(self, outcome: native.Outcome, topic: str, about: native.About | About) -> None:
         #: Topic without the domain; empty for a result from bytes.
         self.topic = topic
         self._outcome = outcome
@@ -186,7 +190,7 @@ class Result:
     @property
     def classes(self) -> list[str]:
         """Names of the classes that the result numbers."""
-        return self._about.classes()
+        return class_names(self._about)
 
     @property
     def array(self) -> npt.NDArray[Any]:
@@ -219,7 +223,7 @@ class Result:
         if kind == "tensor":
             return self._packed(SCALARS[self.format], header.shape, 0)
         if kind == "points":
-            return self._packed(self._about.point(header.element_bytes), (header.n_items,), 0)
+            return self._packed(_point(self._about.text(), header.element_bytes), (header.n_items,), 0)
         return self._packed(RECORDS.get(kind, np.dtype("u1")), (header.n_items,), 0)
 
     def _packed(self, dtype: np.dtype[Any], shape: Iterable[int], offset: int) -> npt.NDArray[Any]:
@@ -325,4 +329,7 @@ def result_from_bytes(data: bytes, topic: str = "", about: dict[str, Any] | None
     `about` is the JSON of the topic's description. The arrays are read-only views of `data`. Raises
     `FrameFormatError` or `SchemaVersionError`.
     """
-    return Result(native.outcome_from_bytes(bytes(data)), topic, Description(lambda: None if about is None else json.dumps(about)))
+    return Result(native.outcome_from_bytes(bytes(data)), topic, About(about or {}))
+
+
+native.set_result_class(Result)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
+import weakref
 from dataclasses import dataclass
-from typing import Any, AsyncIterator, Generic, Iterator, TypeVar, cast, overload
+from typing import TYPE_CHECKING, Any, AsyncIterator, Generic, Iterator, TypeVar, overload
 
 from ._asyncio import Readable
 from ._domain import split
 from ._errors import GantryError, NoSuchTopicError
 from ._frame import Frame
 from ._load import native
-from ._result import Description, Result
+from ._result import Result, class_names
 
 #: Seconds between two looks for a topic that does not exist yet.
 _LOOK_SECS = 0.05
@@ -36,7 +37,7 @@ class Counts:
 S = TypeVar("S")
 
 
-class Topic(Generic[S]):
+class Topic(native.Reader, Generic[S]):
     """An open topic: a context manager, and an iterator over every sample in order.
 
     `for frame in topic` blocks a thread, `async for frame in topic` a task. Several threads and
@@ -44,17 +45,25 @@ class Topic(Generic[S]):
     the topic has results.
     """
 
+    def __new__(cls, topic: str, domain: str | None = None) -> Topic[S]:
+        domain, name = split(topic, domain)
+        return super().__new__(cls, domain, name)
+
     def __init__(self, topic: str, domain: str | None = None) -> None:
-        self._domain, name = split(topic, domain)
-        #: Name without the domain.
-        self.name: str = name
-        self._reader = native.Reader(self._domain, name)
-        #: Type of the topic's results; None for a topic of frames.
-        self.result: str | None = self._reader.result
-        self._about = Description(self._reader.about)
-        self._readable = Readable(self._reader.fileno)
+        self._domain, _ = split(topic, domain)
+        # A weak reference, because the native half does not take part in collecting cycles.
+        this = weakref.ref(self)
+        self._readable = Readable(lambda: _fileno(this()))
         self._closed = False
         self._counts = Counts()
+
+    if TYPE_CHECKING:
+
+        def poll(self) -> S | None: ...
+
+        def next(self, timeout: float | None = None, busy_wait: float = 0.0) -> S | None: ...
+
+        def latest(self, timeout: float | None = None, busy_wait: float = 0.0) -> S | None: ...
 
     def __enter__(self) -> Topic[S]:
         return self
@@ -69,55 +78,19 @@ class Topic(Generic[S]):
         """Closes the topic. Samples that are still held stay valid until they are dropped."""
         self._counts = self.counts
         self._closed = True
-        self._reader.close()
+        self.close_ports()
         self._readable.wake()
 
     @property
     def counts(self) -> Counts:
         """Counters since the topic was opened."""
-        counts = self._reader.counts()
-        return self._counts if counts is None else Counts(*counts)
-
-    @property
-    def has_writer(self) -> bool:
-        """Whether a process writes the topic now."""
-        return self._reader.has_writer()
+        numbers = self.numbers()
+        return self._counts if numbers is None else Counts(*numbers)
 
     @property
     def classes(self) -> list[str]:
-        """Names of the classes that the topic's results number."""
-        return self._about.classes()
-
-    def fileno(self) -> int:
-        """Returns a descriptor that can be read when a sample may wait, for select and poll.
-
-        Reading nothing with `next(timeout=0)` takes the wake-ups.
-        """
-        return self._reader.fileno()
-
-    def poll(self) -> S | None:
-        """Takes the oldest sample that waits, or returns None if none does.
-
-        Raises `BorrowLimitError` if too many samples are held, `FrameFormatError` or
-        `SchemaVersionError` for one that breaks the contract; the next call continues after it.
-        """
-        return self._wrap(self._reader.poll())
-
-    def next(self, timeout: float | None = None, busy_wait: float = 0.0) -> S | None:
-        """Takes the next sample; waits up to `timeout` seconds for it (None: without a limit).
-
-        Returns None if none arrived in time. For the first `busy_wait` seconds the reader looks
-        again and again instead of sleeping: it has the frame some 50 µs earlier, because it need
-        not be woken, but keeps a processor busy. Other threads run meanwhile. Raises as `poll`.
-        """
-        return self._wrap(self._reader.next(timeout, busy_wait))
-
-    def latest(self, timeout: float | None = None, busy_wait: float = 0.0) -> S | None:
-        """Takes the newest sample, and waits as `next` does if there is none.
-
-        Older ones are dropped and counted in `counts.skipped`. Raises as `poll`.
-        """
-        return self._wrap(self._reader.latest(timeout, busy_wait))
+        """Names of the classes that the topic's results number; CARLA's if it names none."""
+        return class_names(self.about)
 
     async def anext(self, timeout: float | None = None) -> S | None:
         """As `next`, in an event loop: other tasks run while it waits, and no thread is used."""
@@ -132,7 +105,7 @@ class Topic(Generic[S]):
 
     async def _anext(self) -> S | None:
         while not self._closed:
-            sample = self._wrap(self._reader.next(0.0, 0.0))
+            sample = self.next(0.0)
             if sample is not None:
                 return sample
             await self._readable.wait()
@@ -157,12 +130,11 @@ class Topic(Generic[S]):
                 yield sample
             sample = None
 
-    def _wrap(self, sample: native.Sample | native.Outcome | None) -> S | None:
-        if sample is None:
-            return None
-        if self.result is None:
-            return cast(S, Frame(cast(native.Sample, sample), self.name))
-        return cast(S, Result(cast(native.Outcome, sample), self.name, self._about))
+
+def _fileno(topic: Topic[Any] | None) -> int:
+    if topic is None:
+        raise GantryError("the topic is gone")
+    return topic.fileno()
 
 
 @overload

@@ -107,6 +107,14 @@ def snapshot_at(tick: int, domain: str | None = None, timeout: float = 2.0) -> S
     return parse_snapshot(*found)
 
 
+def forget(domain: str) -> None:
+    """Stops following the snapshots of a domain that is left."""
+    with _lock:
+        trail = _trails.pop(domain, None)
+    if trail is not None:
+        trail.close()
+
+
 @dataclass(frozen=True)
 class Document:
     """A text of `world/info`, `world/map`, `world/actors` or `world/catalogue`."""
