@@ -9,6 +9,7 @@ mod output;
 mod params;
 mod plan;
 mod ready;
+mod restarts;
 mod run_dir;
 mod signals;
 mod supervise;

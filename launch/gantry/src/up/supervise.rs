@@ -6,14 +6,12 @@
 //! after it have ended, so that readers end before what they read. Every wait is limited: after the
 //! grace period comes TERM, then KILL, always sent to the whole process group.
 
-use std::collections::VecDeque;
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::ExitStatus;
 use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
 
 use launch_cli::Exit;
-use launch_spec::RestartPolicy;
 use nix::sys::signal::Signal;
 
 use super::child::{self, Event, Running};
@@ -22,6 +20,7 @@ use super::outcome::{Asked, Outcome, code_of, outcome_of, signal_of};
 use super::output::{Output, Sink};
 use super::plan::Plan;
 use super::ready::Readiness;
+use super::restarts::Restarts;
 use super::signals::Signals;
 use crate::bus::Bus;
 
@@ -38,8 +37,7 @@ struct Slot {
     sink: Sink,
     state: State,
     starts: u64,
-    restarts: VecDeque<Instant>,
-    delay: Duration,
+    restarts: Restarts,
 }
 
 enum State {
@@ -94,14 +92,12 @@ impl Supervisor {
     ) -> anyhow::Result<Self> {
         let slots = plans.into_iter().enumerate().map(|(idx, plan)| {
             let sink = output.sink(idx, &plan.name, &plan.run_dir)?;
-            let delay = plan.restart.delay.duration();
             Ok(Slot {
+                restarts: Restarts::of(plan.restart),
                 plan,
                 sink,
                 state: State::Waiting,
                 starts: 0,
-                restarts: VecDeque::new(),
-                delay,
             })
         });
         Ok(Supervisor {
@@ -494,21 +490,9 @@ impl Supervisor {
     fn after_its_own_end(&mut self, idx: usize, status: ExitStatus, ran_for: Duration) {
         let slot = &mut self.slots[idx];
         let restart = slot.plan.restart;
-        let again = match restart.policy {
-            RestartPolicy::Never => false,
-            RestartPolicy::OnFailure => !status.success(),
-            RestartPolicy::Always => true,
-        };
-        if again {
+        if slot.restarts.is_wanted(status) {
             let now = Instant::now();
-            let window = restart.window.duration();
-            slot.restarts.retain(|at| now.duration_since(*at) < window);
-            if slot.restarts.len() < restart.max as usize {
-                if ran_for > window {
-                    slot.delay = restart.delay.duration();
-                }
-                slot.restarts.push_back(now);
-                let (n, pause) = (slot.restarts.len(), slot.delay);
+            if let Some((n, pause)) = slot.restarts.next(now, ran_for) {
                 self.output.say(&format!(
                     "restarting {} in {} ms ({n} of {})",
                     slot.plan.name,
@@ -516,10 +500,6 @@ impl Supervisor {
                     restart.max
                 ));
                 slot.state = State::Pausing { until: now + pause };
-                slot.delay = slot
-                    .delay
-                    .mul_f64(restart.factor)
-                    .min(restart.max_delay.duration());
                 return;
             }
             let (name, max) = (&slot.plan.name, restart.max);
