@@ -187,7 +187,7 @@ pub fn nothing_runs(domain: &str) -> String {
 fn member(port: &Port) -> Member {
     let kernel = || {
         let comm = std::fs::read_to_string(format!("/proc/{}/comm", port.pid?)).ok()?;
-        Some(comm.trim().to_owned())
+        Some(comm.trim().replace(char::is_control, "?"))
     };
     let name = match port.program.as_str() {
         "" => kernel().unwrap_or_else(|| "?".to_owned()),

@@ -1,5 +1,5 @@
-//! `gantry`: starts, watches and stops a set of processes (`up`), shows topics (`topic`), and
-//! examines the machine (`doctor`) and maps (`map`).
+//! `gantry`: starts, watches and stops a set of processes (`up`), shows what they do (`top`,
+//! `graph`, `topic`), and examines the machine (`doctor`) and maps (`map`).
 //!
 //! Every other word runs the program `gantry-WORD` beside this one, as `cargo` and `git` do.
 //! The tool reads topics like any consumer and sends the daemon no commands; it only starts and
@@ -12,6 +12,7 @@ mod doctor;
 mod external;
 mod graph;
 mod map;
+mod new;
 mod programs;
 mod reading;
 mod top;
@@ -44,6 +45,10 @@ fn main() -> ExitCode {
         Word::Map(map) => {
             args.common.init_logging();
             map::run(map, &args.common)
+        }
+        Word::New(new) => {
+            args.common.init_logging();
+            new::run(new)
         }
         Word::External(words) => external::run(words, &args.common),
     })

@@ -416,7 +416,7 @@ fn the_graph_names_processes_topics_and_arrows_in_every_form() {
     }
     let n_paths = document.descendants().filter(|node| {
         node.attribute("class")
-            .is_some_and(|class| class == "data" || class == "control")
+            .is_some_and(|class| ["data", "documents", "control"].contains(&class))
     });
     assert_eq!(n_paths.count(), arrows.len(), "an arrow for every end");
     let dot = std::fs::read_to_string(sandbox.path("g.dot")).unwrap();

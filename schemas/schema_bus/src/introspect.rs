@@ -24,6 +24,7 @@ use crate::error::BusError;
 use crate::iceoryx_error::service_error;
 use crate::node::{BusNode, Service};
 use crate::qos::Qos;
+use crate::slot::Slot;
 use crate::topics::{TopicKind, kind_of};
 use crate::wire::OnBus as _;
 
@@ -98,43 +99,6 @@ impl ServicePorts {
     /// Whether its samples are lockstep acknowledgements, which have no header.
     pub fn carries_acks(&self) -> bool {
         self.exchange == Exchange::Topic && self.payload == AckRecord::NAME
-    }
-}
-
-/// A slot of a writer's segment, bytes: iceoryx2's header, our header, the payload.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Slot {
-    /// Offset and length of our header.
-    pub header: (usize, usize),
-    /// Offset of the payload.
-    pub payload: usize,
-    /// Size of one element of the payload.
-    pub element: usize,
-    /// Slots begin at multiples of this.
-    pub align: usize,
-}
-
-impl Slot {
-    fn of(types: &MessageTypeDetails) -> Slot {
-        let parts = [&types.header, &types.user_header, &types.payload];
-        Self::from_parts(parts.map(|part| (part.size(), part.alignment())))
-    }
-
-    /// From size and alignment of iceoryx2's header, of ours, and of an element.
-    fn from_parts(parts: [(usize, usize); 3]) -> Slot {
-        let [own, user, element] = parts.map(|(size, align)| (size, align.max(1)));
-        let header = own.0.next_multiple_of(user.1);
-        Slot {
-            header: (header, user.0),
-            payload: (header + user.0).next_multiple_of(element.1),
-            element: element.0,
-            align: own.1.max(user.1).max(element.1),
-        }
-    }
-
-    /// Bytes from one slot to the next if the longest payload has `max_payload_bytes`.
-    pub fn stride(&self, max_payload_bytes: usize) -> usize {
-        (self.payload + max_payload_bytes).next_multiple_of(self.align)
     }
 }
 
@@ -247,8 +211,9 @@ fn look(
                 ports.list_publishers(|port| {
                     writers.push(Port {
                         // The number that iceoryx2 keeps counts elements.
-                        max_payload_bytes: port.max_slice_len
-                            * of.message_type_details().payload.size(),
+                        max_payload_bytes: port
+                            .max_slice_len
+                            .saturating_mul(of.message_type_details().payload.size()),
                         n_slots: port.number_of_samples,
                         ..port_of(
                             programs,
@@ -392,24 +357,4 @@ fn open_requests_as_they_are(
             .__internal_skip_type_definition_verification()
     };
     builder.open().ok()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_parts_of_a_slot_lie_at_multiples_of_their_alignments() {
-        // iceoryx2's header of 48 bytes, a frame's header of 256 at 64, bytes.
-        let slot = Slot::from_parts([(48, 8), (256, 64), (1, 1)]);
-        assert_eq!(
-            (slot.header, slot.payload, slot.align),
-            ((64, 256), 320, 64)
-        );
-        assert_eq!(slot.stride(12_288), 12_608);
-        // No header, records of 32 bytes.
-        let slot = Slot::from_parts([(48, 8), (0, 1), (32, 8)]);
-        assert_eq!((slot.header, slot.payload, slot.align), ((48, 0), 48, 8));
-        assert_eq!(slot.stride(32), 80);
-    }
 }

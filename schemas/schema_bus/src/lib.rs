@@ -56,6 +56,7 @@ mod topics;
 // Looking at others without taking part.
 mod any_reader;
 mod introspect;
+mod slot;
 mod watch;
 
 // Sensor frames.

@@ -8,53 +8,28 @@
 //! would give no figures rather than wrong ones. A header may be read while it is being written;
 //! its time of publishing is written last and is zero until then.
 
+mod header;
+
 use std::collections::HashMap;
 use std::fs::File;
 use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
-use schema_frames::control::{CONTROL_MAGIC, ControlHeader};
-use schema_frames::document::DOCUMENT_MAGIC;
-use schema_frames::header::FRAME_MAGIC;
-use schema_frames::result::RESULT_MAGIC;
-use schema_frames::snapshot::SNAPSHOT_MAGIC;
-use schema_frames::{AckRecord, DocumentHeader, FrameHeader, ResultHeader, SnapshotHeader};
-
-use crate::introspect::{Port, ServicePorts, Slot};
+use crate::introspect::{Port, ServicePorts};
 use crate::node::BusNode;
-use crate::topics::TopicKind;
+use crate::slot::Slot;
+pub use header::Newest;
+use header::{Kind, n_elements, parse};
 
 /// Where POSIX shared memory has its files.
 const SHARED_MEMORY: &str = "/dev/shm";
 /// Part of a segment's file in which the first slot must begin, bytes.
 const SEARCHED_BYTES: usize = 1 << 16;
-/// Offset of the number of elements in iceoryx2's header, behind the ids of node and port.
-const N_ELEMENTS_AT: usize = 32;
 /// Bytes between slots up to which a file is read in one piece.
 const NEAR_BYTES: usize = 4096;
 /// Slots of a writer that are looked at between looks at all of them: one being filled, and one
 /// for each of several readers that hold samples.
 const N_BUSY: usize = 4;
-
-/// Header of the newest sample that a writer has sent.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Newest {
-    /// Number of the sample: `seq` of frames, results and controls, the tick of snapshots and
-    /// acknowledgements, a document's revision.
-    pub seq: u64,
-    /// Tick that it is about.
-    pub tick: u64,
-    /// Simulated time of that tick, nanoseconds; `None` if the header has none.
-    pub sim_nanos: Option<u64>,
-    /// `CLOCK_MONOTONIC` just before it was sent; `None` if the header has none.
-    pub published_mono_nanos: Option<u64>,
-    /// `CLOCK_MONOTONIC` at which the oldest frame behind a result was sent; `None` of all others.
-    pub origin_mono_nanos: Option<u64>,
-    /// Bytes of its payload that are in use.
-    pub payload_bytes: u64,
-    /// Random number of the writer's start; 0 if the header has none.
-    pub epoch: u64,
-}
 
 /// Looks at the newest samples of writers. Made by [`crate::Bus::watch`]; told whom to watch by
 /// [`Watch::follow`], which is called again about once a second because writers come and go. In
@@ -84,6 +59,8 @@ struct Watched {
 struct Slots {
     file: File,
     path: PathBuf,
+    /// Whether it is a part that was added when a sample did not fit into the slots before.
+    grown: bool,
     first: usize,
     stride: usize,
     n_slots: usize,
@@ -140,9 +117,11 @@ impl Watch {
 }
 
 impl Watched {
-    /// Opens the files that are new and forgets those that are gone.
+    /// Opens the files that are new and forgets those that are gone. Where the slots of a grown
+    /// part begin shows only once two of them are in use, so it is looked for anew.
     fn open(&mut self, paths: &[PathBuf], port: &Port) {
-        self.files.retain(|slots| paths.contains(&slots.path));
+        let stays = |slots: &Slots| !slots.grown && paths.contains(&slots.path);
+        self.files.retain(stays);
         for path in paths {
             if !self.files.iter().any(|slots| slots.path == *path) {
                 self.files.extend(Slots::open(path, &self.slot, port));
@@ -213,13 +192,18 @@ impl Slots {
         let first = (0..begin.len().saturating_sub(ids.len()))
             .step_by(slot.align.max(8))
             .find(|at| begin[*at..].starts_with(&ids))?;
-        let stride = stride(len - first, slot, port).max(1);
+        let grown = is_grown(path);
+        let (stride, n_slots) = match grown {
+            false => (slot.stride(port.max_payload_bytes), port.n_slots),
+            true => (grown_stride(&file, len, first, slot, &ids), usize::MAX),
+        };
         Some(Slots {
             file,
             path: path.to_owned(),
+            grown,
             first,
             stride,
-            n_slots: port.n_slots.min((len - first) / stride),
+            n_slots: n_slots.min((len - first) / stride.max(1)),
             busy: Vec::new(),
         })
     }
@@ -246,126 +230,39 @@ impl Slots {
     }
 }
 
-/// Bytes from one slot to the next in a file of which `len` bytes lie behind the first slot's
-/// begin. A segment that grows has several files with slots of their own sizes, which all fill
-/// their file but for a little bookkeeping.
-fn stride(len: usize, slot: &Slot, port: &Port) -> usize {
-    let told = slot.stride(port.max_payload_bytes);
-    let fills = |stride: usize| {
-        let slots = stride * port.n_slots;
-        slots <= len && len - slots < SEARCHED_BYTES
-    };
-    if fills(told) {
-        return told;
-    }
-    len / port.n_slots.max(1) / slot.align * slot.align
+/// Bytes from one slot to the next in a grown part of a segment, whose slots begin at `first`:
+/// iceoryx2 takes a power of two that holds the sample that did not fit before.
+fn grown_stride(file: &File, len: usize, first: usize, slot: &Slot, ids: &[u8]) -> usize {
+    let n_elements = read(file, first, slot.payload).and_then(|bytes| n_elements(&bytes));
+    let payload = n_elements.unwrap_or(0).saturating_mul(slot.element as u64);
+    let least = slot.stride(usize::try_from(payload).unwrap_or(0).min(len));
+    let least = least.next_power_of_two();
+    let begins_at = |at: usize| read(file, at, ids.len()).is_some_and(|bytes| bytes == ids);
+    let mut strides = std::iter::successors(Some(least), |stride| stride.checked_mul(2));
+    let fits = |stride: &usize| *stride < len - first;
+    strides
+        .find(|stride| !fits(stride) || begins_at(first + stride))
+        .filter(fits)
+        .unwrap_or(least)
+}
+
+/// Whether this is the second or a later part of a segment: `…__1.data`.
+fn is_grown(path: &Path) -> bool {
+    let stem = path
+        .file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    let part = stem
+        .rsplit_once("__")
+        .and_then(|(_, part)| part.parse::<u32>().ok());
+    part.is_some_and(|part| part > 0)
 }
 
 fn read(file: &File, at: usize, len: usize) -> Option<Vec<u8>> {
     let mut bytes = vec![0; len];
     file.read_exact_at(&mut bytes, at as u64).ok()?;
     Some(bytes)
-}
-
-/// What a writer sends, as far as its headers are known here.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
-    Frames,
-    Results,
-    Snapshots,
-    Documents,
-    Controls,
-    Acks,
-}
-
-impl Kind {
-    fn of(service: &ServicePorts) -> Option<Kind> {
-        match service.kind() {
-            TopicKind::Frames => Some(Kind::Frames),
-            TopicKind::Results => Some(Kind::Results),
-            TopicKind::Snapshot => Some(Kind::Snapshots),
-            TopicKind::Document => Some(Kind::Documents),
-            TopicKind::Controls => Some(Kind::Controls),
-            TopicKind::Other => service.carries_acks().then_some(Kind::Acks),
-        }
-    }
-}
-
-/// The sample in a slot of which `bytes` are the beginning; `None` if it holds none of this port,
-/// or one that has not been sent.
-fn parse(kind: Kind, slot: &Slot, bytes: &[u8], port: u128) -> Option<Newest> {
-    if bytes.get(16..32)? != port.to_le_bytes() {
-        return None;
-    }
-    let n_elements = bytes.get(N_ELEMENTS_AT..N_ELEMENTS_AT + 8)?;
-    let n_elements = u64::from_le_bytes(n_elements.try_into().ok()?);
-    let sent_bytes = n_elements.saturating_mul(slot.element as u64);
-    let (at, len) = slot.header;
-    let header = bytes.get(at..at + len)?;
-    let sample = match kind {
-        Kind::Frames => pod::<FrameHeader>(header)
-            .filter(|header| header.magic == FRAME_MAGIC)
-            .map(|header| Newest {
-                seq: header.seq,
-                tick: header.tick,
-                sim_nanos: Some(header.sim_nanos),
-                published_mono_nanos: Some(header.published_mono_nanos),
-                payload_bytes: header.payload_bytes,
-                epoch: header.epoch,
-                ..Newest::default()
-            }),
-        Kind::Results => pod::<ResultHeader>(header)
-            .filter(|header| header.magic == RESULT_MAGIC)
-            .map(|header| Newest {
-                seq: header.seq,
-                tick: header.tick,
-                sim_nanos: Some(header.sim_nanos),
-                published_mono_nanos: Some(header.published_mono_nanos),
-                origin_mono_nanos: Some(header.origin_mono_nanos).filter(|nanos| *nanos != 0),
-                payload_bytes: header.payload_bytes,
-                epoch: header.writer_epoch,
-            }),
-        Kind::Snapshots => pod::<SnapshotHeader>(header)
-            .filter(|header| header.magic == SNAPSHOT_MAGIC)
-            .map(|header| Newest {
-                seq: header.tick,
-                tick: header.tick,
-                sim_nanos: Some(header.sim_nanos),
-                published_mono_nanos: Some(header.published_mono_nanos),
-                payload_bytes: sent_bytes,
-                epoch: header.epoch,
-                ..Newest::default()
-            }),
-        Kind::Documents => pod::<DocumentHeader>(header)
-            .filter(|header| header.magic == DOCUMENT_MAGIC)
-            .map(|header| Newest {
-                seq: header.revision,
-                tick: header.tick,
-                payload_bytes: header.payload_bytes,
-                epoch: header.epoch,
-                ..Newest::default()
-            }),
-        Kind::Controls => pod::<ControlHeader>(header)
-            .filter(|header| header.magic == CONTROL_MAGIC)
-            .map(|header| Newest {
-                seq: header.seq,
-                tick: header.tick,
-                payload_bytes: sent_bytes,
-                ..Newest::default()
-            }),
-        Kind::Acks => pod::<AckRecord>(bytes.get(slot.payload..)?).map(|record| Newest {
-            seq: record.tick,
-            tick: record.tick,
-            payload_bytes: sent_bytes,
-            epoch: record.epoch,
-            ..Newest::default()
-        }),
-    };
-    sample.filter(|sample| sample.published_mono_nanos != Some(0))
-}
-
-fn pod<T: bytemuck::AnyBitPattern>(bytes: &[u8]) -> Option<T> {
-    bytemuck::try_pod_read_unaligned(bytes.get(..size_of::<T>())?).ok()
 }
 
 #[cfg(test)]
@@ -385,25 +282,9 @@ mod tests {
     }
 
     #[test]
-    fn slots_of_a_segment_that_grew_fill_its_file() {
-        let slot = Slot {
-            header: (64, 64),
-            payload: 128,
-            element: 1,
-            align: 64,
-        };
-        let port = Port {
-            pid: None,
-            program: String::new(),
-            name: String::new(),
-            max_payload_bytes: 16_384,
-            id: 1,
-            node: 2,
-            n_slots: 67,
-        };
-        let told = slot.stride(16_384);
-        assert_eq!(stride(told * 67 + 300, &slot, &port), told);
-        let larger = slot.stride(65_536);
-        assert_eq!(stride(larger * 67 + 300, &slot, &port), larger);
+    fn the_first_part_of_a_segment_has_not_grown() {
+        let is = |name: &str| is_grown(Path::new(name));
+        assert!(is("a_1__1.data") && is("a_1__12.data"));
+        assert!(!is("a_1.data") && !is("a_1__0.data") && !is("a_1__mgmt.data"));
     }
 }

@@ -205,6 +205,52 @@ fn growing_segments_and_every_kind_of_header_are_seen() {
 }
 
 #[test]
+fn slots_of_a_grown_segment_are_found_while_readers_hold_samples() {
+    let place = Place::new("grown");
+    let (writer, reader, top) = (place.bus("writer"), place.bus("reader"), place.bus("top"));
+    let mut watch = top.watch();
+    let text = writer
+        .result_publisher("a/text", &ResultTopic::new(ResultType::Text))
+        .unwrap();
+    let mut texts = reader.result_reader("a/text").unwrap();
+    let mut held = std::collections::VecDeque::new();
+    // Grows at 9 kB and at 70 kB, and sends short ones in between.
+    for (i, len) in [100, 9_000, 9_000, 50, 9_500, 70_000, 10, 69_000, 70_000, 5]
+        .iter()
+        .enumerate()
+    {
+        let mut loan = text.loan(*len).unwrap();
+        loan.write(&vec![b'x'; *len]).unwrap();
+        loan.send().unwrap();
+        let found = newest(&top, &mut watch, "a/text").unwrap();
+        assert_eq!(
+            (found.seq, found.payload_bytes),
+            (i as u64 + 1, len.next_multiple_of(8) as u64)
+        );
+        held.push_back(texts.next().unwrap().unwrap());
+        if held.len() > 2 {
+            held.pop_front();
+        }
+    }
+    // Without a look at everything in between, the slots in use are seen all the same.
+    let services = top.services().unwrap();
+    let port = services
+        .iter()
+        .find(|of| of.name == "a/text")
+        .unwrap()
+        .writers[0]
+        .id;
+    for turn in 0..6 {
+        let mut loan = text.loan(9_000).unwrap();
+        loan.write(&vec![b'y'; 9_000]).unwrap();
+        loan.send().unwrap();
+        drop(texts.next().unwrap().unwrap());
+        watch.look();
+        assert_eq!(watch.newest(port).unwrap().seq, 11 + turn);
+    }
+}
+
+#[test]
 fn samples_of_other_programs_are_read_as_bytes() {
     let place = Place::new("other");
     let node = NodeBuilder::new()

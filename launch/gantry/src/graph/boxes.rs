@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::census::{Census, Member, Topic};
+use schema_bus::names::about;
+
+use crate::census::{Census, Kind, Member, Topic};
 
 /// Topics that one box names; the rest is counted.
 const NAMED: usize = 14;
@@ -47,13 +49,23 @@ pub enum Of {
 pub struct Arrow {
     pub from: usize,
     pub to: usize,
-    /// Whether it goes to the simulator, against the flow of data.
-    pub control: bool,
+    pub flow: Flow,
+}
+
+/// What an arrow carries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Flow {
+    /// Samples.
+    Data,
+    /// Documents, which change rarely.
+    Documents,
+    /// What goes to the simulator, against the flow of data.
+    Control,
 }
 
 impl Graph {
     /// The graph of a domain. Unless `all`, topics of the same kind, writers and readers share a
-    /// box.
+    /// box, and the documents that describe topics of results have none.
     pub fn of(census: &Census, all: bool) -> Graph {
         let mut graph = Graph {
             domain: census.domain.clone(),
@@ -76,17 +88,31 @@ impl Graph {
                 all: format!("{} (pid {pid})", member.name),
             });
         }
-        for topics in groups(&census.topics, all) {
+        let descriptions: Vec<String> = census
+            .topics
+            .iter()
+            .filter(|topic| topic.kind == Kind::Results && !all)
+            .map(|topic| about(&topic.name))
+            .collect();
+        let shown = census
+            .topics
+            .iter()
+            .filter(|topic| !descriptions.contains(&topic.name));
+        for topics in groups(shown, all) {
             let number = graph.boxes.len();
             graph.boxes.push(Box::of_topics(&topics));
             let first = topics[0];
-            let control = first.kind.is_control();
+            let flow = match first.kind {
+                Kind::Document => Flow::Documents,
+                kind if kind.is_control() => Flow::Control,
+                _ => Flow::Data,
+            };
             for writer in &first.writers {
                 let from = processes[writer];
                 graph.arrows.push(Arrow {
                     from,
                     to: number,
-                    control,
+                    flow,
                 });
             }
             for reader in &first.readers {
@@ -94,7 +120,7 @@ impl Graph {
                 graph.arrows.push(Arrow {
                     from: number,
                     to,
-                    control,
+                    flow,
                 });
             }
         }
@@ -103,7 +129,7 @@ impl Graph {
 }
 
 /// Topics that share a box.
-fn groups(topics: &[Topic], all: bool) -> Vec<Vec<&Topic>> {
+fn groups<'a>(topics: impl Iterator<Item = &'a Topic>, all: bool) -> Vec<Vec<&'a Topic>> {
     let mut groups: Vec<Vec<&Topic>> = Vec::new();
     for topic in topics {
         let same = |group: &&mut Vec<&Topic>| {

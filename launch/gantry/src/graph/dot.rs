@@ -1,6 +1,6 @@
 //! The graph in Graphviz's language.
 
-use super::boxes::{Graph, Of};
+use super::boxes::{Flow, Graph, Of};
 
 /// A `digraph` from left to right.
 pub fn dot(graph: &Graph) -> String {
@@ -21,10 +21,10 @@ pub fn dot(graph: &Graph) -> String {
         );
     }
     for arrow in &graph.arrows {
-        let look = if arrow.control {
-            " [style=dashed constraint=false]"
-        } else {
-            ""
+        let look = match arrow.flow {
+            Flow::Data => "",
+            Flow::Documents => " [color=\"#b3bfce\"]",
+            Flow::Control => " [style=dashed constraint=false]",
         };
         text += &format!("  n{} -> n{}{look};\n", arrow.from, arrow.to);
     }

@@ -4,7 +4,7 @@
 use dagre::graph::{Graph as Layers, GraphOptions};
 use dagre::{EdgeLabel, LayoutOptions, NodeLabel, Point, RankDir, layout};
 
-use super::boxes::{Arrow, Box, Graph, Of};
+use super::boxes::{Arrow, Box, Flow, Graph, Of};
 
 /// Height of a line of text, pixels.
 const LINE_PX: f64 = 16.0;
@@ -27,6 +27,15 @@ fn look(of: Of) -> (&'static str, &'static str, f64, &'static str) {
     }
 }
 
+/// Class and colour of a kind of arrow.
+fn line_look(flow: Flow) -> (&'static str, &'static str) {
+    match flow {
+        Flow::Data => ("data", "#56749c"),
+        Flow::Documents => ("documents", "#b9c4d2"),
+        Flow::Control => ("control", "#a3468f"),
+    }
+}
+
 /// An SVG document.
 pub fn svg(graph: &Graph) -> String {
     let mut layers: Layers<NodeLabel, EdgeLabel> = Layers::with_options(GraphOptions {
@@ -44,7 +53,7 @@ pub fn svg(graph: &Graph) -> String {
         layers.set_node(number.to_string(), Some(node));
     }
     for arrow in &graph.arrows {
-        let (from, to) = flow(arrow);
+        let (from, to) = laid_out(arrow);
         let edge = EdgeLabel {
             // A topic lies near its writer.
             weight: if graph.boxes[arrow.from].of == Of::Process {
@@ -73,10 +82,10 @@ pub fn svg(graph: &Graph) -> String {
 
 /// Controls run against the flow of data. They are laid out with it, so that the simulator stays on
 /// the left, and drawn as they are.
-fn flow(arrow: &Arrow) -> (usize, usize) {
-    match arrow.control {
-        true => (arrow.to, arrow.from),
-        false => (arrow.from, arrow.to),
+fn laid_out(arrow: &Arrow) -> (usize, usize) {
+    match arrow.flow {
+        Flow::Control => (arrow.to, arrow.from),
+        Flow::Data | Flow::Documents => (arrow.from, arrow.to),
     }
 }
 
@@ -97,8 +106,11 @@ fn draw(graph: &Graph, layers: &Layers<NodeLabel, EdgeLabel>) -> String {
     let mut arrows = String::new();
     let mut far = (0.0f64, 0.0f64);
     let mut reach = |x: f64, y: f64| far = (far.0.max(x), far.1.max(y));
-    for arrow in &graph.arrows {
-        let (from, to) = flow(arrow);
+    let mut below = graph.arrows.clone();
+    // What matters less lies below.
+    below.sort_by_key(|arrow| arrow.flow != Flow::Documents);
+    for arrow in &below {
+        let (from, to) = laid_out(arrow);
         let edge = layers.edge(&from.to_string(), &to.to_string(), None::<&str>);
         let (Some(edge), Some(from), Some(to)) =
             (edge, Place::of(layers, from), Place::of(layers, to))
@@ -109,10 +121,10 @@ fn draw(graph: &Graph, layers: &Layers<NodeLabel, EdgeLabel>) -> String {
         from.leave_to(&to, &mut points);
         points.iter().for_each(|point| reach(point.x, point.y));
         // Laid out from the simulator, drawn to it.
-        if arrow.control {
+        if arrow.flow == Flow::Control {
             points.reverse();
         }
-        arrows += &path(&points, arrow.control);
+        arrows += &path(&points, arrow.flow);
     }
     let mut boxes = String::new();
     for (number, of) in graph.boxes.iter().enumerate() {
@@ -129,12 +141,13 @@ fn draw(graph: &Graph, layers: &Layers<NodeLabel, EdgeLabel>) -> String {
     let height = TITLE_PX + far.1 + MARGIN_PX + LEGEND_PX;
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" viewBox=\"0 0 {width:.0} {height:.0}\" font-family=\"DejaVu Sans Mono, Menlo, Consolas, monospace\" font-size=\"12\">\n\
-         <defs>{}{}</defs>\n\
+         <defs>{}</defs>\n\
          <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n\
          <text x=\"{MARGIN_PX}\" y=\"24\" font-size=\"15\" font-weight=\"bold\">{}</text>\n\
          <g transform=\"translate(0 {TITLE_PX})\">\n{arrows}{boxes}</g>\n{legend}</svg>\n",
-        head("data", "#56749c"),
-        head("control", "#a3468f"),
+        [Flow::Documents, Flow::Data, Flow::Control]
+            .map(head)
+            .concat(),
         escaped(&title)
     )
 }
@@ -168,7 +181,9 @@ impl Place {
     }
 }
 
-fn head(name: &str, colour: &str) -> String {
+/// The head of a kind of arrow.
+fn head(flow: Flow) -> String {
+    let (name, colour) = line_look(flow);
     format!(
         "<marker id=\"{name}\" viewBox=\"0 0 10 10\" refX=\"9\" refY=\"5\" markerWidth=\"7\" markerHeight=\"7\" orient=\"auto\"><path d=\"M0 0 10 5 0 10z\" fill=\"{colour}\"/></marker>"
     )
@@ -204,7 +219,7 @@ fn drawn_box(of: &Box, x: f64, y: f64) -> String {
 }
 
 /// A smooth line through the points, which bends only between them.
-fn path(points: &[Point], control: bool) -> String {
+fn path(points: &[Point], flow: Flow) -> String {
     let Some(first) = points.first() else {
         return String::new();
     };
@@ -216,9 +231,10 @@ fn path(points: &[Point], control: bool) -> String {
             pair[0].y, pair[1].y, pair[1].x, pair[1].y
         );
     }
-    let (class, colour, dashes) = match control {
-        true => ("control", "#a3468f", " stroke-dasharray=\"6 4\""),
-        false => ("data", "#56749c", ""),
+    let (class, colour) = line_look(flow);
+    let dashes = match flow {
+        Flow::Control => " stroke-dasharray=\"6 4\"",
+        Flow::Data | Flow::Documents => "",
     };
     format!(
         "<path class=\"{class}\" d=\"{line}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.3\"{dashes} marker-end=\"url(#{class})\"/>\n"
@@ -249,143 +265,4 @@ fn escaped(text: &str) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use roxmltree::Document;
-
-    fn boxed(of: Of, name: &str) -> Box {
-        Box {
-            of,
-            lines: vec![name.into()],
-            all: name.into(),
-        }
-    }
-
-    fn arrow(from: usize, to: usize, control: bool) -> Arrow {
-        Arrow { from, to, control }
-    }
-
-    /// simd → rgb → detector → boxes → view, and detector ⇢ controls ⇢ simd.
-    fn pipeline() -> Graph {
-        use Of::*;
-        let boxes = [
-            (Process, "simd"),
-            (Process, "detector <1> & \"x\""),
-            (Process, "gantry-view"),
-            (Topics, "ego/front/rgb"),
-            (Topics, "people/boxes"),
-            (Controls, "control/vehicles"),
-            (Unread, "ego/front/depth"),
-        ];
-        Graph {
-            domain: "lab".into(),
-            boxes: boxes.map(|(of, name)| boxed(of, name)).into(),
-            arrows: vec![
-                arrow(0, 3, false),
-                arrow(3, 1, false),
-                arrow(1, 4, false),
-                arrow(4, 2, false),
-                arrow(1, 5, true),
-                arrow(5, 0, true),
-                arrow(0, 6, false),
-            ],
-        }
-    }
-
-    /// Left, top, right and bottom of the rectangle of the box with this tooltip.
-    fn place(document: &Document, title: &str) -> [f64; 4] {
-        let group = document
-            .descendants()
-            .find(|node| node.has_tag_name("title") && node.text() == Some(title))
-            .and_then(|node| node.parent())
-            .unwrap_or_else(|| panic!("no box {title:?}"));
-        let rect = group
-            .children()
-            .find(|node| node.has_tag_name("rect"))
-            .unwrap();
-        let of = |name| rect.attribute(name).unwrap().parse::<f64>().unwrap();
-        let (x, y) = (of("x"), of("y"));
-        [x, y, x + of("width"), y + of("height")]
-    }
-
-    #[test]
-    fn boxes_lie_apart_inside_the_picture_and_data_flows_to_the_right() {
-        let text = svg(&pipeline());
-        let document = Document::parse(&text).unwrap();
-        let root = document.root_element();
-        let of = |name| root.attribute(name).unwrap().parse::<f64>().unwrap();
-        let (width, height) = (of("width"), of("height"));
-        let titles: Vec<String> = pipeline().boxes.iter().map(|of| of.all.clone()).collect();
-        let places: Vec<[f64; 4]> = titles.iter().map(|title| place(&document, title)).collect();
-        for (i, a) in places.iter().enumerate() {
-            assert!(
-                a[0] >= 0.0 && a[1] >= 0.0 && a[2] <= width && a[3] <= height,
-                "{}",
-                titles[i]
-            );
-            for b in &places[..i] {
-                let apart = a[2] <= b[0] || b[2] <= a[0] || a[3] <= b[1] || b[3] <= a[1];
-                assert!(apart, "{} overlaps", titles[i]);
-            }
-        }
-        for arrow in pipeline().arrows.iter().filter(|arrow| !arrow.control) {
-            assert!(places[arrow.from][2] < places[arrow.to][0], "{arrow:?}");
-        }
-        assert!(
-            places[0][0] < places[5][0],
-            "the simulator is left of its controls"
-        );
-    }
-
-    #[test]
-    fn every_arrow_is_drawn_and_controls_point_back() {
-        let text = svg(&pipeline());
-        let document = Document::parse(&text).unwrap();
-        let paths = |class| {
-            let nodes = document.descendants();
-            nodes
-                .filter(|node| node.attribute("class") == Some(class))
-                .collect::<Vec<_>>()
-        };
-        assert_eq!((paths("data").len(), paths("control").len()), (5, 2));
-        for path in paths("control") {
-            assert_eq!(path.attribute("marker-end"), Some("url(#control)"));
-            assert!(path.attribute("stroke-dasharray").is_some());
-            // From right to left: towards the simulator.
-            let numbers = |text: &str| text.split([' ', 'M']).find_map(|n| n.parse::<f64>().ok());
-            let line = path.attribute("d").unwrap();
-            let end = line.rsplit(' ').nth(1).and_then(numbers);
-            assert!(numbers(line).unwrap() > end.unwrap(), "{line}");
-        }
-    }
-
-    #[test]
-    fn nothing_and_much_are_drawn_too() {
-        let empty = svg(&Graph::default());
-        assert!(
-            Document::parse(&empty)
-                .unwrap()
-                .root_element()
-                .has_children()
-        );
-        // Everybody reads and writes everything, in circles.
-        let mut rng = fastrand::Rng::with_seed(3);
-        for n in [2usize, 9, 40] {
-            let mut graph = Graph::default();
-            for i in 0..n {
-                let of = if i % 2 == 0 { Of::Process } else { Of::Topics };
-                graph.boxes.push(boxed(of, &format!("box {i}")));
-            }
-            for _ in 0..n * 3 {
-                let (a, b) = (rng.usize(0..n), rng.usize(0..n));
-                let arrow = arrow(a, b, rng.bool());
-                if a % 2 != b % 2 && !graph.arrows.contains(&arrow) {
-                    graph.arrows.push(arrow);
-                }
-            }
-            let text = svg(&graph);
-            let document = Document::parse(&text).unwrap();
-            (0..n).for_each(|i| drop(place(&document, &format!("box {i}"))));
-        }
-    }
-}
+mod tests;

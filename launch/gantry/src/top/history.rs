@@ -65,8 +65,12 @@ impl Track {
 
     /// Mean payload of the samples seen, bytes.
     pub fn mean_bytes(&self) -> Option<f64> {
-        let sum: u64 = self.seen.iter().map(|seen| seen.sample.payload_bytes).sum();
-        (!self.seen.is_empty()).then(|| sum as f64 / self.seen.len() as f64)
+        // As floating point, because a broken header may claim any number.
+        let sizes = self
+            .seen
+            .iter()
+            .map(|seen| seen.sample.payload_bytes as f64);
+        (!self.seen.is_empty()).then(|| sizes.sum::<f64>() / self.seen.len() as f64)
     }
 
     /// Simulated seconds per second, of writers that stamp simulated time.

@@ -128,6 +128,11 @@ impl Sampler {
             return Err(format!("there is no topic {topic:?} on this domain"));
         };
         let service = &known.service;
+        if known.kind == Kind::Requests {
+            return Err(format!(
+                "{topic} carries requests and their answers, which only their two ends see"
+            ));
+        }
         if known.free_places() < 2 {
             return Err(format!(
                 "{topic} has {} of {} readers; top leaves the last place to others",
@@ -292,7 +297,7 @@ fn shared_memory() -> SharedMemory {
         return SharedMemory::default();
     };
     SharedMemory {
-        size_bytes: stat.blocks() as u64 * stat.fragment_size() as u64,
-        free_bytes: stat.blocks_available() as u64 * stat.fragment_size() as u64,
+        size_bytes: stat.blocks() * stat.fragment_size(),
+        free_bytes: stat.blocks_available() * stat.fragment_size(),
     }
 }
