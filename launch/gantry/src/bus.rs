@@ -41,6 +41,17 @@ impl Bus {
             .flatten()
     }
 
+    /// Names under which living processes acknowledge ticks.
+    pub fn acknowledgers(&self) -> Vec<String> {
+        let services = self.bus.services().unwrap_or_default();
+        services
+            .into_iter()
+            .filter(|service| service.carries_acks())
+            .flat_map(|service| service.writers)
+            .map(|writer| writer.name)
+            .collect()
+    }
+
     /// Whether a topic exists.
     pub fn exists(&self, topic: &str) -> bool {
         self.bus.exists(topic)

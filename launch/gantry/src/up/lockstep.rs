@@ -12,6 +12,7 @@ pub struct LockstepWatch {
     info: Option<DocumentReader>,
     snapshots: Option<SnapshotReader>,
     participants: Vec<String>,
+    acknowledgers: Vec<String>,
     has_begun: bool,
 }
 
@@ -27,6 +28,7 @@ impl LockstepWatch {
         if let Some(info) = info {
             self.participants = info.lockstep;
         }
+        self.acknowledgers = bus.acknowledgers();
         if !self.has_begun {
             self.snapshots = self.snapshots.take().or_else(|| bus.snapshots());
             self.has_begun = self
@@ -40,9 +42,11 @@ impl LockstepWatch {
         }
     }
 
-    /// Whether a process takes part under this name.
+    /// Whether a process that lives takes part under this name. The daemon alone does not tell: it
+    /// notices only when it waits for a participant that this has been killed.
     pub fn has(&self, name: &str) -> bool {
-        self.participants.iter().any(|known| known == name)
+        let has = |names: &[String]| names.iter().any(|known| known == name);
+        has(&self.participants) && has(&self.acknowledgers)
     }
 
     /// Names of all that take part.
