@@ -1,15 +1,15 @@
 //! A frame in Python's hands: its header, and its payload as an array without a copy.
 //!
-//! Python's class `Frame` is derived from the one here and adds what is rarely asked for. Nothing of
-//! Python runs between a frame's arrival and its array: a process that has just been woken finds its
-//! memory cold, and there every function of Python's costs several microseconds.
+//! Python's class `Frame` is derived from the one here and adds what is rarely asked for. A process
+//! that has just been woken finds caches and address translation cold, and there every page that is
+//! touched costs about a microsecond. So nothing of Python runs between a frame's arrival and its
+//! array, and the objects of the next frame are made before its reader goes to sleep.
 
 #![expect(unsafe_code, reason = "arrays over the memory of samples")]
 
 use std::cell::Cell;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
-use numpy::PyArrayDescr;
 use parking_lot::Mutex;
 use pyo3::exceptions::{PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
@@ -19,37 +19,41 @@ use pyo3::types::{PyBytes, PyString, PyType};
 use schema_bus::{Answerable, Frame};
 use schema_frames::{FrameHeader, Modality};
 
+use crate::elements::element;
 use crate::errors;
 use crate::fork::Owned;
 use crate::place::Place;
 use crate::view::{self, Access, Memory, Shape};
 
-/// Who keeps a payload in place.
-enum Keeper {
-    /// A sample in shared memory; its port's node must outlive it.
-    Shared(Mutex<Owned<Frame>>, Arc<Place>),
-    /// Bytes, for example of a recording.
-    Bytes(Py<PyBytes>),
-}
-
-/// A frame: header and payload. Arrays keep it.
+/// A frame: header and payload.
 #[pyclass(frozen, subclass, module = "gantry._native")]
 pub struct Sample {
     topic: Py<PyString>,
+    keeper: Py<Keeper>,
+    /// Set before the frame is handed out.
+    facts: OnceLock<Facts>,
+    array: PyOnceLock<Py<PyAny>>,
+}
+
+struct Facts {
     header: FrameHeader,
     taken: u64,
     modality: Modality,
     payload: Memory,
-    keeper: Keeper,
 }
 
-/// Element of a modality as numpy has it.
-struct Element {
-    dtype: Py<PyArrayDescr>,
-    bytes: usize,
-    /// Parts of an element, as a last dimension; 0 stands for an element that is one number or
-    /// struct.
-    parts: usize,
+/// What keeps a payload in place: the base of its arrays. It is not the frame itself, because the
+/// frame holds its array.
+#[pyclass(frozen, module = "gantry._native")]
+pub struct Keeper {
+    held: OnceLock<Held>,
+}
+
+enum Held {
+    /// A sample in shared memory; its port's node must outlive it.
+    Shared(Mutex<Owned<Frame>>, Arc<Place>),
+    /// Bytes, for example of a recording.
+    Bytes(Py<PyBytes>),
 }
 
 /// The class derived from [`Sample`].
@@ -67,54 +71,65 @@ pub fn set_frame_class(py: Python<'_>, frame_class: Py<PyType>) {
     let _ = CLASS.set(py, frame_class);
 }
 
-/// By encoding, which counts from 1.
-static ELEMENTS: PyOnceLock<Vec<Element>> = PyOnceLock::new();
-
-/// Tells the types of all modalities' elements: per modality its name, numpy type and number of
-/// parts.
-#[pyfunction]
-pub fn set_elements(
-    py: Python<'_>,
-    elements: Vec<(String, Bound<'_, PyArrayDescr>, usize)>,
-) -> PyResult<()> {
-    use numpy::PyArrayDescrMethods as _;
-
-    let mut found = Vec::new();
-    for modality in Modality::ALL {
-        let element = elements.iter().find(|(name, ..)| name == modality.name());
-        let (_, dtype, parts) = element.ok_or_else(|| {
-            PyRuntimeError::new_err(format!("no type is given for {}", modality.name()))
-        })?;
-        let bytes = dtype.itemsize();
-        if bytes * (*parts).max(1) != modality.element_bytes() {
-            return Err(PyRuntimeError::new_err(format!(
-                "elements of {} have {} bytes",
-                modality.name(),
-                modality.element_bytes()
-            )));
-        }
-        found.push(Element {
-            dtype: dtype.clone().unbind(),
-            bytes,
-            parts: *parts,
-        });
-    }
-    // A second import finds the same types.
-    let _ = ELEMENTS.set(py, found);
-    Ok(())
+/// Modality and shape of a frame's array.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Like {
+    modality: Modality,
+    shape: Shape,
+    /// Bytes from the first to the last of the array.
+    span: usize,
 }
 
-impl Sample {
-    /// A frame of the bus as an object. Its port belongs to `place`.
-    pub fn shared(
+/// The objects of a frame that has not arrived yet.
+pub struct Blank {
+    frame: Py<Sample>,
+    keeper: Py<Keeper>,
+    /// An array that shows nothing yet, for a frame like this.
+    array: Option<(Py<PyAny>, Like)>,
+}
+
+impl Blank {
+    /// Makes the objects for a frame of `topic`; its array, too, if it is known what the frame will
+    /// be like.
+    pub fn new(py: Python<'_>, topic: &Py<PyString>, like: Option<Like>) -> PyResult<Self> {
+        let class = CLASS
+            .get(py)
+            .ok_or_else(|| PyRuntimeError::new_err("import gantry, not gantry._native"))?;
+        let keeper = Keeper {
+            held: OnceLock::new(),
+        };
+        let keeper = Py::new(py, keeper)?;
+        NEXT.set(Some(Sample {
+            topic: topic.clone_ref(py),
+            keeper: keeper.clone_ref(py),
+            facts: OnceLock::new(),
+            array: PyOnceLock::new(),
+        }));
+        let made = class.bind(py).call0();
+        NEXT.set(None);
+        let array = like.map(|like| {
+            let dtype = element(py, like.modality)?.dtype.bind(py);
+            let base = keeper.bind(py).clone().into_any();
+            let array = view::blank(dtype, like.shape, base)?;
+            PyResult::Ok((array.unbind(), like))
+        });
+        Ok(Blank {
+            frame: made?.cast_into::<Sample>()?.unbind(),
+            array: array.transpose()?,
+            keeper,
+        })
+    }
+
+    /// Makes it the frame that has arrived, whose port belongs to `place`. Also returns what the
+    /// frame is like.
+    pub fn fill(
+        self,
         py: Python<'_>,
         frame: Frame,
-        topic: &Py<PyString>,
         place: &Arc<Place>,
-    ) -> PyResult<Py<PyAny>> {
+    ) -> PyResult<(Py<PyAny>, Like)> {
         let payload: &[u8] = &frame;
-        let sample = Sample {
-            topic: topic.clone_ref(py),
+        let facts = Facts {
             header: *frame.header(),
             taken: frame.taken().0,
             modality: frame.modality(),
@@ -122,46 +137,47 @@ impl Sample {
                 start: payload.as_ptr().cast_mut(),
                 len: payload.len(),
             },
-            keeper: Keeper::Shared(Mutex::new(Owned::new(frame)), place.clone()),
         };
-        sample.into_object(py)
+        let held = Held::Shared(Mutex::new(Owned::new(frame)), place.clone());
+        self.finish(py, facts, held)
     }
 
-    fn into_object(self, py: Python<'_>) -> PyResult<Py<PyAny>> {
-        let class = CLASS
-            .get(py)
-            .ok_or_else(|| PyRuntimeError::new_err("import gantry, not gantry._native"))?;
-        NEXT.set(Some(self));
-        let made = class.bind(py).call0();
-        NEXT.set(None);
-        Ok(made?.unbind())
+    fn finish(self, py: Python<'_>, facts: Facts, held: Held) -> PyResult<(Py<PyAny>, Like)> {
+        let element = element(py, facts.modality)?;
+        let shape = element.shape(&facts.header, facts.modality);
+        let like = Like {
+            modality: facts.modality,
+            shape,
+            span: shape.span(element.bytes),
+        };
+        let (sample, payload) = (self.frame.get(), facts.payload);
+        let is_new = self.keeper.get().held.set(held).is_ok() && sample.facts.set(facts).is_ok();
+        assert!(is_new, "a blank is filled once, because that consumes it");
+        if let Some((array, _)) = self.array.filter(|(_, made_for)| *made_for == like) {
+            // SAFETY: the array was made for frames of this modality and shape and was shown to
+            // nobody; its base, the keeper, has just got hold of the payload.
+            unsafe { view::place(array.bind(py), like.span, payload) };
+            let _ = sample.array.set(py, array);
+        }
+        Ok((self.frame.into_any(), like))
+    }
+}
+
+impl Sample {
+    fn facts(&self) -> &Facts {
+        self.facts
+            .get()
+            .expect("a frame is filled before it is handed out")
     }
 
     /// Shows the frame as something that can be answered; `false` if it comes from bytes.
     pub fn answered(&self, act: impl FnOnce(&dyn Answerable)) -> bool {
-        match &self.keeper {
-            Keeper::Shared(frame, _place) => {
+        match self.keeper.get().held.get() {
+            Some(Held::Shared(frame, _place)) => {
                 act(&**frame.lock());
                 true
             }
-            Keeper::Bytes(_bytes) => false,
-        }
-    }
-
-    fn shape(&self, element: &Element) -> Shape {
-        let header = &self.header;
-        let (width, height) = (header.width as usize, header.height as usize);
-        let by = header.element_bytes as usize;
-        let shape = match self.modality.is_image() {
-            true => Shape::new()
-                .and(height, header.row_stride as usize)
-                .and(width, by),
-            // A list of height 0 has no elements, whatever its width says.
-            false => Shape::new().and(if height == 0 { 0 } else { width }, by),
-        };
-        match element.parts {
-            0 => shape,
-            parts => shape.and(parts, element.bytes),
+            Some(Held::Bytes(_)) | None => false,
         }
     }
 }
@@ -184,60 +200,60 @@ impl Sample {
     /// Tick that the frame shows.
     #[getter]
     fn tick(&self) -> u64 {
-        self.header.tick
+        self.facts().header.tick
     }
 
     /// Number of the sensor's firing, from 1; a gap is a loss.
     #[getter]
     fn seq(&self) -> u64 {
-        self.header.seq
+        self.facts().header.seq
     }
 
     /// Random number of the simulator's start: another one means that it was restarted.
     #[getter]
     fn epoch(&self) -> u64 {
-        self.header.epoch
+        self.facts().header.epoch
     }
 
     /// Simulated time, seconds since the daemon started.
     #[getter]
     fn sim_time(&self) -> f64 {
-        self.header.sim_nanos as f64 * 1e-9
+        self.facts().header.sim_nanos as f64 * 1e-9
     }
 
     /// `CLOCK_MONOTONIC` just before the frame was sent, nanoseconds: compare `time.monotonic_ns()`.
     #[getter]
     fn published_mono_nanos(&self) -> u64 {
-        self.header.published_mono_nanos
+        self.facts().header.published_mono_nanos
     }
 
     /// `CLOCK_MONOTONIC` when this reader took the frame, nanoseconds; 0 for a frame from bytes.
     #[getter]
     fn taken_mono_nanos(&self) -> u64 {
-        self.taken
+        self.facts().taken
     }
 
     /// Name of the modality: `rgb`, `depth`, …
     #[getter]
     fn modality(&self) -> &'static str {
-        self.modality.name()
+        self.facts().modality.name()
     }
 
     /// Whether the payload is an image, otherwise a list.
     #[getter]
     fn is_image(&self) -> bool {
-        self.modality.is_image()
+        self.facts().modality.is_image()
     }
 
     /// Width and height: pixels, or elements and 1.
     #[getter]
     fn size(&self) -> (u32, u32) {
-        (self.header.width, self.header.height)
+        (self.facts().header.width, self.facts().header.height)
     }
 
     /// A copy of the header's 256 bytes.
     fn header_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
-        PyBytes::new(py, bytemuck::bytes_of(&self.header))
+        PyBytes::new(py, bytemuck::bytes_of(&self.facts().header))
     }
 
     /// The payload as a read-only view, which keeps the frame's memory borrowed.
@@ -248,24 +264,25 @@ impl Sample {
     /// `normals` (h, w, 4) float16, unit normal in world space and a zero. All others: a structured
     /// array (n,) with the fields of SPEC.md §4.
     #[getter]
-    fn array<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
-        let (py, this) = (slf.py(), slf.get());
-        let element = ELEMENTS
-            .get(py)
-            .and_then(|elements| elements.get(this.modality as usize - 1))
-            .ok_or_else(|| PyRuntimeError::new_err("import gantry, not gantry._native"))?;
-        // SAFETY: the keeper in this sample, which becomes the array's base, keeps the payload
-        // mapped at its address: a borrowed sample is not reused, and bytes do not move. Numbers
-        // and structs of numbers are all that `gantry` gives as elements.
-        unsafe {
-            view::array(
-                element.dtype.bind(py),
-                this.shape(element),
-                this.payload,
-                Access::Read,
-                slf.clone().into_any(),
-            )
-        }
+    fn array(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        let array = self.array.get_or_try_init(py, || {
+            let facts = self.facts();
+            let element = element(py, facts.modality)?;
+            // SAFETY: the keeper, which becomes the array's base, keeps the payload mapped at its
+            // address: a borrowed sample is not reused, and bytes do not move. Numbers and structs
+            // of numbers are all that `gantry` gives as elements.
+            let array = unsafe {
+                view::array(
+                    element.dtype.bind(py),
+                    element.shape(&facts.header, facts.modality),
+                    facts.payload,
+                    Access::Read,
+                    self.keeper.bind(py).clone().into_any(),
+                )
+            };
+            array.map(Bound::unbind)
+        })?;
+        Ok(array.clone_ref(py))
     }
 }
 
@@ -288,8 +305,7 @@ pub fn sample_from_bytes(
     let modality = header
         .check(data.len() - HEADER)
         .map_err(|fault| errors::frame(&fault, ""))?;
-    let sample = Sample {
-        topic: topic.unbind(),
+    let facts = Facts {
         header,
         taken: 0,
         modality,
@@ -297,7 +313,8 @@ pub fn sample_from_bytes(
             start: data[HEADER..].as_ptr().cast_mut(),
             len: header.payload_bytes as usize,
         },
-        keeper: Keeper::Bytes(bytes.unbind()),
     };
-    sample.into_object(py)
+    let blank = Blank::new(py, &topic.unbind(), None)?;
+    let (frame, _) = blank.finish(py, facts, Held::Bytes(bytes.unbind()))?;
+    Ok(frame)
 }

@@ -9,12 +9,13 @@
 //! is never kept while that is awaited. A call that waits has let go of the global lock. A forked child uses nothing and drops
 //! nothing of its parent's.
 //!
-//! Modules in reading order: `fork`, `errors`, `place` (a domain), `wait`, `view` (arrays), `frame`,
+//! Modules in reading order: `fork`, `errors`, `place` (a domain), `wait`, `view` (arrays), `elements`, `frame`,
 //! `topic`, `world`, `lockstep`, `control`, `publish` and `result`.
 
 #![warn(missing_docs)]
 
 mod control;
+mod elements;
 mod errors;
 mod fork;
 mod frame;
@@ -35,7 +36,9 @@ mod _native {
     #[pymodule_export]
     use crate::control::Controls;
     #[pymodule_export]
-    use crate::frame::{Sample, sample_from_bytes, set_elements, set_frame_class};
+    use crate::elements::set_elements;
+    #[pymodule_export]
+    use crate::frame::{Sample, sample_from_bytes, set_frame_class};
     #[pymodule_export]
     use crate::lockstep::Lockstep;
     #[pymodule_export]

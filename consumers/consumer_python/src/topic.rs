@@ -12,7 +12,7 @@ use schema_bus::{Bus, BusError, Frame, FrameReader, ReaderCounts, ResultReader, 
 
 use crate::errors;
 use crate::fork::{self, Owned};
-use crate::frame::Sample;
+use crate::frame::{Blank, Like};
 use crate::place::Place;
 use crate::result::{About, Outcome};
 use crate::wait::{Failure, Timeout, Waker};
@@ -24,6 +24,9 @@ pub struct Reader {
     port: Mutex<Option<Owned<Port>>>,
     waker: Waker,
     about: Option<Py<About>>,
+    /// For the next frame, and what the last one was like.
+    blank: Mutex<Option<Blank>>,
+    like: Mutex<Option<Like>>,
     topic: Py<PyString>,
     full_name: String,
     place: Arc<Place>,
@@ -100,7 +103,7 @@ impl Reader {
     ) -> PyResult<Option<Py<PyAny>>> {
         let object = match found {
             Ok(None) => return Ok(None),
-            Ok(Some(Found::Frame(frame))) => Sample::shared(py, frame, &self.topic, &self.place),
+            Ok(Some(Found::Frame(frame))) => self.show(py, frame),
             Ok(Some(Found::Result(result))) => {
                 let about = self
                     .about
@@ -111,6 +114,25 @@ impl Reader {
             Err(failure) => Err(failure.raise(&format!("topic {:?}", self.full_name))),
         };
         object.map(Some)
+    }
+
+    fn show(&self, py: Python<'_>, frame: Frame) -> PyResult<Py<PyAny>> {
+        let blank = self.blank.lock().take();
+        let blank = blank.map_or_else(|| Blank::new(py, &self.topic, None), Ok)?;
+        let (object, like) = blank.fill(py, frame, &self.place)?;
+        *self.like.lock() = Some(like);
+        Ok(object)
+    }
+
+    /// Makes the objects of the next frame while there is time.
+    fn prepare(&self, py: Python<'_>) -> PyResult<()> {
+        let like = *self.like.lock();
+        if like.is_some() && self.blank.lock().is_none() {
+            let blank = Blank::new(py, &self.topic, like)?;
+            let before = self.blank.lock().replace(blank);
+            drop(before);
+        }
+        Ok(())
     }
 
     fn wait(
@@ -131,6 +153,7 @@ impl Reader {
                 "busy_wait is {busy_wait}; it must be a number of seconds from 0 on"
             ))
         })?;
+        self.prepare(py)?;
         let found = self.waker.until(py, timeout, busy, || self.look(which))?;
         self.finish(py, found)
     }
@@ -157,6 +180,8 @@ impl Reader {
             port: Mutex::new(Some(Owned::new(port))),
             waker,
             about: about.map(|about| Py::new(py, about)).transpose()?,
+            blank: Mutex::new(None),
+            like: Mutex::new(None),
             topic: PyString::new(py, topic).unbind(),
             full_name: format!("{domain}/{topic}"),
             place,

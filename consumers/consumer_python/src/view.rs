@@ -7,7 +7,9 @@
 
 use std::ffi::c_int;
 
-use numpy::npyffi::{NPY_ARRAY_WRITEABLE, NpyTypes, PyArrayObject, get_type_object, npy_intp};
+use numpy::npyffi::{
+    _PyArray_GET_ITEM_DATA, NPY_ARRAY_WRITEABLE, NpyTypes, PyArrayObject, get_type_object, npy_intp,
+};
 use numpy::{PY_ARRAY_API, PyArrayDescr, PyArrayDescrMethods as _};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -16,7 +18,7 @@ use pyo3::prelude::*;
 const MAX_DIMENSIONS: usize = 10;
 
 /// Sizes and strides of an array, slowest dimension first.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shape {
     sizes: [npy_intp; MAX_DIMENSIONS],
     strides: [npy_intp; MAX_DIMENSIONS],
@@ -160,4 +162,36 @@ pub unsafe fn array<'py>(
             _ => Err(PyErr::fetch(py)),
         }
     }
+}
+
+/// Makes a read-only array of `element`s that shows no memory yet; see [`place`].
+pub fn blank<'py>(
+    element: &Bound<'py, PyArrayDescr>,
+    shape: Shape,
+    base: Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyAny>> {
+    // Aligned as payloads are, so that the array's flags hold later, too.
+    const NOWHERE: Memory = Memory {
+        start: std::ptr::without_provenance_mut(64),
+        len: isize::MAX as usize,
+    };
+    // SAFETY: making and dropping an array touches none of its elements, and nobody is given the
+    // array before it is placed.
+    unsafe { array(element, shape, NOWHERE, Access::Read, base) }
+}
+
+/// Lets an array of [`blank`] show `memory`.
+///
+/// # Safety
+/// The array was made by [`blank`], was given to nobody, and has `span` bytes from its first to its
+/// last; `memory` stays readable at its address as long as the array's base lives.
+///
+/// # Panics
+/// If the array would reach beyond the memory.
+pub unsafe fn place(array: &Bound<'_, PyAny>, span: usize, memory: Memory) {
+    let array = array.as_ptr().cast::<PyArrayObject>();
+    assert!(span <= memory.len, "an array reaches beyond its memory");
+    // SAFETY: it is an array, whose fields numpy's C interface makes public, and this is the only
+    // reference to it.
+    unsafe { (*_PyArray_GET_ITEM_DATA(array)).data = memory.start.cast() };
 }

@@ -94,12 +94,19 @@ class Live(CardCase):
     def test_the_world_of_a_frame_is_that_of_its_tick(self):
         self.script("""
             with gantry.open("ego/card/rgb") as topic:
-                gantry.snapshot_at(topic.latest(timeout=10).tick + 1, timeout=10)
-                for _ in range(10):
+                found = 0
+                while found < 10:
                     frame = topic.latest(timeout=10)
-                    world = gantry.snapshot_at(frame.tick)
-                    assert world.tick == frame.tick and world.actor(7)["world_from_actor"]["translation_m"][0] == frame.tick
-                    frame = None
+                    try:
+                        world = gantry.snapshot_at(frame.tick)
+                    except gantry.GantryError as error:
+                        # The first call begins to follow, and the machine may leave this process waiting.
+                        assert "is gone" in str(error), error
+                        continue
+                    finally:
+                        tick, frame = frame.tick, None
+                    assert world.tick == tick and world.actor(7)["world_from_actor"]["translation_m"][0] == tick
+                    found += 1
                 try:
                     gantry.snapshot_at(1)
                 except gantry.GantryError as error:
@@ -115,8 +122,9 @@ class Live(CardCase):
             with gantry.sync(["ego/card/rgb", "ego/card/imu"], snapshots=True) as rows:
                 for _ in range(10):
                     row = rows.next(timeout=10)
-                    assert row.snapshot.tick == row.tick
+                    assert row.snapshot is None or row.snapshot.tick == row.tick
                     del row
+                assert rows.next(timeout=10).snapshot is not None
         """)
 
     def test_a_time_out_of_sync_loses_no_frame(self):

@@ -6,6 +6,7 @@ import asyncio
 import time
 from typing import Any, AsyncIterator, Generator, Iterator, Sequence
 
+from ._errors import GantryError
 from ._frame import Frame
 from ._load import native
 from ._topic import Topic, open as open_topic
@@ -122,8 +123,12 @@ class Sync:
         snapshot = None
         if self._snapshots is not None:
             first = next(iter(samples.values()))
-            # It was sent before any frame of its tick.
-            found = self._snapshots.at(first.tick, first.epoch, 1.0)
+            try:
+                # It was sent before any frame of its tick.
+                found = self._snapshots.at(first.tick, first.epoch, 1.0)
+            except GantryError:
+                # This reader fell so far behind that it is gone.
+                found = None
             snapshot = None if found is None else parse_snapshot(*found)
         return Row(samples, snapshot)
 
