@@ -189,11 +189,11 @@ fn the_screen_follows_the_terminals_size() {
     let sandbox = Sandbox::new("size");
     let _card = test_card(&sandbox);
     let mut top = OnTerminal::start(&sandbox, &["--sort", "rate"]);
-    top.wait_for("Topics: 18");
+    top.wait_for("ego/card/rgb");
     top.resize(8, 40);
     top.wait_for("40 × 8 characters");
     top.resize(24, 100);
-    top.wait_for("Topics: 18");
+    top.wait_for("ego/card/");
     top.wait_for("q quit");
     // Ctrl-C is a key in a terminal that hands on every key.
     top.press("\x03");
@@ -212,8 +212,8 @@ fn signals_give_the_terminal_back() {
 }
 
 #[test]
-fn topics_alone_have_a_screen_too() {
-    let sandbox = Sandbox::new("alone");
+fn one_screen_of_text_is_printed_on_a_terminal_too() {
+    let sandbox = Sandbox::new("once");
     let _card = test_card(&sandbox);
     let pair = OnTerminal::start(&sandbox, &["--once"]);
     // With --once there is no screen to leave, even on a terminal.

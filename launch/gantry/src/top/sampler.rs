@@ -1,7 +1,7 @@
 //! Collects a [`View`]: who is there, how busy they are, and what their topics do.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use launch_cli::wrong_usage;
 use nix::sys::statvfs::statvfs;
@@ -17,6 +17,10 @@ use crate::census::{Census, Kind, Member, Topic};
 /// Rates of a topic that are remembered, one for each look.
 const REMEMBERED: usize = 120;
 
+/// Least time between two looks at who is there. Such a look makes and removes a few files of
+/// iceoryx2 for every service; what the topics do in between is seen without.
+const CENSUS: Duration = Duration::from_millis(900);
+
 /// Looks at the bus and the machine again and again.
 pub struct Sampler {
     bus: Bus,
@@ -29,6 +33,7 @@ pub struct Sampler {
     /// By topic.
     rates: BTreeMap<String, VecDeque<f64>>,
     looked: Instant,
+    counted: Instant,
 }
 
 impl Sampler {
@@ -45,6 +50,7 @@ impl Sampler {
             tracks: BTreeMap::new(),
             rates: BTreeMap::new(),
             looked: Instant::now(),
+            counted: Instant::now(),
         };
         sampler.take_census()?;
         Ok(sampler)
@@ -58,7 +64,12 @@ impl Sampler {
 
     /// Looks at everything and says what there is.
     pub fn look(&mut self) -> anyhow::Result<View> {
-        self.take_census()?;
+        if self.counted.elapsed() >= CENSUS {
+            self.take_census()?;
+        } else {
+            self.glance();
+            self.measure_load();
+        }
         let interval_secs = self.looked.elapsed().as_secs_f64();
         self.looked = Instant::now();
         let now = mono_now().0;
@@ -166,6 +177,13 @@ impl Sampler {
         self.rates
             .retain(|name, _| self.census.topic(name).is_some());
         self.note();
+        self.measure_load();
+        self.counted = Instant::now();
+        Ok(())
+    }
+
+    /// Asks the kernel for load and memory of the processes.
+    fn measure_load(&mut self) {
         let pids: Vec<Pid> = self
             .census
             .processes
@@ -178,7 +196,6 @@ impl Sampler {
             .without_tasks();
         self.system
             .refresh_processes_specifics(ProcessesToUpdate::Some(&pids), true, what);
-        Ok(())
     }
 
     fn note(&mut self) {
