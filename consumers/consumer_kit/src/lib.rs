@@ -51,3 +51,5 @@ pub use snapshots::{KEPT_SNAPSHOTS, SnapshotTrail, WorldAt};
 pub use steps::Steps;
 pub use topic::{FollowedTopic, Take, TopicReport};
 pub use wake::{WakeUps, event_of};
+// A consumer elsewhere depends on this crate only.
+pub use {schema_bus, schema_frames, schema_types};

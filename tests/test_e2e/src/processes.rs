@@ -1,11 +1,9 @@
-//! Starts the daemon and its consumers in a sandbox, and asserts that they leave nothing.
+//! Starts the daemon and its consumers in a sandbox.
 
 use std::path::PathBuf;
 
 use test_kit::sandbox::{binary_path, repository};
 use test_kit::{Process, Sandbox};
-
-use crate::client::join_bus;
 
 /// Starts `simd` with a launch file's text and waits until it is ready.
 pub fn start_daemon(sandbox: &Sandbox, launch: &str, extra: &[&str]) -> Process {
@@ -62,13 +60,4 @@ pub fn python_package() -> PathBuf {
             .expect("the package's folder can be written");
     }
     folder
-}
-
-/// Cleans up after killed processes, and asserts that nothing of the sandbox is left in shared
-/// memory.
-pub fn assert_nothing_left(sandbox: &Sandbox) {
-    let bus = join_bus(sandbox, "cleaner");
-    bus.clean_dead_nodes();
-    drop(bus);
-    assert_eq!(sandbox.leftovers(), Vec::<String>::new());
 }

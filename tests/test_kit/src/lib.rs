@@ -7,22 +7,35 @@
 //! depends on the speed of the machine: tests wait for conditions, and a limit that only a hang
 //! reaches ends them.
 //!
-//! In reading order: [`sandbox`], [`process`], [`patience`].
+//! A test of a program of your own starts with a [`Simulator`], also outside this repository: it
+//! steps the world, runs the program, and hands out frames, results and snapshots by tick.
+//!
+//! In reading order: [`sandbox`], [`process`], [`patience`], [`client`], [`simulator`].
 //!
 //! ```no_run
-//! let sandbox = test_kit::Sandbox::new("example");
-//! let mut daemon = sandbox.spawn("simd", &["--domain", sandbox.domain()]);
-//! daemon.wait_line("ready");
-//! daemon.stop().expect_code(0);
-//! assert!(sandbox.leftovers().is_empty());
+//! use test_kit::{Setup, Simulator};
+//!
+//! let mut simulator = Simulator::start(Setup::file("launch.toml").set("scenario.vehicles=0"));
+//! let program = simulator.run(env!("CARGO"), &["--version"]);
+//! let mut boxes = simulator.results("my_detector/boxes");
+//! let tick = simulator.step(3);
+//! let found = simulator.result_of(&mut boxes, tick);
+//! assert_eq!(found.inputs()[0].tick, tick);
+//! drop(found);
+//! program.stop().expect_code(0);
+//! simulator.finish();
 //! ```
 
 #![forbid(unsafe_code)]
+#![warn(missing_docs)]
 
+pub mod client;
 pub mod patience;
 pub mod process;
 pub mod sandbox;
+pub mod simulator;
 
 pub use patience::{PATIENCE, eventually};
 pub use process::{Ended, Process};
 pub use sandbox::Sandbox;
+pub use simulator::{Setup, Simulator};

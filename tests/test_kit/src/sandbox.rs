@@ -24,13 +24,9 @@ impl Sandbox {
             .tempdir()
             .expect("temporary directory");
         let prefix = format!("gt{}x{number}_", std::process::id());
-        std::fs::create_dir_all(dir.path().join("config")).expect("config directory");
-        std::fs::create_dir_all(dir.path().join("iox")).expect("iceoryx2 root");
-        let config = format!(
-            "[global]\nroot-path = {:?}\nprefix = {prefix:?}\n",
-            dir.path().join("iox").display().to_string()
-        );
-        std::fs::write(dir.path().join("config/iceoryx2.toml"), config)
+        let root = dir.path().join("iox");
+        std::fs::create_dir_all(&root).expect("iceoryx2 root");
+        schema_bus::write_private_config(dir.path(), &root, &prefix)
             .expect("iceoryx2 configuration");
         Sandbox {
             dir,
@@ -93,6 +89,25 @@ impl Sandbox {
         Process::start(name, program, args, self.dir.path(), env)
     }
 
+    /// Makes a folder of links to everything in `folder`, for a program that reads files beside it:
+    /// started there, it finds them, and is on this sandbox's bus. What it writes there is gone
+    /// with the sandbox, unless it changes a file that a link leads to.
+    pub fn links_to(&self, folder: &Path) -> PathBuf {
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        let place = self.path(&format!("links{number}"));
+        std::fs::create_dir_all(place.join("config")).expect("folder of links");
+        link_entries(folder, &place);
+        let own = folder.join("config");
+        if own.is_dir() {
+            link_entries(&own, &place.join("config"));
+        }
+        // In place of the folder's own, if it has one.
+        let config = place.join("config/iceoryx2.toml");
+        let _ = std::fs::remove_file(&config);
+        std::fs::copy(self.iceoryx_config(), config).expect("iceoryx2 configuration");
+        place
+    }
+
     /// Shared-memory files that carry this sandbox's prefix.
     pub fn leftovers(&self) -> Vec<String> {
         let Ok(entries) = std::fs::read_dir("/dev/shm") else {
@@ -123,6 +138,49 @@ impl Drop for Sandbox {
             }
         }
     }
+}
+
+/// Links to the entries of `folder`, without those that `place` has.
+fn link_entries(folder: &Path, place: &Path) {
+    let folder = folder
+        .canonicalize()
+        .unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
+    let entries = std::fs::read_dir(&folder).expect("a folder can be read");
+    for entry in entries.flatten() {
+        let link = place.join(entry.file_name());
+        if !link.exists() {
+            std::os::unix::fs::symlink(entry.path(), link).expect("a link");
+        }
+    }
+}
+
+/// The file of one of Gantry's programs: in `first` if it is given, else beside the running test
+/// where a workspace has them, in the checkout that this crate was built from, and on `PATH`.
+///
+/// # Panics
+/// With the places that were looked at and what to do.
+pub fn find_program(name: &str, first: Option<&Path>) -> PathBuf {
+    let mut places: Vec<PathBuf> = Vec::new();
+    if let Some(first) = first {
+        places.push(first.to_path_buf());
+    } else {
+        let test = std::env::current_exe().expect("path of the running test");
+        places.extend(test.parent().and_then(Path::parent).map(Path::to_path_buf));
+        places.push(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/release"));
+        let path = std::env::var_os("PATH").unwrap_or_default();
+        places.extend(std::env::split_paths(&path));
+    }
+    let found = places.iter().map(|place| place.join(name));
+    found
+        .into_iter()
+        .find(|path| path.is_file())
+        .unwrap_or_else(|| {
+            let places: Vec<_> = places.iter().map(|at| at.display().to_string()).collect();
+            panic!(
+                "there is no program {name:?} in {}; build Gantry with `cargo build --release --workspace`, put its programs on PATH, or give their folder",
+                places.join(", ")
+            )
+        })
 }
 
 /// Path of a binary of the workspace. Cargo puts it beside the directory of the running test.

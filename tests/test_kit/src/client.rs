@@ -5,12 +5,14 @@ use std::time::Duration;
 
 use schema_bus::{Bus, BusOptions, CommandClient, Document, FrameReader};
 use schema_frames::{Command, CommandBatch, CommandReply};
-use test_kit::{Sandbox, eventually};
+
+use crate::patience::eventually;
+use crate::sandbox::Sandbox;
 
 /// Joins the sandbox's bus from this process.
 pub fn join_bus(sandbox: &Sandbox, name: &str) -> Bus {
     let options = BusOptions {
-        iceoryx_root: Some(sandbox.path("iox")),
+        iceoryx_root: Some(sandbox.iceoryx_root()),
         prefix: Some(sandbox.prefix().to_owned()),
     };
     Bus::open_with(sandbox.domain(), name, &options).unwrap_or_else(|error| panic!("{error}"))
@@ -74,4 +76,16 @@ pub fn step(client: &mut CommandClient, n: u64) -> u64 {
     eventually(&format!("tick {last_tick} is done"), || {
         (counter(client, "ticks") >= last_tick).then_some(last_tick)
     })
+}
+
+/// Cleans up after killed processes, and asserts that nothing of the sandbox is left in shared
+/// memory.
+///
+/// # Panics
+/// With the names of the files that are left.
+pub fn assert_nothing_left(sandbox: &Sandbox) {
+    let bus = join_bus(sandbox, "cleaner");
+    bus.clean_dead_nodes();
+    drop(bus);
+    assert_eq!(sandbox.leftovers(), Vec::<String>::new());
 }
