@@ -24,6 +24,14 @@ impl FollowedDocument {
         }
     }
 
+    /// Follows a document that need not ever exist: nothing is logged while it is missing.
+    pub fn optional(name: impl Into<String>) -> Self {
+        FollowedDocument {
+            search: Search::of_optional(),
+            ..FollowedDocument::new(name)
+        }
+    }
+
     /// The newest document, if it has changed since the last call.
     ///
     /// # Errors

@@ -25,7 +25,7 @@ impl FollowedResult {
     pub fn new(topic: impl Into<String>, take: Take) -> Self {
         let topic = topic.into();
         FollowedResult {
-            document: FollowedDocument::new(names::about(&topic)),
+            document: FollowedDocument::optional(names::about(&topic)),
             topic,
             take,
             reader: None,

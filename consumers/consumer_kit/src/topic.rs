@@ -66,6 +66,14 @@ pub(crate) struct Search {
 }
 
 impl Search {
+    /// A search for something that need not exist, so that nothing is said while it does not.
+    pub fn of_optional() -> Search {
+        Search {
+            next_look: None,
+            said: true,
+        }
+    }
+
     /// Opens the service if it is time to look and the service exists. Errors that may go away with
     /// time are logged once and swallowed; others are returned.
     pub fn open<T>(

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
-use consumer_kit::items::{BadItems, Chains, ResultParts};
+use consumer_kit::items::{BadItems, Chains, ResultParts, legible};
 use foxglove::messages as fox;
 use schema_bus::names;
 use schema_frames::{BytesSchema, Modality, PixelFormat, ResultType, SensorKind, Space};
@@ -289,7 +289,10 @@ impl Shot<'_> {
             hue(class.wrapping_add(1))
         } else {
             let known = CLASSES.get(class as usize);
-            known.map_or_else(|| hue(class), |info| info.rgb.map(|c| c as f64 / 255.0))
+            known.map_or_else(
+                || hue(class),
+                |info| legible(info.rgb).map(|c| c as f64 / 255.0),
+            )
         };
         fox::Color {
             r,

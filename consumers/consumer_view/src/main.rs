@@ -9,8 +9,8 @@ use consumer_view::session::{Options, Target, show};
 use consumer_view::viewer::{Viewer, ViewerKind, find_rerun};
 use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
 
-/// Shows every sensor, the map and all actors in rerun. Without a choice: a window if there is a
-/// display, else a page for the browser.
+/// Shows every sensor, every result of users' programs, the map and all actors in rerun. Without a
+/// choice: a window if there is a display, else a page for the browser.
 #[derive(Debug, Parser)]
 #[command(
     name = "gantry-view",
@@ -35,7 +35,7 @@ struct Args {
     #[arg(long, value_name = "URL")]
     connect: Option<String>,
 
-    /// Most frames per second and topic that are shown
+    /// Most frames and results per second and topic that are shown; lines and curves up to 200
     #[arg(long, value_name = "HZ", default_value_t = 10.0, value_parser = rate)]
     max_hz: f64,
 
@@ -110,12 +110,17 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
     let shown = show(&options, &mut stop)?;
     if let Some(file) = &args.save {
         let n_frames: u64 = shown.frames.values().sum();
+        let n_results: u64 = shown.results.values().sum();
         writeln!(
             stdout,
-            "{}: {n_frames} frames of {} topics",
+            "{}: {n_frames} frames of {} topics, {n_results} results of {} topics",
             file.display(),
-            shown.frames.len()
+            shown.frames.len(),
+            shown.results.len()
         )?;
+    }
+    for (topic, n) in &shown.bad_items {
+        writeln!(stdout, "{topic}: {n} items were broken and not drawn")?;
     }
     Ok(Exit::Done)
 }

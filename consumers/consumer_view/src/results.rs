@@ -12,7 +12,7 @@ mod space;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use consumer_kit::items::{BadItems, Chains, ResultParts};
+use consumer_kit::items::{BadItems, Chains, ResultParts, legible};
 use rerun::{AsComponents, RecordingStream, Rgba32};
 use schema_frames::{FrameHeader, Modality, ResultType, SensorKind};
 use schema_types::class::CLASSES;
@@ -33,6 +33,8 @@ pub(crate) struct Results {
     trails: BTreeMap<String, space::Trail>,
     flows: BTreeMap<String, signal::Flow>,
     series: BTreeMap<String, BTreeSet<String>>,
+    /// Images on which boxes or tracks say what is what, so that masks need not say it again.
+    labelled: BTreeSet<String>,
     /// Names of the classes that are logged at a path.
     classes: BTreeMap<String, Vec<String>>,
     /// By topic: entities that hold what its newest result says.
@@ -215,13 +217,18 @@ impl Canvas<'_> {
         format!("{}/{}", layout::RESULTS, self.parts.topic)
     }
 
+    /// Entity of the image that it answers.
+    fn image(&self) -> Option<String> {
+        self.camera.as_ref().map(Place::frame_path)
+    }
+
     fn log(&self, path: &str, what: &impl AsComponents) -> anyhow::Result<()> {
         Ok(self.rec.log(path, what)?)
     }
 
     /// Colour of an object: of its number if it has one and `by_id`, else of its class.
     fn colour(&self, class: u32, id: u32, by_id: bool) -> Rgba32 {
-        let [r, g, b] = if by_id && id != 0 {
+        let [r, g, b] = legible(if by_id && id != 0 {
             images::id_colour(id)
         } else if !self.parts.about.classes.is_empty() {
             images::id_colour(class.saturating_add(1))
@@ -229,7 +236,7 @@ impl Canvas<'_> {
             CLASSES
                 .get(class as usize)
                 .map_or_else(|| images::id_colour(class), |info| info.rgb)
-        };
+        });
         Rgba32::from_rgb(r, g, b)
     }
 }

@@ -37,7 +37,8 @@ impl Results {
             line: LINE,
         });
         let path = self.on_image(canvas)?;
-        self.rectangles(canvas, &path, drawn)
+        self.labelled.extend(canvas.image());
+        self.rectangles(canvas, &path, drawn, true)
     }
 
     pub(super) fn tracks(&mut self, canvas: &Canvas<'_>) -> anyhow::Result<()> {
@@ -56,7 +57,8 @@ impl Results {
                 line: if it.state == 1 { LINE } else { FAINT_LINE },
             });
             let path = self.on_image(canvas)?;
-            self.rectangles(canvas, &path, drawn)?;
+            self.labelled.extend(canvas.image());
+            self.rectangles(canvas, &path, drawn, true)?;
         }
         let in_space: Vec<&Track> = alive()
             .filter(|track| track.flags & Track::IN_SPACE != 0)
@@ -69,6 +71,7 @@ impl Results {
         canvas: &Canvas<'_>,
         path: &str,
         boxes: impl Iterator<Item = Drawn>,
+        show_labels: bool,
     ) -> anyhow::Result<()> {
         let (good, bad): (Vec<Drawn>, Vec<Drawn>) =
             boxes.partition(|it| is_box(it.min_px, it.max_px));
@@ -83,7 +86,7 @@ impl Results {
         .with_colors(good.iter().map(|it| it.colour))
         .with_radii(good.iter().map(|it| Radius::new_ui_points(it.line)))
         .with_labels(good.iter().map(|it| it.label.as_str()))
-        .with_show_labels(true);
+        .with_show_labels(show_labels);
         self.draw(canvas, path, good.is_empty(), &list)
     }
 
@@ -135,7 +138,10 @@ impl Results {
             colour: canvas.colour(it.class, it.id, true),
             line: FAINT_LINE,
         });
-        self.rectangles(canvas, &path, boxes)
+        let said = canvas
+            .image()
+            .is_some_and(|image| self.labelled.contains(&image));
+        self.rectangles(canvas, &path, boxes, !said)
     }
 
     pub(super) fn keypoints(&mut self, canvas: &Canvas<'_>) -> anyhow::Result<()> {
