@@ -20,7 +20,8 @@ use crate::iceoryx_error::{other_error, reader_error, receive_error, service_err
 use crate::memory::segment_bytes;
 use crate::names::{CONTROL_ACK, CONTROL_VEHICLES, CONTROL_WAKE};
 use crate::node::{BusNode, Service};
-use crate::origin::{Origin, Origins};
+use crate::origin::Origin;
+use crate::origins::{Origins, pid_of};
 use crate::qos;
 use crate::reader::{receive, subscribe};
 use crate::service::{Slices, check_schema, make, schema_attribute, settle};
@@ -410,7 +411,7 @@ impl AckReader {
     pub fn writers(&self) -> Vec<Origin> {
         let mut writers = Vec::new();
         list_writers(&self.service, &mut |_, node, port| {
-            writers.push(Origin::new(node, port));
+            writers.push(Origin::new(pid_of(node), port));
         });
         writers.sort_by(|a, b| (&a.port, a.pid).cmp(&(&b.port, b.pid)));
         writers

@@ -50,6 +50,7 @@ mod declared;
 mod event;
 mod node;
 mod origin;
+mod origins;
 mod service;
 mod topics;
 

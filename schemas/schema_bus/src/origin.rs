@@ -1,14 +1,5 @@
 //! Which process has a port on the bus, so that a sentence about a broken sample can name it.
 
-use std::sync::Arc;
-
-use iceoryx2::identifiers::UniqueNodeId;
-use iceoryx2::prelude::*;
-
-use crate::node::Service;
-use crate::service::Slices;
-use crate::wire::OnBus;
-
 /// The process behind a port. Shown, it reads `process 4242 (python3)`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Origin {
@@ -23,11 +14,7 @@ pub struct Origin {
 }
 
 impl Origin {
-    pub(crate) fn new(node: UniqueNodeId, port: &str) -> Origin {
-        let pid = node
-            .pid::<Service>()
-            .ok()
-            .and_then(|pid| u32::try_from(pid.value()).ok());
+    pub(crate) fn new(pid: Option<u32>, port: &str) -> Origin {
         let program = pid.and_then(|pid| std::fs::read_to_string(format!("/proc/{pid}/comm")).ok());
         Origin {
             pid,
@@ -57,54 +44,6 @@ impl std::fmt::Display for Origin {
             Some(pid) if self.program.is_empty() => write!(f, "process {pid}"),
             Some(pid) => write!(f, "process {pid} ({})", self.program),
         }
-    }
-}
-
-/// The ports of one service by their ids, looked up again when an unknown one appears.
-#[derive(Debug, Default)]
-pub(crate) struct Origins {
-    known: Vec<(u128, Arc<Origin>)>,
-}
-
-impl Origins {
-    /// The process behind the port `id`. `list` calls its argument with id, node and name of every
-    /// port that the service has now.
-    pub fn of(
-        &mut self,
-        id: u128,
-        list: impl FnOnce(&mut dyn FnMut(u128, UniqueNodeId, &str)),
-    ) -> Arc<Origin> {
-        if let Some(origin) = self.find(id) {
-            return origin;
-        }
-        let mut now = Vec::new();
-        list(&mut |id, node, port| {
-            let origin = self
-                .find(id)
-                .unwrap_or_else(|| Arc::new(Origin::new(node, port)));
-            now.push((id, origin));
-        });
-        self.known = now;
-        self.find(id).unwrap_or_default()
-    }
-
-    /// The process that publishes under `id`.
-    pub fn of_writer<H: OnBus>(&mut self, id: u128, service: &Slices<H>) -> Arc<Origin> {
-        self.of(id, |see| {
-            service.dynamic_config().list_publishers(|details| {
-                see(
-                    details.publisher_id.value(),
-                    details.node_id,
-                    details.publisher_name.as_str(),
-                );
-                CallbackProgression::Continue
-            });
-        })
-    }
-
-    fn find(&self, id: u128) -> Option<Arc<Origin>> {
-        let known = self.known.iter().find(|(known, _)| *known == id);
-        known.map(|(_, origin)| origin.clone())
     }
 }
 

@@ -14,7 +14,7 @@ use crate::clock::mono_now;
 use crate::error::BusError;
 use crate::iceoryx_error::{other_error, reader_error, receive_error};
 use crate::node::{BusNode, Service};
-use crate::origin::Origins;
+use crate::origins::Origins;
 use crate::qos;
 use crate::service::{Slices, join};
 use crate::wire::{OnBus, Wire};

@@ -16,7 +16,7 @@ use crate::clock::mono_now;
 use crate::error::BusError;
 use crate::iceoryx_error::other_error;
 use crate::node::{BusNode, Service};
-use crate::origin::Origins;
+use crate::origins::Origins;
 use crate::qos;
 use crate::reader::{ReaderCounts, Received, receive, subscribe};
 use crate::result_service::ResultService;

@@ -16,7 +16,7 @@ use crate::iceoryx_error::{other_error, writer_error};
 use crate::memory::segment_bytes;
 use crate::names::{CONTROL_WAKE, WORLD_SNAPSHOT};
 use crate::node::{BusNode, Service};
-use crate::origin::Origins;
+use crate::origins::Origins;
 use crate::qos;
 use crate::reader::{receive, subscribe};
 use crate::service::{Slices, join, make};
