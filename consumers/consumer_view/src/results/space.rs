@@ -27,6 +27,9 @@ pub(super) struct Trail {
     points: Vec<[f64; 3]>,
 }
 
+/// Places of points and their colours.
+type Cloud = (Vec<[f32; 3]>, Vec<[u8; 3]>);
+
 /// A box as it is drawn.
 struct Drawn {
     pose: Pose,
@@ -277,7 +280,7 @@ fn speed_colour(speed_mps: f32) -> Rgba32 {
 
 /// Places and colours of points, thinned: by their red, green and blue, else by class, else by
 /// intensity, else by height. `None` without fields for the place.
-fn cloud(parts: &ResultParts<'_>) -> Option<(Vec<[f32; 3]>, Vec<[u8; 3]>)> {
+fn cloud(parts: &ResultParts<'_>) -> Option<Cloud> {
     let fields = parts.fields();
     let named = |name: &str| fields.iter().find(|field| field.name == name);
     let place = [named("x")?, named("y")?, named("z")?];
