@@ -4,6 +4,7 @@
 //! It reads like any consumer: it sleeps until a topic announces a frame and then takes every frame
 //! that waits. As a reader it also makes the simulator render what no other program asked for.
 
+mod rate;
 mod results;
 
 use std::collections::BTreeMap;
@@ -18,10 +19,8 @@ use serde::Serialize;
 
 use crate::output;
 use crate::spread::{Spread, Summary};
+use rate::per_sec;
 use results::{ResultRow, ResultWatch, results_text};
-
-/// Results of one topic that are taken before the others have their turn.
-const MAX_A_TURN: usize = 256;
 
 #[derive(Debug, clap::Args)]
 pub struct TopicsArgs {
@@ -222,14 +221,6 @@ impl Watch {
             publishing: self.publishing.summary(),
             cpu_copies: self.cpu_copies,
         }
-    }
-}
-
-fn per_sec(n: u64, secs: f64) -> f64 {
-    if n > 1 && secs > 0.0 {
-        (n - 1) as f64 / secs
-    } else {
-        0.0
     }
 }
 

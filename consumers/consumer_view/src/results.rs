@@ -1,45 +1,30 @@
 //! Results of users' programs in the recording: over the image that they answer, in the world, or
 //! in views of their own.
 //!
-//! Files by what they draw: `overlay` (boxes, tracks, masks and key points on images), `space`
+//! `state` is what the viewer remembers of results, `canvas` what one of them is drawn with. The
+//! other files by what they draw: `overlay` (boxes, tracks, masks and key points on images), `space`
 //! (boxes, points, poses and paths in the world), `picture` (images and tensors), `signal`
 //! (numbers, texts and bytes over time).
 
+mod canvas;
 mod overlay;
 mod picture;
 mod signal;
 mod space;
+mod state;
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet};
 
-use consumer_kit::items::{BadItems, Chains, ResultParts, legible};
-use rerun::{AsComponents, RecordingStream, Rgba32};
+use consumer_kit::items::ResultParts;
+use rerun::RecordingStream;
 use schema_frames::{FrameHeader, Modality, ResultType, SensorKind};
-use schema_types::class::CLASSES;
 
-use crate::images;
-use crate::layout::{self, Place, ResultView, ViewKind};
+use crate::layout::{Place, ResultView};
+use canvas::Canvas;
+pub(crate) use state::Results;
 
 /// Frames of cameras that are remembered, so that a result finds the one that it answers.
 const KEPT_CAMERAS: usize = 256;
-
-/// What the recording holds of results.
-#[derive(Default)]
-pub(crate) struct Results {
-    chains: Chains,
-    bad: BadItems,
-    views: BTreeSet<ResultView>,
-    cameras: VecDeque<(u64, [u64; 11], String)>,
-    trails: BTreeMap<String, space::Trail>,
-    flows: BTreeMap<String, signal::Flow>,
-    series: BTreeMap<String, BTreeSet<String>>,
-    /// Images on which boxes or tracks say what is what, so that masks need not say it again.
-    labelled: BTreeSet<String>,
-    /// Names of the classes that are logged at a path.
-    classes: BTreeMap<String, Vec<String>>,
-    /// By topic: entities that hold what its newest result says.
-    drawn: BTreeMap<String, BTreeSet<String>>,
-}
 
 impl Results {
     /// Keeps where a camera stood, for results that do not name what they answer.
@@ -146,104 +131,6 @@ impl Results {
         self.chains.remember(parts.topic, topic);
         Some(topic.clone())
     }
-
-    fn need(&mut self, parts: &ResultParts<'_>, kind: ViewKind) {
-        let topic = parts.topic.to_owned();
-        self.views.insert(ResultView { topic, kind });
-    }
-
-    /// Where image coordinates are drawn: on the camera's image, or in a view of the topic's own.
-    fn on_image(&mut self, canvas: &Canvas<'_>) -> anyhow::Result<String> {
-        let path = match &canvas.camera {
-            Some(camera) => format!("{}/{}", camera.frame_path(), canvas.parts.topic),
-            None => {
-                self.need(canvas.parts, ViewKind::Picture);
-                canvas.own_path()
-            }
-        };
-        self.name_classes(canvas, &path)?;
-        Ok(path)
-    }
-
-    /// Logs the names of a topic's own classes at the entity that uses them.
-    fn name_classes(&mut self, canvas: &Canvas<'_>, path: &str) -> anyhow::Result<()> {
-        let names = &canvas.parts.about.classes;
-        if names.is_empty() || self.classes.get(path) == Some(names) {
-            return Ok(());
-        }
-        let described = names.iter().take(u16::MAX as usize).enumerate();
-        let classes = described.map(|(number, name)| {
-            let [r, g, b] = images::id_colour(number as u32 + 1);
-            let colour = Rgba32::from_rgb(r, g, b);
-            rerun::ClassDescription::from((number as u16, name.as_str(), colour))
-        });
-        canvas
-            .rec
-            .log_static(path, &rerun::AnnotationContext::new(classes))?;
-        self.classes.insert(path.to_owned(), names.clone());
-        Ok(())
-    }
-
-    /// Logs a list. An empty one is logged only where there was something before.
-    fn draw(
-        &mut self,
-        canvas: &Canvas<'_>,
-        path: &str,
-        is_empty: bool,
-        list: &impl AsComponents,
-    ) -> anyhow::Result<()> {
-        let drawn = self.drawn.entry(canvas.parts.topic.to_owned()).or_default();
-        if is_empty && !drawn.contains(path) {
-            return Ok(());
-        }
-        drawn.insert(path.to_owned());
-        Ok(canvas.rec.log(path, list)?)
-    }
-}
-
-/// What one result is drawn with.
-struct Canvas<'a> {
-    rec: &'a RecordingStream,
-    parts: &'a ResultParts<'a>,
-    /// The camera that it answers.
-    camera: Option<Place>,
-    /// The rig of the sensor that it answers.
-    rig: Option<String>,
-}
-
-impl Canvas<'_> {
-    /// Entity of a topic with a view of its own.
-    fn own_path(&self) -> String {
-        format!("{}/{}", layout::RESULTS, self.parts.topic)
-    }
-
-    /// Entity of the image that it answers.
-    fn image(&self) -> Option<String> {
-        self.camera.as_ref().map(Place::frame_path)
-    }
-
-    fn log(&self, path: &str, what: &impl AsComponents) -> anyhow::Result<()> {
-        Ok(self.rec.log(path, what)?)
-    }
-
-    /// Colour of an object: of its number if it has one and `by_id`, else of its class.
-    fn colour(&self, class: u32, id: u32, by_id: bool) -> Rgba32 {
-        let [r, g, b] = legible(if by_id && id != 0 {
-            images::id_colour(id)
-        } else if !self.parts.about.classes.is_empty() {
-            images::id_colour(class.saturating_add(1))
-        } else {
-            CLASSES
-                .get(class as usize)
-                .map_or_else(|| images::id_colour(class), |info| info.rgb)
-        });
-        Rgba32::from_rgb(r, g, b)
-    }
-}
-
-/// Class as rerun numbers it; a number that does not fit has no name either.
-fn class_id(class: u32) -> u16 {
-    u16::try_from(class).unwrap_or(u16::MAX)
 }
 
 /// Pose and lens of a camera, bit by bit.

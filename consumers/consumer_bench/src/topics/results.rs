@@ -5,7 +5,7 @@ use schema_bus::{Bus, BusError, ResultReader, ResultSample, TopicDetails, mono_n
 use schema_types::MonoTime;
 use serde::Serialize;
 
-use super::per_sec;
+use super::rate::{MAX_A_TURN, per_sec};
 use crate::output;
 use crate::spread::{Spread, Summary};
 
@@ -58,7 +58,7 @@ impl ResultWatch {
 
     pub(super) fn drain(&mut self) -> Result<(), BusError> {
         // A flood of one topic must not keep the others from their turn.
-        for _ in 0..super::MAX_A_TURN {
+        for _ in 0..MAX_A_TURN {
             match self.reader.next() {
                 Ok(Some(result)) => self.note(&result, mono_now()),
                 Ok(None) => return Ok(()),

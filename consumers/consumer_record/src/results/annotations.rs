@@ -6,7 +6,8 @@ use fox::points_annotation::Type;
 use foxglove::messages as fox;
 use schema_frames::{Box2d, Keypoint, KeypointSet, MaskRecord, Track};
 
-use super::{OPACITY, ResultConverter, Shot};
+use super::shot::{OPACITY, Shot};
+use super::state::ResultConverter;
 use crate::frames::timestamp;
 use crate::messages::{Content, Entry};
 

@@ -4,7 +4,7 @@ use consumer_kit::items::{Figures, number};
 use schema_frames::{Scalar, VehicleControlRecord};
 use serde_json::{Map, Value, json};
 
-use super::Shot;
+use super::shot::Shot;
 use crate::messages::{Content, Entry};
 
 /// Longest tensor whose numbers are written out.

@@ -7,7 +7,8 @@ use nalgebra::Isometry3;
 use schema_frames::{Box3d, ElementType, Odometry, PathPoint, PoseEstimate, Track};
 use schema_types::Pose;
 
-use super::{OPACITY, ResultConverter, Shot};
+use super::shot::{OPACITY, Shot};
+use super::state::ResultConverter;
 use crate::frames::{DATA_FIELD, quaternion, timestamp, vector};
 use crate::messages::{Content, Entry, encoded};
 use crate::wire::put_bytes;

@@ -4,7 +4,8 @@ use consumer_kit::items::{MAX_KEYPOINTS, MAX_MASK_PIXELS, is_box, mask_columns, 
 use rerun::{Radius, Rgba32};
 use schema_frames::{Box2d, Keypoint, KeypointSet, MaskRecord, Track};
 
-use super::{Canvas, Results, class_id};
+use super::canvas::{Canvas, class_id};
+use super::state::Results;
 
 /// Order in which rerun draws: images have −10, boxes 10.
 const MASK_ORDER: f32 = 1.0;

@@ -6,7 +6,8 @@ use rerun::components::{Colormap, ImageFormat};
 use rerun::{ChannelDatatype, ColorModel, TensorBuffer, TensorData};
 use schema_frames::{ElementType, FrameHeader, Modality, PixelFormat, ResultHeader};
 
-use super::{Canvas, Results};
+use super::canvas::Canvas;
+use super::state::Results;
 use crate::images;
 use crate::layout::ViewKind;
 

@@ -5,20 +5,14 @@ use std::time::{Duration, Instant};
 use rerun::TextLogLevel;
 use schema_frames::{Scalar, VehicleControlRecord};
 
-use super::{Canvas, Results};
+use super::canvas::Canvas;
+use super::state::{Flow, Results};
 use crate::layout::{LOG, ViewKind};
 
 /// Most curves of one topic; names beyond are not shown.
 const MAX_CURVES: usize = 64;
 /// How often a topic of bytes gets a line.
 const LINE_EVERY: Duration = Duration::from_secs(1);
-
-/// What came on a topic of bytes since its last line.
-pub(super) struct Flow {
-    since: Instant,
-    n: u64,
-    bytes: u64,
-}
 
 impl Results {
     pub(super) fn scalars(&mut self, canvas: &Canvas<'_>) -> anyhow::Result<()> {

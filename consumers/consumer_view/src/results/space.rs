@@ -6,7 +6,8 @@ use rerun::{Quaternion, Rgba32};
 use schema_frames::{Box3d, Odometry, PathPoint, PoseEstimate, ResultType, Space, Track};
 use schema_types::Pose;
 
-use super::{Canvas, Results, class_id};
+use super::canvas::{Canvas, class_id};
+use super::state::{Results, Trail};
 use crate::images::{self, MAX_POINTS};
 use crate::layout::WORLD;
 
@@ -19,13 +20,6 @@ const FULL_SPEED_MPS: f32 = 20.0;
 const MAX_PATH: usize = 20_000;
 /// Time whose way an arrow of a velocity shows, seconds.
 const ARROW_SECS: f32 = 0.5;
-
-/// Where a pose was.
-#[derive(Default)]
-pub(super) struct Trail {
-    writer_epoch: u64,
-    points: Vec<[f64; 3]>,
-}
 
 /// Places of points and their colours.
 type Cloud = (Vec<[f32; 3]>, Vec<[u8; 3]>);
