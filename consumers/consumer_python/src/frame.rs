@@ -49,6 +49,10 @@ pub struct Keeper {
     held: OnceLock<Held>,
 }
 
+#[expect(
+    clippy::large_enum_variant,
+    reason = "nearly all are samples, and a box would be one more allocation after waking"
+)]
 enum Held {
     /// A sample in shared memory; its port's node must outlive it.
     Shared(Mutex<Owned<Frame>>, Arc<Place>),
@@ -177,7 +181,8 @@ impl Sample {
                 act(&**frame.lock());
                 true
             }
-            Some(Held::Bytes(_)) | None => false,
+            Some(Held::Bytes(_bytes)) => false,
+            None => false,
         }
     }
 }

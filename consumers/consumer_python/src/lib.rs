@@ -6,11 +6,11 @@
 //! `_native.pyi` lists what is here.
 //!
 //! Three rules keep threads and processes apart. A lock that is taken with Python's global lock held
-//! is never kept while that is awaited. A call that waits has let go of the global lock. A forked child uses nothing and drops
-//! nothing of its parent's.
+//! is never kept while that is awaited. A call that waits has let go of the global lock. A forked
+//! child uses nothing and drops nothing of its parent's.
 //!
-//! Modules in reading order: `fork`, `errors`, `place` (a domain), `wait`, `view` (arrays), `elements`, `frame`,
-//! `topic`, `world`, `lockstep`, `control`, `publish` and `result`.
+//! Modules in reading order: `fork`, `errors`, `place` (a domain), `wait`, `view` (arrays),
+//! `elements`, `frame`, `topic`, `world`, `lockstep`, `control`, `publish` and `result`.
 
 #![warn(missing_docs)]
 

@@ -22,6 +22,10 @@ use crate::place::Place;
 use crate::view::{self, Access, Memory, Shape};
 
 /// Who keeps a payload in place.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "nearly all are samples, and a box would be one more allocation after waking"
+)]
 enum Keeper {
     /// A sample in shared memory; its port's node must outlive it.
     Shared(Mutex<Owned<ResultSample>>, Arc<Place>),
