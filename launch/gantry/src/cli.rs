@@ -1,6 +1,7 @@
 //! The command line of `gantry`.
 
 mod look;
+mod make;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -12,6 +13,7 @@ use launch_cli::CommonArgs;
 use launch_spec::Period;
 
 pub use look::{Column, EchoArgs, GraphArgs, TopArgs, TopicArgs, TopicWord, WindowArgs};
+pub use make::{ConsumerArgs, Lang, NewArgs, NewWord};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -46,6 +48,8 @@ pub enum Word {
     Doctor(DoctorArgs),
     /// Check OpenDRIVE files, or write out a map's
     Map(MapArgs),
+    /// Make a project of your own that runs with the simulator
+    New(NewArgs),
     /// Any other word runs the program gantry-WORD
     #[command(external_subcommand)]
     External(Vec<OsString>),

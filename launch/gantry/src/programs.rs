@@ -92,7 +92,8 @@ pub fn find_from(program: &str, search: &Search) -> anyhow::Result<PathBuf> {
     })
 }
 
-fn is_program(path: &Path) -> bool {
+/// Whether `path` is a file that can be started.
+pub fn is_program(path: &Path) -> bool {
     use std::os::unix::fs::PermissionsExt as _;
     path.metadata()
         .is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)

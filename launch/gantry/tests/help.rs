@@ -25,7 +25,7 @@ fn help_of(words: &[&str]) -> String {
 
 #[test]
 fn help_texts_are_those_that_were_reviewed() {
-    let cases: [(&str, &[&str]); 16] = [
+    let cases: [(&str, &[&str]); 18] = [
         ("gantry", &["--help"]),
         ("gantry_up", &["up", "--help"]),
         ("gantry_topic", &["topic", "--help"]),
@@ -39,6 +39,8 @@ fn help_texts_are_those_that_were_reviewed() {
         ("gantry_top", &["top", "--help"]),
         ("gantry_graph", &["graph", "--help"]),
         ("gantry_doctor", &["doctor", "--help"]),
+        ("gantry_new", &["new", "--help"]),
+        ("gantry_new_consumer", &["new", "consumer", "--help"]),
         ("gantry_map", &["map", "--help"]),
         ("gantry_map_check", &["map", "check", "--help"]),
         ("gantry_map_export", &["map", "export", "--help"]),
@@ -76,7 +78,7 @@ fn an_unknown_word_is_refused_with_the_known_ones() {
     let message = String::from_utf8(output.stderr).unwrap();
     assert!(
         message.starts_with("error: there is no program \"gantry-fly\"")
-            && message.contains("up, topic, doctor"),
+            && message.contains("up, new, topic, top, graph, doctor"),
         "{message}"
     );
 }

@@ -1,0 +1,1 @@
+"""Boxes round the cars that the front camera of a Gantry simulator sees."""
