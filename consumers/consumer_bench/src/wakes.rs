@@ -33,7 +33,7 @@ const VIEW: [Modality; 6] = [
 #[derive(Debug, clap::Args)]
 pub struct WakesArgs {
     /// Numbers of reader processes of one topic
-    #[arg(long, value_name = "N,…", value_delimiter = ',', default_value = "0,1,2,4,8", value_parser = clap::value_parser!(u16).range(0..=16))]
+    #[arg(long, value_name = "N,…", value_delimiter = ',', default_value = "0,1,2,4", value_parser = clap::value_parser!(u16).range(0..=16))]
     readers: Vec<u16>,
 
     /// Ticks per second
@@ -95,6 +95,8 @@ struct Report {
     /// Cost of one more sleeping subscriber of one topic for the writer, microseconds: the slope
     /// between the fewest and the most readers.
     extra_subscriber_us: Vec<Slope>,
+    /// What such a subscriber costs more on its topic's own event than on the rig's.
+    own_event_adds_us: f64,
     rows: Vec<Row>,
 }
 
@@ -150,9 +152,11 @@ pub fn run(args: &WakesArgs) -> anyhow::Result<Exit> {
         wake: wake.name(),
         us: slope_us(&rows, wake.name()),
     };
+    let slopes = [slope(Wake::Rig), slope(Wake::OwnEach)];
     let report = Report {
         machine,
-        extra_subscriber_us: vec![slope(Wake::Rig), slope(Wake::OwnEach)],
+        own_event_adds_us: slopes[1].us - slopes[0].us,
+        extra_subscriber_us: slopes.into(),
         rows,
     };
     print!("{}", text(&report.rows));

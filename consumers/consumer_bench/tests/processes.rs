@@ -353,7 +353,7 @@ fn ages_measures_quick_sensors_beside_cameras() {
     let report = report(&sandbox);
     let rows = report["rows"].as_array().expect("rows");
     let p50_us = |row: &serde_json::Value| row["age"]["p50_us"].as_f64().expect("a number");
-    assert_eq!(rows.len(), 3);
+    assert_eq!(rows.len(), 4);
     assert_eq!(rows[0]["wake"], "the rig's tick");
     assert!(p50_us(&rows[0]) >= 10_000.0, "it waits for the picture");
     assert!(
