@@ -11,163 +11,40 @@ const MAX_LEN: usize = 32;
 
 /// Names that Gantry itself uses beside the project: processes of its launch file, first parts of
 /// topics, crates and packages.
-const OURS: [&str; 19] = [
-    "consumer_kit",
-    "control",
-    "drive",
-    "ego",
-    "free",
-    "gantry",
-    "numpy",
-    "pytest",
-    "record",
-    "schema_bus",
-    "schema_frames",
-    "schema_roads",
-    "schema_types",
-    "signal_hook",
-    "simd",
-    "test_kit",
-    "view",
-    "world",
-    "tests",
-];
+const OURS: &str = "\
+    consumer_kit control drive ego free gantry numpy pytest record schema_bus schema_frames \
+    schema_roads schema_types signal_hook simd test_kit tests view world";
 
 /// Keywords of Rust, its own crates, and folders of its builds, which cargo refuses.
-const RUST: [&str; 62] = [
-    "abstract",
-    "alloc",
-    "as",
-    "async",
-    "await",
-    "become",
-    "box",
-    "break",
-    "build",
-    "const",
-    "continue",
-    "core",
-    "crate",
-    "deps",
-    "do",
-    "dyn",
-    "else",
-    "enum",
-    "examples",
-    "extern",
-    "false",
-    "final",
-    "fn",
-    "for",
-    "gen",
-    "if",
-    "impl",
-    "in",
-    "incremental",
-    "let",
-    "loop",
-    "macro",
-    "match",
-    "mod",
-    "move",
-    "mut",
-    "override",
-    "priv",
-    "proc_macro",
-    "pub",
-    "ref",
-    "return",
-    "self",
-    "static",
-    "std",
-    "struct",
-    "super",
-    "test",
-    "trait",
-    "true",
-    "try",
-    "type",
-    "typeof",
-    "union",
-    "unsafe",
-    "unsized",
-    "use",
-    "virtual",
-    "where",
-    "while",
-    "yield",
-    "rustc",
-];
+const RUST: &str = "\
+    abstract alloc as async await become box break build const continue core crate deps do dyn \
+    else enum examples extern false final fn for gen if impl in incremental let loop macro match \
+    mod move mut override priv proc_macro pub ref return rustc self static std struct super test \
+    trait true try type typeof union unsafe unsized use virtual where while yield";
 
-/// Keywords of Python, and modules of its library that are imported while gantry or pytest start.
-const PYTHON: [&str; 66] = [
-    "and",
-    "as",
-    "assert",
-    "async",
-    "asyncio",
-    "await",
-    "break",
-    "class",
-    "code",
-    "collections",
-    "conftest",
-    "contextlib",
-    "continue",
-    "copy",
-    "dataclasses",
-    "def",
-    "del",
-    "elif",
-    "else",
-    "enum",
-    "except",
-    "finally",
-    "for",
-    "from",
-    "functools",
-    "global",
-    "if",
-    "import",
-    "in",
-    "inspect",
-    "io",
-    "is",
-    "itertools",
-    "json",
-    "lambda",
-    "logging",
-    "math",
-    "nonlocal",
-    "not",
-    "operator",
-    "or",
-    "os",
-    "pass",
-    "pathlib",
-    "pickle",
-    "queue",
-    "raise",
-    "random",
-    "re",
-    "return",
-    "select",
-    "signal",
-    "site",
-    "socket",
-    "statistics",
-    "string",
-    "struct",
-    "subprocess",
-    "sys",
-    "test",
-    "threading",
-    "time",
-    "try",
-    "types",
-    "typing",
-    "while",
-];
+/// Keywords of Python, and modules of its library (3.11), which a package beside them would hide.
+const PYTHON: &str = "\
+    abc aifc and antigravity argparse array as assert ast async asynchat asyncio asyncore atexit \
+    audioop await base64 bdb binascii bisect break builtins bz2 calendar cgi cgitb chunk class \
+    cmath cmd code codecs codeop collections colorsys compileall concurrent configparser conftest \
+    contextlib contextvars continue copy copyreg crypt csv ctypes curses dataclasses datetime dbm \
+    decimal def del difflib dis distutils doctest elif else email encodings ensurepip enum errno \
+    except faulthandler fcntl filecmp fileinput finally fnmatch for fractions from ftplib \
+    functools gc genericpath getopt getpass gettext glob global graphlib grp gzip hashlib heapq \
+    hmac html http idlelib if imaplib imghdr imp import importlib in inspect io ipaddress is \
+    itertools json keyword lambda lib2to3 linecache locale logging lzma mailbox mailcap marshal \
+    math mimetypes mmap modulefinder msilib msvcrt multiprocessing netrc nis nntplib nonlocal not \
+    nt ntpath nturl2path numbers opcode operator optparse or os ossaudiodev pass pathlib pdb \
+    pickle pickletools pipes pkgutil platform plistlib poplib posix posixpath pprint profile \
+    pstats pty pwd py_compile pyclbr pydoc pydoc_data pyexpat queue quopri raise random re \
+    readline reprlib resource return rlcompleter runpy sched secrets select selectors shelve shlex \
+    shutil signal site smtpd smtplib sndhdr socket socketserver spwd sqlite3 sre_compile \
+    sre_constants sre_parse ssl stat statistics string stringprep struct subprocess sunau symtable \
+    sys sysconfig syslog tabnanny tarfile telnetlib tempfile termios test textwrap this threading \
+    time timeit tkinter token tokenize tomllib trace traceback tracemalloc try tty turtle \
+    turtledemo types typing unicodedata unittest urllib uu uuid venv warnings wave weakref \
+    webbrowser while winreg winsound with wsgiref xdrlib xml xmlrpc yield zipapp zipfile zipimport \
+    zlib zoneinfo";
 
 /// The project's name, the last part of `path`.
 ///
@@ -192,14 +69,17 @@ pub fn checked(path: &Path, lang: Lang) -> anyhow::Result<String> {
             "{shown:?} cannot be the name of a project: it must be 1 to {MAX_LEN} lower-case letters, digits or '_', a letter first"
         )));
     }
-    let (language, taken): (_, &[&str]) = match lang {
-        Lang::Rust => ("Rust", &RUST),
-        Lang::Python => ("Python", &PYTHON),
+    let (language, taken) = match lang {
+        Lang::Rust => ("Rust", RUST),
+        Lang::Python => ("Python", PYTHON),
     };
-    let owner = match name.as_str() {
-        name if OURS.contains(&name) => "Gantry",
-        name if taken.contains(&name) => language,
-        _ => return Ok(name),
+    let is_in = |list: &str| list.split(' ').any(|word| word == name);
+    let owner = if is_in(OURS) {
+        "Gantry"
+    } else if is_in(taken) {
+        language
+    } else {
+        return Ok(name);
     };
     Err(wrong_usage(format!(
         "{name:?} cannot be the name of a project: {owner} uses it; choose another, e.g. my_{name}"
@@ -246,7 +126,9 @@ mod tests {
             message("match", Lang::Rust).contains("Rust uses it; choose another, e.g. my_match")
         );
         assert!(checked(Path::new("match"), Lang::Python).is_ok());
-        assert!(message("lambda", Lang::Python).contains("Python uses it"));
+        for taken in ["lambda", "traceback", "and", "zoneinfo"] {
+            assert!(message(taken, Lang::Python).contains("Python uses it"));
+        }
         assert!(checked(Path::new("lambda"), Lang::Rust).is_ok());
     }
 }
