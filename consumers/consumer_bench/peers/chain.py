@@ -114,6 +114,7 @@ def dora(role: str, size: tuple[int, int], n: int, rate: float, out: str, _: str
                 image = np.asarray(buffer, dtype=np.uint8)
                 image.fill(i % 251)
                 stamp(image, -1 if i == WARM_UP + n else None)
+                del image  # dora sends only when no view is left
         time.sleep(1)
         return
     link, seen = int(role), Seen()
@@ -128,6 +129,7 @@ def dora(role: str, size: tuple[int, int], n: int, rate: float, out: str, _: str
             copy = np.asarray(buffer, dtype=np.uint8)
             np.copyto(copy, image)
             stamp(copy, origin)
+            del copy
         del image, event
         if origin < 0:
             break
@@ -237,6 +239,21 @@ def installed(module: str) -> bool:
         return False
 
 
+def machine(load: float) -> dict[str, object]:
+    """The machine as the other benches describe it."""
+    cpu = next((line.split(":", 1)[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")), "unknown")
+    words = ["git", "-C", str(pathlib.Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=10"]
+    commit = subprocess.run(words, capture_output=True, text=True).stdout.strip() or "unknown"
+    return {
+        "cpu": cpu,
+        "n_cores": os.cpu_count(),
+        "kernel": os.uname().release,
+        "load_1min": f"{load:.2f}",
+        "commit": commit,
+        "command": " ".join(["chain.py", *sys.argv[1:]]),
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=300, help="images counted per turn")
@@ -245,6 +262,7 @@ def main() -> None:
     parser.add_argument("--only", default="gantry,dora,zenoh")
     parser.add_argument("--json", default="")
     args = parser.parse_args()
+    load = os.getloadavg()[0]
     systems = [name for name in args.only.split(",") if installed(RUNS[name][1])]
     seen: dict[tuple[str, str, int], dict[str, list[int]]] = {}
     for _ in range(args.turns):
@@ -267,9 +285,8 @@ def main() -> None:
         rows.append(row)
         print(*row.values(), sep="\t")
     if args.json:
-        load = os.getloadavg()[0]
-        machine = {"n_cores": os.cpu_count(), "load": load, "command": " ".join(["chain.py", *sys.argv[1:]])}
-        pathlib.Path(args.json).write_text(json.dumps({"bench": "chain_peers", "machine": machine, "rows": rows}, indent=1) + "\n")
+        result = {"bench": "chain_peers", "machine": machine(load), "rows": rows}
+        pathlib.Path(args.json).write_text(json.dumps(result, indent=2) + "\n")
 
 
 if __name__ == "__main__":
