@@ -40,12 +40,14 @@ fn gantry(sandbox: &Sandbox, words: &[&str], code: i32) -> Vec<String> {
         .lines
 }
 
+/// The line of JSON among the lines. Its place among sentences on the other stream is chance.
 fn json_of(sandbox: &Sandbox, words: &[&str]) -> Value {
     let lines = gantry(sandbox, words, 0);
-    let last = lines
-        .last()
-        .unwrap_or_else(|| panic!("{words:?} printed nothing"));
-    serde_json::from_str(last).unwrap_or_else(|error| panic!("{error} in {lines:?}"))
+    let json = lines
+        .iter()
+        .find(|line| line.starts_with('{'))
+        .unwrap_or_else(|| panic!("{words:?} printed no JSON: {lines:?}"));
+    serde_json::from_str(json).unwrap_or_else(|error| panic!("{error} in {lines:?}"))
 }
 
 fn top(sandbox: &Sandbox, more: &[&str]) -> Value {
