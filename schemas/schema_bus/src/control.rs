@@ -271,14 +271,15 @@ fn records_of(header: &ControlHeader, payload: &[u8]) -> Result<Vec<VehicleContr
             payload.len()
         ));
     }
-    bytemuck::try_cast_slice::<u8, VehicleControlRecord>(payload)
-        .map(<[_]>::to_vec)
-        .map_err(|_| {
-            format!(
-                "has {} bytes, not a whole number of records of {record_bytes}",
-                payload.len()
-            )
-        })
+    let records = payload.chunks_exact(record_bytes);
+    if !records.remainder().is_empty() {
+        return Err(format!(
+            "has {} bytes, not a whole number of records of {record_bytes}",
+            payload.len()
+        ));
+    }
+    // Wherever the bytes begin: another writer's need not be aligned, nor those of no records.
+    Ok(records.map(bytemuck::pod_read_unaligned).collect())
 }
 
 /// Writes lockstep acknowledgements.
