@@ -83,7 +83,11 @@ fn a_rust_consumer_builds_passes_its_tests_and_runs_from_its_launch_file() {
     let project = make(&sandbox, "rust_net", "rust");
     // Kept from run to run, so that only the first one compiles the dependencies.
     let target = concat!(env!("CARGO_TARGET_TMPDIR"), "/new_consumer");
+    // The checkout's products may lie elsewhere than in its folder target.
+    let gantry = binary_path("gantry");
+    let path = path_with(gantry.parent().expect("programs lie in a folder"));
     let env = [
+        ("PATH", path.as_str()),
         ("CARGO_TARGET_DIR", target),
         // Nobody debugs it; the folder has 0.5 GB instead of 1.4.
         ("CARGO_PROFILE_DEV_DEBUG", "0"),
