@@ -15,7 +15,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let topic = args
         .next()
         .ok_or("usage: watch_topic RIG/SENSOR/MODALITY [DOMAIN]")?;
-    let domain = args.next().unwrap_or_else(schema_bus::names::default_domain);
+    let domain = args
+        .next()
+        .unwrap_or_else(schema_bus::names::default_domain);
 
     // A consumer that is killed leaves its place to the next clean-up; one that drops its ports
     // leaves nothing.

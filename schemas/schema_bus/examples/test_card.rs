@@ -72,7 +72,9 @@ fn world(tick: u64) -> (SnapshotHeader, ActorRecord) {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
-    let domain = args.next().unwrap_or_else(schema_bus::names::default_domain);
+    let domain = args
+        .next()
+        .unwrap_or_else(schema_bus::names::default_domain);
     let seconds: f64 = args.next().map_or(Ok(10.0), |text| text.parse())?;
     let bus = Bus::open(&domain, "test_card")?;
     let publishers = modalities().map(|modality| {

@@ -278,7 +278,10 @@ fn constants_of_the_python_package_agree_with_the_types() {
         writeln!(py, "    (\"{}\", ({r}, {g}, {b})),", class.name).unwrap();
     }
     py += "]\n";
-    check("../../consumers/consumer_python/python/gantry/_layout.py", &py);
+    check(
+        "../../consumers/consumer_python/python/gantry/_layout.py",
+        &py,
+    );
 }
 
 /// One frame of `modality` whose every byte follows from its place, with distinct header fields.

@@ -27,7 +27,7 @@ without --rev it is the commit of the checkout, which has to be pushed there, or
 
 Examples:
   gantry new consumer ../my_detector --lang python
-  gantry new consumer ~/work/planner --lang rust
+  gantry new consumer ../planner --lang rust
   gantry new consumer planner --lang rust --git https://git.example.org/gantry.git --rev v0.1.0";
 
 /// `gantry new consumer`.
