@@ -17,13 +17,13 @@ use crate::drain::{Gaps, drain};
 use crate::error::BusError;
 use crate::event::Notifier;
 use crate::iceoryx_error::{other_error, reader_error, receive_error, service_error, writer_error};
+use crate::intake::{receive, subscribe};
 use crate::memory::segment_bytes;
 use crate::names::{CONTROL_ACK, CONTROL_VEHICLES, CONTROL_WAKE};
 use crate::node::{BusNode, Service};
 use crate::origin::Origin;
 use crate::origins::{Origins, pid_of};
 use crate::qos;
-use crate::reader::{receive, subscribe};
 use crate::service::{Slices, check_schema, make, schema_attribute, settle};
 use crate::wire::Wire;
 

@@ -11,12 +11,12 @@ use schema_frames::{DocumentHeader, SCHEMA_VERSION};
 use crate::error::BusError;
 use crate::event::Notifier;
 use crate::iceoryx_error::{other_error, writer_error};
+use crate::intake::{receive, subscribe};
 use crate::memory::segment_bytes;
 use crate::names::CONTROL_WAKE;
 use crate::node::{BusNode, Service};
 use crate::origins::Origins;
 use crate::qos;
-use crate::reader::{receive, subscribe};
 use crate::service::{Slices, join, make};
 use crate::wire::Wire;
 

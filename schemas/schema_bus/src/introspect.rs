@@ -23,6 +23,7 @@ use crate::declared::attribute_key;
 use crate::error::BusError;
 use crate::iceoryx_error::service_error;
 use crate::node::{BusNode, Service};
+use crate::origins::pid_of;
 use crate::qos::Qos;
 use crate::slot::Slot;
 use crate::topics::{TopicKind, kind_of};
@@ -204,6 +205,20 @@ fn look(
     let mut found = empty(name, service)?;
     let (writers, readers) = (&mut found.writers, &mut found.readers);
     let builder = || node.iceoryx().service_builder(service.name());
+    // Every kind of port has its own list and its own names for the same three things.
+    macro_rules! collect {
+        ($ports:ident.$list:ident, $id:ident, $name:ident => $into:ident) => {
+            $ports.$list(|port| {
+                $into.push(port_of(
+                    programs,
+                    port.node_id,
+                    port.$id.value(),
+                    &port.$name,
+                ));
+                CallbackProgression::Continue
+            })
+        };
+    }
     match service.messaging_pattern() {
         Pattern::PublishSubscribe(of) => {
             if let Some(open) = open_as_it_is(builder(), of.message_type_details()) {
@@ -224,15 +239,7 @@ fn look(
                     });
                     CallbackProgression::Continue
                 });
-                ports.list_subscribers(|port| {
-                    readers.push(port_of(
-                        programs,
-                        port.node_id,
-                        port.subscriber_id.value(),
-                        &port.subscriber_name,
-                    ));
-                    CallbackProgression::Continue
-                });
+                collect!(ports.list_subscribers, subscriber_id, subscriber_name => readers);
             }
         }
         Pattern::RequestResponse(of) => {
@@ -242,48 +249,16 @@ fn look(
             ];
             if let Some(open) = open_requests_as_they_are(builder(), types) {
                 let ports = open.dynamic_config();
-                ports.list_clients(|port| {
-                    writers.push(port_of(
-                        programs,
-                        port.node_id,
-                        port.client_id.value(),
-                        &port.client_name,
-                    ));
-                    CallbackProgression::Continue
-                });
-                ports.list_servers(|port| {
-                    readers.push(port_of(
-                        programs,
-                        port.node_id,
-                        port.server_id.value(),
-                        &port.server_name,
-                    ));
-                    CallbackProgression::Continue
-                });
+                collect!(ports.list_clients, client_id, client_name => writers);
+                collect!(ports.list_servers, server_id, server_name => readers);
             }
         }
         Pattern::Event(_) => {
             let open: Option<event::PortFactory<Service>> = builder().event().open().ok();
             if let Some(open) = open {
                 let ports = open.dynamic_config();
-                ports.list_notifiers(|port| {
-                    writers.push(port_of(
-                        programs,
-                        port.node_id,
-                        port.notifier_id.value(),
-                        &port.notifier_name,
-                    ));
-                    CallbackProgression::Continue
-                });
-                ports.list_listeners(|port| {
-                    readers.push(port_of(
-                        programs,
-                        port.node_id,
-                        port.listener_id.value(),
-                        &port.listener_name,
-                    ));
-                    CallbackProgression::Continue
-                });
+                collect!(ports.list_notifiers, notifier_id, notifier_name => writers);
+                collect!(ports.list_listeners, listener_id, listener_name => readers);
             }
         }
         _ => return None,
@@ -295,9 +270,8 @@ fn look(
 }
 
 fn port_of(programs: &Programs, node: UniqueNodeId, id: u128, name: &PortName) -> Port {
-    let pid = node.pid::<Service>().ok();
     Port {
-        pid: pid.and_then(|pid| u32::try_from(pid.value()).ok()),
+        pid: pid_of(node),
         program: programs.get(&node.value()).cloned().unwrap_or_default(),
         name: name.as_str().to_owned(),
         max_payload_bytes: 0,

@@ -48,6 +48,7 @@ mod wire;
 // A process's place on the bus, and the services there.
 mod declared;
 mod event;
+mod intake;
 mod node;
 mod origin;
 mod origins;
@@ -90,6 +91,7 @@ pub use document::{Document, DocumentPublisher, DocumentReader};
 pub use error::{BusError, LoanError};
 pub use event::{Listener, Notifier, Token, WaitSet};
 pub use frame::{FrameLoan, FramePublisher, FrameService};
+pub use intake::ReaderCounts;
 pub use introspect::{Exchange, Port, ServicePorts};
 pub use memory::{
     FrameTopic, MemoryShortage, OTHER_BYTES, ResultTopic, check_shared_memory, shared_memory_free,
@@ -97,10 +99,10 @@ pub use memory::{
 };
 pub use node::{BusOptions, write_private_config};
 pub use origin::Origin;
-pub use reader::{Frame, FrameReader, ReaderCounts};
+pub use reader::{Frame, FrameReader};
 pub use result_reader::{ResultReader, ResultSample};
 pub use result_service::ResultService;
-pub use result_writer::{Answerable, ResultLoan, ResultPublisher};
+pub use result_writer::{Answerable, Answered, ResultLoan, ResultPublisher};
 pub use segment::Segment;
 pub use snapshot::{Snapshot, SnapshotPublisher, SnapshotReader};
 pub use topics::{TopicDetails, TopicKind};

@@ -3,9 +3,6 @@
 use std::ops::Deref;
 use std::sync::Arc;
 
-use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::service::port_factory::PortFactory as _;
-
 use schema_frames::{
     Body, InputRecord, Keypoint, KeypointSet, MaskRecord, ResultError, ResultHeader, ResultRecord,
     ResultType,
@@ -14,49 +11,84 @@ use schema_types::MonoTime;
 
 use crate::clock::mono_now;
 use crate::error::BusError;
-use crate::iceoryx_error::other_error;
-use crate::node::{BusNode, Service};
-use crate::origins::Origins;
-use crate::qos;
-use crate::reader::{ReaderCounts, Received, receive, subscribe};
+use crate::intake::{Admission, Intake, ReaderCounts, Received};
+use crate::node::BusNode;
+use crate::origin::Origin;
 use crate::result_service::ResultService;
-use crate::wire::Wire;
 
 /// The reading end of a topic of results. It survives its writer: when the writer comes back,
 /// results continue under a new `writer_epoch`.
 #[derive(Debug)]
 pub struct ResultReader {
-    port: Subscriber<Service, [u8], Wire<ResultHeader>>,
-    service: ResultService,
-    origins: Origins,
+    intake: Intake<Results>,
+}
+
+/// How results are checked.
+#[derive(Debug)]
+struct Results {
     topic: Arc<str>,
-    /// `writer_epoch` and `seq` of the newest result.
-    place: Option<(u64, u64)>,
-    counts: ReaderCounts,
+    /// The type that the topic declares.
+    kind: ResultType,
+}
+
+impl Admission for Results {
+    type Header = ResultHeader;
+    type Item = ResultSample;
+    type Fault = ResultError;
+
+    fn admit(
+        &self,
+        sample: Received<ResultHeader>,
+    ) -> Result<(ResultSample, u64, u64), ResultError> {
+        // The header is copied before it is checked, because another process could change it
+        // between check and use.
+        let header = sample.user_header().0;
+        let found = header.check(sample.payload().len())?;
+        if found != self.kind {
+            return Err(ResultError::OtherType {
+                found: found.name(),
+                declared: self.kind.name(),
+            });
+        }
+        let result = ResultSample {
+            kind: self.kind,
+            topic: self.topic.clone(),
+            taken: mono_now(),
+            header,
+            sample,
+        };
+        Ok((result, header.writer_epoch, header.seq))
+    }
+
+    fn refuse(service: String, writer: Option<Arc<Origin>>, source: ResultError) -> BusError {
+        BusError::BadResult {
+            service,
+            writer,
+            source,
+        }
+    }
 }
 
 impl ResultReader {
     pub(crate) fn open(node: &BusNode, topic: &str) -> Result<ResultReader, BusError> {
         let service = ResultService::join(node, topic)?;
-        let port = subscribe(&service.slices)?;
-        Ok(ResultReader {
-            port,
-            service,
-            origins: Origins::default(),
+        let results = Results {
             topic: topic.into(),
-            place: None,
-            counts: ReaderCounts::default(),
+            kind: service.kind(),
+        };
+        Ok(ResultReader {
+            intake: Intake::open(service.slices, results)?,
         })
     }
 
     /// Name without the domain.
     pub fn topic(&self) -> &str {
-        &self.topic
+        &self.intake.admission.topic
     }
 
     /// The type that the topic declares.
     pub fn kind(&self) -> ResultType {
-        self.service.kind()
+        self.intake.admission.kind
     }
 
     /// Takes the oldest result that waits, if any.
@@ -69,9 +101,7 @@ impl ResultReader {
         reason = "an iterator would end at the first gap; this is polled"
     )]
     pub fn next(&mut self) -> Result<Option<ResultSample>, BusError> {
-        let sample = self.pull()?;
-        self.counts.taken += sample.is_some() as u64;
-        Ok(sample)
+        self.intake.next()
     }
 
     /// Takes the newest result that waits, if any; older ones are dropped and counted as skipped.
@@ -79,98 +109,23 @@ impl ResultReader {
     /// # Errors
     /// As [`ResultReader::next`].
     pub fn latest(&mut self) -> Result<Option<ResultSample>, BusError> {
-        let mut newest = None;
-        // Bounded, as in `FrameReader::latest`.
-        for _ in 0..qos::MAX_PASSED_OVER {
-            if !self.waiting()? {
-                break;
-            }
-            // The older one is given back first, so that a caller that may hold only one more can
-            // still drain.
-            if newest.take().is_some() {
-                self.counts.skipped += 1;
-            }
-            newest = self.pull()?;
-            if newest.is_none() {
-                break;
-            }
-        }
-        self.counts.taken += newest.is_some() as u64;
-        Ok(newest)
+        self.intake.latest()
     }
 
     /// Counters since this reader was opened.
     pub fn counts(&self) -> ReaderCounts {
-        self.counts
+        self.intake.counts()
     }
 
     /// `writer_epoch` of the newest result.
     pub fn writer_epoch(&self) -> Option<u64> {
-        self.place.map(|(epoch, _)| epoch)
+        self.intake.epoch()
     }
 
     /// Whether a writer has the topic open. A killed writer counts until its remains are removed,
     /// see [`crate::Bus::clean_dead_nodes`].
     pub fn has_writer(&self) -> bool {
-        self.service.slices.dynamic_config().number_of_publishers() > 0
-    }
-
-    fn waiting(&self) -> Result<bool, BusError> {
-        let failed = |e| other_error("read", &self.topic, &e);
-        self.port.has_samples().map_err(failed)
-    }
-
-    fn pull(&mut self) -> Result<Option<ResultSample>, BusError> {
-        let Some(sample) = receive(&self.service.slices, &self.port)? else {
-            return Ok(None);
-        };
-        // The header is copied before it is checked, because another process could change it
-        // between check and use.
-        let header = sample.user_header().0;
-        let declared = self.service.kind();
-        let checked = match header.check(sample.payload().len()) {
-            Ok(kind) if kind == declared => Ok(()),
-            Ok(kind) => Err(ResultError::OtherType {
-                found: kind.name(),
-                declared: declared.name(),
-            }),
-            Err(fault) => Err(fault),
-        };
-        match checked {
-            Ok(()) => {
-                self.count_gap(&header);
-                Ok(Some(ResultSample {
-                    kind: declared,
-                    topic: self.topic.clone(),
-                    taken: mono_now(),
-                    header,
-                    sample,
-                }))
-            }
-            Err(source) => {
-                self.counts.refused += 1;
-                Err(BusError::BadResult {
-                    service: self.service.slices.name().as_str().into(),
-                    writer: Some(
-                        self.origins
-                            .of_writer(sample.origin().value(), &self.service.slices),
-                    ),
-                    source,
-                })
-            }
-        }
-    }
-
-    fn count_gap(&mut self, header: &ResultHeader) {
-        match self.place {
-            Some((epoch, seq)) if epoch == header.writer_epoch => {
-                let gap = header.seq.saturating_sub(seq.saturating_add(1));
-                self.counts.lost = self.counts.lost.saturating_add(gap);
-            }
-            Some(_) => self.counts.restarts += 1,
-            None => {}
-        }
-        self.place = Some((header.writer_epoch, header.seq));
+        self.intake.has_writer()
     }
 }
 

@@ -10,7 +10,7 @@ use crate::iceoryx_error::service_error;
 use crate::memory::ResultTopic;
 use crate::names;
 use crate::node::BusNode;
-use crate::qos::MAX_NODES;
+use crate::qos::{MAX_NODES, Qos};
 use crate::service::{Slices, hint, settle};
 use crate::wire::{OnBus as _, Wire};
 
@@ -108,6 +108,18 @@ impl ResultService {
     /// Type of its results.
     pub fn kind(&self) -> ResultType {
         self.kind
+    }
+
+    /// The capacity that the topic has, whoever made it.
+    pub(crate) fn capacity(&self) -> Qos {
+        let config = self.slices.static_config();
+        Qos {
+            readers: config.max_subscribers(),
+            publishers: config.max_publishers(),
+            buffer: config.subscriber_max_buffer_size(),
+            borrowed: config.subscriber_max_borrowed_samples(),
+            history: config.history_size(),
+        }
     }
 
     /// Number of readers now.

@@ -12,6 +12,7 @@ use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use schema_frames::result::MAX_INPUTS;
 use schema_frames::{About, ElementType, InputRecord, PixelFormat, ResultError, ResultHeader};
 use schema_frames::{ResultType, Space};
+use schema_types::Pose;
 
 use crate::clock::mono_now;
 use crate::document::DocumentPublisher;
@@ -65,7 +66,9 @@ impl ResultPublisher {
         let service = ResultService::make(node, topic, spec)?;
         let full = service.slices.name().as_str().to_string();
         let first_bytes = loan_bytes(spec.body_bytes.max(1));
-        let need_bytes = result_segment_bytes(&spec.qos, spec.max_loans, first_bytes);
+        // The topic may have been made with other capacities than this writer asks for.
+        let capacity = service.capacity();
+        let need_bytes = result_segment_bytes(&capacity, spec.max_loans, first_bytes);
         check_shared_memory(need_bytes, 0).map_err(|short| BusError::Memory {
             service: full.clone(),
             need_bytes,
@@ -80,7 +83,7 @@ impl ResultPublisher {
                 .max_loaned_samples(spec.max_loans)
                 .allocation_strategy(AllocationStrategy::PowerOfTwo)
                 .create()
-                .map_err(|e| writer_error(&full, spec.qos.publishers, need_bytes, e))
+                .map_err(|e| writer_error(&full, capacity.publishers, need_bytes, e))
         })?;
         let writer_epoch = mono_now().0 ^ (std::process::id() as u64).rotate_left(40);
         let about = description(node, topic, &spec.about, writer_epoch)?;
@@ -148,15 +151,7 @@ impl ResultPublisher {
             return Ok(());
         }
         let grown = bytes.next_power_of_two();
-        let config = self.service.slices.static_config();
-        let qos = crate::qos::Qos {
-            readers: config.max_subscribers(),
-            publishers: config.max_publishers(),
-            buffer: config.subscriber_max_buffer_size(),
-            borrowed: config.subscriber_max_borrowed_samples(),
-            history: config.history_size(),
-        };
-        let need_bytes = result_segment_bytes(&qos, self.max_loans, grown);
+        let need_bytes = result_segment_bytes(&self.service.capacity(), self.max_loans, grown);
         check_shared_memory(need_bytes, 0).map_err(|short| LoanError::Memory {
             topic: self.topic().into(),
             need_bytes,
@@ -251,89 +246,80 @@ fn writer_name(node: &BusNode) -> PortName {
 
 /// What a result can answer: a frame, or another result.
 pub trait Answerable {
-    /// The record that names it.
-    fn input(&self) -> InputRecord;
-    /// Takes over into `header` what a result that answers it has in common with it. `first_frame`
-    /// tells whether no frame was answered before, `first` whether nothing was.
-    fn describe(&self, header: &mut ResultHeader, first_frame: bool, first: bool);
+    /// What a result that answers it takes over.
+    fn answered(&self) -> Answered;
+}
+
+/// What a result takes over from an input.
+#[derive(Clone, Copy, Debug)]
+pub struct Answered {
+    /// The record that names the input.
+    pub input: InputRecord,
     /// Whether it is a sensor's frame.
-    fn is_frame(&self) -> bool;
+    pub is_frame: bool,
+    /// Its episode.
+    pub episode: u32,
+    /// The simulator's epoch; 0 without one.
+    pub epoch: u64,
+    /// `CLOCK_MONOTONIC` at which the oldest frame behind it was published; 0 without one.
+    pub origin_mono_nanos: u64,
+    /// [`Space`] number of a result; a frame leaves the space to the type of the result.
+    pub space: Option<u32>,
+    /// Pose of the sensor or of the result's space in the world.
+    pub world_from_space: Pose,
+    /// Intrinsics of the sensor's image, pixels.
+    pub intrinsics_px: [f64; 4],
+    /// Width and height of the image, pixels; 0 without one.
+    pub size_px: (u32, u32),
 }
 
 impl Answerable for Frame {
-    fn input(&self) -> InputRecord {
+    fn answered(&self) -> Answered {
         let header = self.header();
-        InputRecord {
-            tick: header.tick,
-            seq: header.seq,
-            sim_nanos: header.sim_nanos,
+        Answered {
+            input: InputRecord {
+                tick: header.tick,
+                seq: header.seq,
+                sim_nanos: header.sim_nanos,
+                epoch: header.epoch,
+                published_mono_nanos: header.published_mono_nanos,
+                taken_mono_nanos: self.taken().0,
+                ..InputRecord::new(self.topic())
+            },
+            is_frame: true,
+            episode: header.episode,
             epoch: header.epoch,
-            published_mono_nanos: header.published_mono_nanos,
-            taken_mono_nanos: self.taken().0,
-            ..InputRecord::new(self.topic())
+            origin_mono_nanos: header.published_mono_nanos,
+            space: None,
+            world_from_space: header.world_from_sensor,
+            intrinsics_px: header.intrinsics_px,
+            size_px: (header.width, header.height),
         }
-    }
-
-    fn describe(&self, header: &mut ResultHeader, first_frame: bool, _first: bool) {
-        let of = self.header();
-        newer(header, of.tick, of.sim_nanos, of.episode, of.epoch);
-        oldest(&mut header.origin_mono_nanos, of.published_mono_nanos);
-        oldest(&mut header.taken_mono_nanos, self.taken().0);
-        let at_sensor = matches!(header.space(), Some(Space::Image | Space::Sensor));
-        if first_frame && at_sensor {
-            header.world_from_space = of.world_from_sensor;
-            header.intrinsics_px = of.intrinsics_px;
-        }
-        let sized = matches!(
-            header.kind(),
-            Some(ResultType::Masks | ResultType::Keypoints)
-        );
-        if first_frame && sized {
-            (header.width, header.height) = (of.width, of.height);
-        }
-    }
-
-    fn is_frame(&self) -> bool {
-        true
     }
 }
 
 impl Answerable for ResultSample {
-    fn input(&self) -> InputRecord {
+    fn answered(&self) -> Answered {
         let header = self.header();
-        InputRecord {
-            tick: header.tick,
-            seq: header.seq,
-            sim_nanos: header.sim_nanos,
-            epoch: header.writer_epoch,
-            published_mono_nanos: header.published_mono_nanos,
-            taken_mono_nanos: self.taken().0,
-            ..InputRecord::new(self.topic())
+        Answered {
+            input: InputRecord {
+                tick: header.tick,
+                seq: header.seq,
+                sim_nanos: header.sim_nanos,
+                epoch: header.writer_epoch,
+                published_mono_nanos: header.published_mono_nanos,
+                taken_mono_nanos: self.taken().0,
+                ..InputRecord::new(self.topic())
+            },
+            is_frame: false,
+            episode: header.episode,
+            epoch: header.epoch,
+            origin_mono_nanos: header.origin_mono_nanos,
+            space: Some(header.space),
+            world_from_space: header.world_from_space,
+            intrinsics_px: header.intrinsics_px,
+            size_px: (header.width, header.height),
         }
-    }
-
-    fn describe(&self, header: &mut ResultHeader, _first_frame: bool, first: bool) {
-        let of = self.header();
-        newer(header, of.tick, of.sim_nanos, of.episode, of.epoch);
-        oldest(&mut header.origin_mono_nanos, of.origin_mono_nanos);
-        oldest(&mut header.taken_mono_nanos, self.taken().0);
-        let at_sensor = matches!(header.space(), Some(Space::Image | Space::Sensor));
-        if first && at_sensor {
-            header.space = of.space;
-            header.world_from_space = of.world_from_space;
-            header.intrinsics_px = of.intrinsics_px;
-        }
-    }
-
-    fn is_frame(&self) -> bool {
-        false
-    }
-}
-
-fn newer(header: &mut ResultHeader, tick: u64, sim_nanos: u64, episode: u32, epoch: u64) {
-    if tick >= header.tick {
-        (header.tick, header.sim_nanos) = (tick, sim_nanos);
-        (header.episode, header.epoch) = (episode, epoch);
     }
 }
 
@@ -460,10 +446,33 @@ impl ResultLoan {
     /// and, for results in image or sensor space, the sensor's pose and intrinsics. Inputs beyond
     /// the eighth are not named.
     pub fn answers(&mut self, input: &dyn Answerable) {
-        let (first, first_frame) = (self.inputs.is_empty(), !self.answers_frame);
-        input.describe(self.header_mut(), first_frame, first);
-        self.answers_frame |= input.is_frame();
-        self.add_input(input.input());
+        let of = input.answered();
+        // The first frame says where the sensor stood; without a frame, the first result does.
+        let describes = match of.is_frame {
+            true => !self.answers_frame,
+            false => self.inputs.is_empty(),
+        };
+        self.answers_frame |= of.is_frame;
+        let header = self.header_mut();
+        if of.input.tick >= header.tick {
+            (header.tick, header.sim_nanos) = (of.input.tick, of.input.sim_nanos);
+            (header.episode, header.epoch) = (of.episode, of.epoch);
+        }
+        oldest(&mut header.origin_mono_nanos, of.origin_mono_nanos);
+        oldest(&mut header.taken_mono_nanos, of.input.taken_mono_nanos);
+        if describes && matches!(header.space(), Some(Space::Image | Space::Sensor)) {
+            header.space = of.space.unwrap_or(header.space);
+            header.world_from_space = of.world_from_space;
+            header.intrinsics_px = of.intrinsics_px;
+        }
+        let has_image_size = matches!(
+            header.kind(),
+            Some(ResultType::Masks | ResultType::Keypoints)
+        );
+        if describes && has_image_size && of.size_px != (0, 0) {
+            (header.width, header.height) = of.size_px;
+        }
+        self.add_input(of.input);
     }
 
     /// Names an input by its record alone, for one that is no longer in hand.

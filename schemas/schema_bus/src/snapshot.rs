@@ -13,12 +13,12 @@ use crate::clock::mono_now;
 use crate::error::BusError;
 use crate::event::Notifier;
 use crate::iceoryx_error::{other_error, writer_error};
+use crate::intake::{receive, subscribe};
 use crate::memory::segment_bytes;
 use crate::names::{CONTROL_WAKE, WORLD_SNAPSHOT};
 use crate::node::{BusNode, Service};
 use crate::origins::Origins;
 use crate::qos;
-use crate::reader::{receive, subscribe};
 use crate::service::{Slices, join, make};
 use crate::wire::Wire;
 
