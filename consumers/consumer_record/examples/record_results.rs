@@ -5,10 +5,10 @@
 mod sample;
 
 use consumer_kit::items::ResultParts;
-use consumer_record::messages::Batch;
 use consumer_record::results::ResultConverter;
-use consumer_record::writer::{ChunkCompression, Recording};
 use schema_frames::{InputRecord, ResultHeader, ResultType};
+use schema_recording::messages::Batch;
+use schema_recording::write::{ChunkCompression, Recording};
 
 fn main() -> anyhow::Result<()> {
     let mut args = std::env::args().skip(1);

@@ -14,7 +14,7 @@ fn main() -> anyhow::Result<()> {
     let written = sample::record(
         std::path::Path::new(&target),
         n_ticks,
-        consumer_record::writer::ChunkCompression::Lz4,
+        schema_recording::write::ChunkCompression::Lz4,
     )?;
     println!(
         "{target}: {} channels, {} bytes",

@@ -5,8 +5,8 @@ use bytemuck::pod_read_unaligned;
 use foxglove::messages as fox;
 use schema_frames::{DvsEvent, FrameHeader, GnssSample, ImuSample, Modality};
 
-use crate::messages::{Content, Entry, encoded};
-use crate::wire::{put_bytes, put_double, put_fixed64, put_varint};
+use schema_recording::messages::{Content, Entry, encoded};
+use schema_recording::wire::{put_bytes, put_double, put_fixed64, put_varint};
 
 /// Names of a topic `rig/sensor/modality` in the recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -383,8 +383,8 @@ pub fn calibration(name: &TopicName, header: &FrameHeader) -> Option<Entry> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::wire::{Value, bytes_field, fields};
     use foxglove::Decode;
+    use schema_recording::wire::{Value, bytes_field, fields};
 
     fn fresh(n: usize) -> Vec<u8> {
         Vec::with_capacity(n)

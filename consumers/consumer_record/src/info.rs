@@ -10,7 +10,7 @@ use anyhow::Context;
 use mcap::records::{Record, op};
 use serde::Serialize;
 
-use crate::reader::{End, RecordWalk, chunk, for_each_in_chunk, record};
+use schema_recording::walk::{End, RecordWalk, chunk, for_each_in_chunk, record};
 
 /// What a file holds.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]

@@ -6,9 +6,8 @@
 //! every part is tested on plain memory.
 //!
 //! Modules in reading order: [`options`] and [`session`] (a recording from start to end),
-//! [`discover`], [`frames`], [`results`] and [`snapshots`] (conversion to [`messages`], encoded by [`wire`]),
-//! [`sink`], [`queue`] and [`writer`] (into the file); [`reader`], [`info`] and [`recover`] (from
-//! the file).
+//! [`discover`], [`frames`], [`results`] and [`snapshots`] (conversion to [`schema_recording::messages`]),
+//! [`sink`], [`queue`] and [`writer`] (into the file); [`info`] and [`recover`] (from the file).
 //!
 //! ```
 //! use consumer_record::frames::{TopicName, frame_entries};
@@ -29,15 +28,12 @@
 pub mod discover;
 pub mod frames;
 pub mod info;
-pub mod messages;
 pub mod options;
 pub mod queue;
-pub mod reader;
 pub mod recover;
 mod result_topics;
 pub mod results;
 pub mod session;
 pub mod sink;
 pub mod snapshots;
-pub mod wire;
 pub mod writer;

@@ -8,9 +8,9 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand, ValueEnum};
 use consumer_record::options::Options;
 use consumer_record::session::{Report, record};
-use consumer_record::writer::ChunkCompression;
 use consumer_record::{info::file_info, recover::recover_file};
 use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
+use schema_recording::write::ChunkCompression;
 
 /// Records every sensor, every result of users' programs, every snapshot and the map into one MCAP
 /// file that Foxglove and rerun open.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use schema_bus::BusOptions;
 
-use crate::writer::ChunkCompression;
+use schema_recording::write::ChunkCompression;
 
 /// What to record.
 #[derive(Clone, Debug)]

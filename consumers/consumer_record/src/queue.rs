@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
 
-use crate::messages::Batch;
+use schema_recording::messages::Batch;
 
 /// Something for the writer to do.
 #[derive(Debug)]
@@ -200,7 +200,7 @@ impl Outlet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::messages::{Content, Entry};
+    use schema_recording::messages::{Content, Entry};
 
     fn batch(n_bytes: usize) -> Job {
         let entry = Entry {

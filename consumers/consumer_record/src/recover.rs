@@ -9,8 +9,8 @@ use anyhow::{Context, bail};
 use mcap::records::{MessageHeader, Metadata, Record, op};
 use mcap::{Attachment, Writer};
 
-use crate::reader::{End, RecordWalk, for_each_in_chunk, record};
-use crate::writer::{ChunkCompression, options};
+use schema_recording::walk::{End, RecordWalk, for_each_in_chunk, record};
+use schema_recording::write::{ChunkCompression, options};
 
 /// What was rescued.
 #[derive(Clone, Debug, PartialEq, Eq)]

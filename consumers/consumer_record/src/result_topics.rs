@@ -8,9 +8,9 @@ use consumer_kit::items::ResultParts;
 use consumer_kit::{FollowedResult, Take, TopicReport};
 use schema_bus::{Bus, Document, ResultSample, names};
 
-use crate::messages::Entry;
 use crate::results::ResultConverter;
 use crate::snapshots::document;
+use schema_recording::messages::Entry;
 
 /// Results of one topic that are taken before the other topics have their turn.
 pub(crate) const MAX_A_TURN: usize = 64;

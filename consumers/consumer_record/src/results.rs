@@ -20,7 +20,7 @@ use foxglove::messages as fox;
 use schema_frames::{BytesSchema, ResultType};
 
 use crate::frames::timestamp;
-use crate::messages::{Content, Entry, SchemaText};
+use schema_recording::messages::{Content, Entry, SchemaText};
 use shot::{Body, Shot};
 pub use state::ResultConverter;
 

@@ -16,7 +16,7 @@ use crate::queue::Job;
 use crate::result_topics::{MAX_A_TURN, ResultTopics};
 use crate::sink::{Loss, Output, Sink, wall_minus_mono_nanos};
 use crate::snapshots::{SnapshotConverter, document};
-use crate::writer::Written;
+use schema_recording::write::Written;
 
 /// Longest wait for a wake-up: how often documents and the shutdown flag are checked.
 const MAX_WAIT: Duration = Duration::from_millis(20);

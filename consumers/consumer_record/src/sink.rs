@@ -10,10 +10,11 @@ use consumer_kit::file_of_run;
 use schema_bus::mono_now;
 use schema_types::class::CLASSES;
 
-use crate::messages::{Batch, Entry};
 use crate::options::Options;
 use crate::queue::{Job, Queue, Refused, queue};
-use crate::writer::{Recording, Written, run};
+use crate::writer::run;
+use schema_recording::messages::{Batch, Entry};
+use schema_recording::write::{Recording, Written};
 
 /// Frames of one topic that are not in the file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -12,8 +12,8 @@ use schema_frames::{
 use schema_types::{Class, Pose, space};
 
 use crate::frames::{TopicName, quaternion, timestamp, vector};
-use crate::messages::{Content, Entry};
-use crate::wire::{put_bytes, put_fixed64};
+use schema_recording::messages::{Content, Entry};
+use schema_recording::wire::{put_bytes, put_fixed64};
 
 /// Foxglove's id of the world's axes.
 pub const WORLD_FRAME: &str = "map";

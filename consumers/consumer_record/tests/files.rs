@@ -7,11 +7,11 @@ use std::collections::BTreeMap;
 use std::io::Cursor;
 
 use consumer_record::info::{file_info, info};
-use consumer_record::reader::{End, RecordWalk};
 use consumer_record::recover::{recover, recover_file};
-use consumer_record::wire::bytes_field;
-use consumer_record::writer::{ChunkCompression, Recording, part_path};
 use sample::{PERIOD_NANOS, WALL_NANOS};
+use schema_recording::walk::{End, RecordWalk};
+use schema_recording::wire::bytes_field;
+use schema_recording::write::{ChunkCompression, Recording, part_path};
 
 #[test]
 fn every_byte_of_every_frame_comes_back() {

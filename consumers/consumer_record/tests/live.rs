@@ -10,8 +10,6 @@ use std::time::{Duration, Instant};
 
 use consumer_record::options::Options;
 use consumer_record::session::{Report, record};
-use consumer_record::wire::bytes_field;
-use consumer_record::writer::ChunkCompression;
 use sample::PERIOD_NANOS;
 use schema_bus::{
     AckReader, Bus, BusOptions, CommandServer, DocumentPublisher, FramePublisher, FrameTopic,
@@ -21,6 +19,8 @@ use schema_frames::{
     ActorKind, ActorRecord, Command, CommandReply, FrameHeader, Modality, ReplyBatch,
     SnapshotHeader, WorldInfo,
 };
+use schema_recording::wire::bytes_field;
+use schema_recording::write::ChunkCompression;
 use schema_types::Pose;
 
 const EPOCH: u64 = 77;

@@ -11,12 +11,12 @@ use std::time::{Duration, Instant};
 
 use consumer_record::options::Options;
 use consumer_record::session::{Report, record};
-use consumer_record::wire::{Value, bytes_field, fields};
-use consumer_record::writer::ChunkCompression;
 use foxglove::Decode as _;
 use foxglove::messages as fox;
 use schema_bus::{Bus, BusOptions, FrameTopic};
 use schema_frames::{InputRecord, Modality, ResultHeader, ResultType};
+use schema_recording::wire::{Value, bytes_field, fields};
+use schema_recording::write::ChunkCompression;
 
 const PERIOD_NANOS: u64 = 50_000_000;
 const N_TICKS: u64 = 20;

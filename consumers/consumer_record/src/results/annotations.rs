@@ -9,7 +9,7 @@ use schema_frames::{Box2d, Keypoint, KeypointSet, MaskRecord, Track};
 use super::shot::{OPACITY, Shot};
 use super::state::ResultConverter;
 use crate::frames::timestamp;
-use crate::messages::{Content, Entry};
+use schema_recording::messages::{Content, Entry};
 
 /// Most pieces of columns that show the masks of one result.
 const MAX_COLUMNS: usize = 1 << 20;

@@ -5,7 +5,7 @@ use schema_frames::{Scalar, VehicleControlRecord};
 use serde_json::{Map, Value, json};
 
 use super::shot::Shot;
-use crate::messages::{Content, Entry};
+use schema_recording::messages::{Content, Entry};
 
 /// Longest tensor whose numbers are written out.
 const MAX_NUMBERS: u32 = 1024;

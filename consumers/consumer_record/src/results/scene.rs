@@ -10,8 +10,8 @@ use schema_types::Pose;
 use super::shot::{OPACITY, Shot};
 use super::state::ResultConverter;
 use crate::frames::{DATA_FIELD, quaternion, timestamp, vector};
-use crate::messages::{Content, Entry, encoded};
-use crate::wire::put_bytes;
+use schema_recording::messages::{Content, Entry, encoded};
+use schema_recording::wire::put_bytes;
 
 /// Speed that is shown in full red, m/s.
 const FULL_SPEED_MPS: f64 = 20.0;

@@ -7,9 +7,9 @@ use schema_frames::{Modality, PixelFormat, SensorKind, Space};
 use schema_types::{Pose, class::CLASSES, noise::mix};
 
 use crate::frames::{DATA_FIELD, TopicName, timestamp};
-use crate::messages::{Content, Entry, encoded};
 use crate::snapshots::WORLD_FRAME;
-use crate::wire::{put_bytes, put_fixed64};
+use schema_recording::messages::{Content, Entry, encoded};
+use schema_recording::wire::{put_bytes, put_fixed64};
 
 /// Opacity of boxes and clouds of results.
 pub(super) const OPACITY: f64 = 0.5;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use consumer_kit::items::{BadItems, Chains};
 use schema_frames::BytesSchema;
 
-use crate::messages::SchemaText;
+use schema_recording::messages::SchemaText;
 
 /// Converts results; remembers what they answer and what was said about them.
 #[derive(Debug, Default)]

@@ -5,16 +5,17 @@
 use std::path::Path;
 
 use consumer_record::frames::{TopicName, frame_entries};
-use consumer_record::messages::{Batch, Entry};
 use consumer_record::queue::{Job, queue};
 use consumer_record::snapshots::{SnapshotConverter, document};
-use consumer_record::writer::{ChunkCompression, Recording, Written, run};
+use consumer_record::writer::run;
 use schema_frames::document::{DOCUMENT_MAGIC, DocumentHeader};
 use schema_frames::snapshot::SNAPSHOT_MAGIC;
 use schema_frames::{
     ActorKind, ActorRecord, FrameHeader, GnssSample, ImuSample, Modality, SCHEMA_VERSION,
     SnapshotHeader,
 };
+use schema_recording::messages::{Batch, Entry};
+use schema_recording::write::{ChunkCompression, Recording, Written};
 use schema_types::Pose;
 
 /// Length of a tick.

@@ -219,7 +219,7 @@ impl Entry {
 }
 
 /// Appends `message` to `bytes`.
-pub(crate) fn encoded<M: Encode>(message: &M, mut bytes: Vec<u8>) -> Vec<u8> {
+pub fn encoded<M: Encode>(message: &M, mut bytes: Vec<u8>) -> Vec<u8> {
     message
         .encode(&mut bytes)
         .expect("a Vec grows, so encoding into it cannot run out of room");
