@@ -1,0 +1,22 @@
+//! Turns recordings into training sets: images, clouds, events, calibrations and labels in the
+//! trees that the formats' own tools open.
+//!
+//! In reading order: [`options`] (what is asked), [`scenario`] (what a recording holds),
+//! [`ticks`] (a recording as one set of frames per tick), [`tree`] (the folder that grows, whole
+//! files only), [`truth`] (boxes, masks and occlusion from exact images), [`classes`] (CARLA's
+//! classes in each format's words), [`formats`] (one module per format), [`run`] (everything
+//! together). A format is an [`formats::Exporter`]; it is handed whole ticks, one after the other,
+//! and never a whole recording.
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
+pub mod classes;
+pub mod formats;
+pub mod options;
+pub mod picture;
+pub mod run;
+pub mod scenario;
+pub mod ticks;
+pub mod tree;
+pub mod truth;

@@ -1,0 +1,3 @@
+//! `gantry-export`: writes training sets from recordings.
+
+fn main() {}
