@@ -3,6 +3,7 @@
 use schema_frames::DocumentHeader;
 
 use crate::any_reader::AnyReader;
+use crate::claim::Claim;
 use crate::command::{CommandClient, CommandServer};
 use crate::control::{AckReader, AckWriter, ControlReader, ControlWriter};
 use crate::document::{DocumentPublisher, DocumentReader};
@@ -87,6 +88,15 @@ impl Bus {
     /// As [`Bus::publisher_alive`].
     pub fn daemon_alive(&self) -> Result<bool, BusError> {
         self.publisher_alive(names::WORLD_INFO)
+    }
+
+    /// Takes the right to publish this domain's world: of several processes that ask at once, one
+    /// gets it. `None` if a living process has it. Removes what killed processes left behind first.
+    ///
+    /// # Errors
+    /// [`BusError::Permission`], [`BusError::Service`].
+    pub fn claim_world(&self) -> Result<Option<Claim>, BusError> {
+        Claim::take(&self.node)
     }
 
     /// All publish-subscribe topics of this domain by name.

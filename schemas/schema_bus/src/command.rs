@@ -216,6 +216,15 @@ pub struct Request {
     active: ActiveRequest<Service, [u8], Wire<RequestHeader>, [u8], ()>,
 }
 
+impl Request {
+    /// The request as its client wrote it; empty if it is no UTF-8, and then `batch` is an error.
+    pub fn text(&self) -> &str {
+        let n_bytes = self.active.user_header().0.payload_bytes as usize;
+        let bytes = self.active.payload().get(..n_bytes).unwrap_or_default();
+        std::str::from_utf8(bytes).unwrap_or_default()
+    }
+}
+
 impl CommandServer {
     pub(crate) fn open(node: &BusNode) -> Result<CommandServer, BusError> {
         let service = command_service(node)?;

@@ -80,6 +80,20 @@ impl FrameService {
     /// [`BusError::Memory`] if less is free in `/dev/shm` than the segment can use,
     /// [`BusError::TooManyWriters`].
     pub fn publisher(self) -> Result<FramePublisher, BusError> {
+        self.publisher_with(AllocationStrategy::Static)
+    }
+
+    /// As [`FrameService::publisher`], for frames whose longest payload is not known beforehand: a
+    /// longer loan adds a segment whose slots have twice the length or more. Such a publisher has no
+    /// one [`FramePublisher::segment`].
+    ///
+    /// # Errors
+    /// As [`FrameService::publisher`], for the first segment.
+    pub fn growing_publisher(self) -> Result<FramePublisher, BusError> {
+        self.publisher_with(AllocationStrategy::PowerOfTwo)
+    }
+
+    fn publisher_with(self, strategy: AllocationStrategy) -> Result<FramePublisher, BusError> {
         let full = self.service.name().as_str().to_string();
         let need_bytes = self.segment_bytes();
         check_shared_memory(need_bytes, 0).map_err(|short| BusError::Memory {
@@ -92,7 +106,7 @@ impl FrameService {
             .publisher_builder()
             .initial_max_slice_len(self.spec.max_payload_bytes.max(1))
             .max_loaned_samples(self.spec.max_loans())
-            .allocation_strategy(AllocationStrategy::Static)
+            .allocation_strategy(strategy)
             .create()
             .map_err(|e| writer_error(&full, self.qos.publishers, need_bytes, e))?;
         Ok(FramePublisher {
@@ -127,7 +141,7 @@ impl FramePublisher {
         self.service.modality
     }
 
-    /// Longest payload of a loan, bytes.
+    /// Longest payload of a loan, bytes; of a growing publisher that of its first segment.
     pub fn max_payload_bytes(&self) -> usize {
         self.service.spec.max_payload_bytes
     }

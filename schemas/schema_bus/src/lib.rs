@@ -72,10 +72,13 @@ mod result_service;
 mod result_writer;
 
 // Everything else that is sent.
+mod claim;
 mod command;
 mod control;
 mod document;
 mod drain;
+mod lockstep;
+mod lockstep_watch;
 mod snapshot;
 
 // Everything a process can open on the bus, on one page.
@@ -83,6 +86,7 @@ mod bus;
 
 pub use any_reader::{AnyReader, AnySample};
 pub use bus::Bus;
+pub use claim::Claim;
 pub use clock::mono_now;
 pub use command::{CommandClient, CommandError, CommandServer, Request};
 pub use complaints::Complaints;
@@ -93,6 +97,8 @@ pub use event::{Listener, Notifier, Token, WaitSet};
 pub use frame::{FrameLoan, FramePublisher, FrameService};
 pub use intake::ReaderCounts;
 pub use introspect::{Exchange, Port, ServicePorts};
+pub use lockstep::{AckFault, Gate, Participant};
+pub use lockstep_watch::{JoinError, Look};
 pub use memory::{
     FrameTopic, MemoryShortage, OTHER_BYTES, ResultTopic, check_shared_memory, shared_memory_free,
     shared_memory_needed,

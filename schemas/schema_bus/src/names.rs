@@ -24,6 +24,8 @@ pub const CONTROL_ACK: &str = "control/ack";
 pub const CONTROL_WAKE: &str = "control/wake";
 /// Event from the daemon: replies were sent.
 pub const CONTROL_REPLIED: &str = "control/replied";
+/// Event that only the publisher of the domain's world has open: see [`crate::Bus::claim_world`].
+pub const CONTROL_OWNER: &str = "control/owner";
 
 /// Domain of a program that is told no other.
 pub const DEFAULT_DOMAIN: &str = "gantry";

@@ -11,12 +11,16 @@ use std::collections::BTreeMap;
 use crate::Attachment;
 use crate::control::{VehicleControl, WalkerControl};
 use crate::document::{PoseText, StepMode, Weather};
+use crate::journal::{JournalEntry, JournalHead};
 use crate::physics::{PhysicsAction, PhysicsAnswer};
 use crate::query::{DebugShape, PosedBox, RayHit, RaySegment};
 use crate::skeleton::{BoneReading, SkeletonAction};
 
 /// Version of the command codec.
 pub const COMMAND_VERSION: u32 = 1;
+
+/// Least and greatest ratio of `set_speed`.
+pub const SPEED_RATIO: (f64, f64) = (0.01, 100.0);
 
 /// User header of a request on `control/world`: type name `GantryRequestHeader`, 64 bytes.
 #[repr(C, align(64))]
@@ -62,6 +66,18 @@ pub enum Command {
         /// longer than this.
         #[serde(default)]
         longest_substep_nanos: Option<u64>,
+    },
+    /// Sets how fast free-running ticks follow one another; a simulator that was started without
+    /// pacing refuses it.
+    SetSpeed {
+        /// Simulated seconds per second, within [`SPEED_RATIO`].
+        ratio: f64,
+    },
+    /// Goes to a time of a recording that is replayed; a simulator refuses it. Going back begins a
+    /// new epoch.
+    Seek {
+        /// The next tick is the first at this simulated time or later, nanoseconds.
+        sim_nanos: u64,
     },
     /// Spawns an actor.
     Spawn {
@@ -300,6 +316,12 @@ pub enum Command {
     },
     /// Answers with counters of the daemon.
     Counters,
+    /// Answers with what acted on the world so far, entry by entry ([`crate::journal`]).
+    Journal {
+        /// Number of the last entry that is known already; 0 asks from the beginning, and for the
+        /// head.
+        after: u64,
+    },
 }
 
 /// Where a checkpoint is kept.
@@ -423,6 +445,21 @@ pub enum CommandReply {
     Counters {
         /// Values by name.
         counters: BTreeMap<String, u64>,
+    },
+    /// Answer to `journal`: about [`JOURNAL_ANSWER_BYTES`](crate::journal::JOURNAL_ANSWER_BYTES) of
+    /// JSON at most.
+    Journal {
+        /// What the run began with; only in the answer to `after` 0.
+        head: Option<Box<JournalHead>>,
+        /// Number of the oldest entry that the daemon still has. If it is beyond what was asked
+        /// for, the entries before it are gone.
+        first: u64,
+        /// Entries in order.
+        entries: Vec<JournalEntry>,
+        /// What to ask for next.
+        next: u64,
+        /// Whether there are more entries already.
+        more: bool,
     },
     /// Answer to `save_checkpoint`.
     Saved {

@@ -79,6 +79,10 @@ fn run(daemon: &mut Daemon, command: &Command, asker: &Origin) -> anyhow::Result
             };
             stepping::configure(daemon, &wish)
         }
+        Command::SetSpeed { ratio } => stepping::set_speed(daemon, *ratio),
+        Command::Seek { .. } => bail!(
+            "this is a live simulator, whose time only goes on; seek works on a replay (gantry replay), and restore_checkpoint goes back here"
+        ),
         Command::JoinLockstep { name } => stepping::join(daemon, name, asker),
         Command::LeaveLockstep { participant } => stepping::leave(daemon, *participant),
         Command::ListMaps => Ok(CommandReply::Maps {

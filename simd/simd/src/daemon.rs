@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use schema_bus::Bus;
+use schema_bus::{Bus, Claim, Gate};
 use schema_frames::SnapshotHeader;
 use schema_types::time::TickClock;
 use schema_types::{SimTime, Tick};
@@ -20,7 +20,6 @@ use crate::episode::Episode;
 use crate::faults::Faults;
 use crate::frames::{Sensors, TickView};
 use crate::hash::BytesHash;
-use crate::lockstep::Gate;
 use crate::maps::Maps;
 use crate::pace::Pace;
 use crate::ports::Ports;
@@ -32,6 +31,8 @@ pub struct Daemon {
     pub settings: Settings,
     pub sensors: Sensors,
     pub ports: Ports,
+    /// The right to publish the domain's world.
+    pub claim: Claim,
     pub bus: Bus,
     pub world: World,
     pub maps: Maps,
@@ -40,6 +41,8 @@ pub struct Daemon {
     pub tick: Tick,
     pub gate: Gate,
     pub pace: Pace,
+    /// Simulated seconds per second that paced ticks aim at.
+    pub speed_ratio: f64,
     pub episode: Episode,
     pub clients: Clients,
     pub faults: Faults,
@@ -53,6 +56,11 @@ impl Daemon {
     /// Simulated time of the current tick.
     pub fn now(&self) -> SimTime {
         self.clock.time_of(self.tick)
+    }
+
+    /// Time from one paced tick to the next, nanoseconds.
+    pub fn wall_period_nanos(&self) -> u64 {
+        ((self.clock.period_nanos() as f64 / self.speed_ratio).round() as u64).max(1)
     }
 
     /// Keeps the world as it is now as the start of the episode.

@@ -2,13 +2,12 @@
 //! they change.
 
 use anyhow::Context as _;
-use schema_bus::{Bus, DocumentPublisher, names};
+use schema_bus::{Bus, DocumentPublisher, Gate, names};
 use schema_frames::{SpawnPoints, WorldInfo};
 use simd_world::World;
 
 use crate::episode::Episode;
 use crate::frames::Sensors;
-use crate::lockstep::Gate;
 
 /// Writers of the five documents, and what each sent last.
 pub struct Documents {

@@ -18,7 +18,6 @@ mod episode;
 mod faults;
 mod frames;
 mod hash;
-mod lockstep;
 mod maps;
 mod pace;
 mod ports;

@@ -2,7 +2,7 @@
 
 use launch_cli::wrong_usage;
 use launch_spec::Launch;
-use schema_bus::{Bus, FrameTopic, mono_now};
+use schema_bus::{Bus, FrameTopic, Gate, mono_now};
 use schema_types::time::TickClock;
 use schema_types::{SimTime, Tick};
 use sensor_camera::{CameraRenderer, Quality};
@@ -16,7 +16,6 @@ use crate::debug_shapes::DebugShapes;
 use crate::episode::{self, EpisodeId};
 use crate::faults::Faults;
 use crate::frames::Sensors;
-use crate::lockstep::Gate;
 use crate::maps::Maps;
 use crate::pace::Pace;
 use crate::ports::Ports;
@@ -28,12 +27,13 @@ use crate::topic::{MemoryLife, Transfer, limited};
 /// short.
 pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     let bus = Bus::open(&settings.domain, "simd")?;
-    if bus.daemon_alive()? {
+    let claim = bus.claim_world()?;
+    let (Some(claim), false) = (claim, bus.daemon_alive()?) else {
         return Err(wrong_usage(format!(
             "domain {0:?} already has a daemon; stop it, or choose another name with --domain",
             settings.domain
         )));
-    }
+    };
     let launch = &settings.launch;
     check_memory(launch, settings.frames_in_flight)?;
     let gpu = Gpu::open(&settings.gpu)?;
@@ -78,6 +78,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     let mut daemon = Daemon {
         gate: Gate::new(launch.scenario.mode),
         pace: Pace::new(now, period_nanos),
+        speed_ratio: 1.0,
         clock: TickClock::new(period_nanos),
         tick: Tick(0),
         clients: Clients::new(now),
@@ -88,6 +89,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         settings,
         sensors,
         ports,
+        claim,
         bus,
         world,
         maps,

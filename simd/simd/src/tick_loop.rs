@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use anyhow::bail;
 use launch_cli::Shutdown;
-use schema_bus::mono_now;
+use schema_bus::{Look, mono_now};
 use schema_frames::{StepMode, VehicleControlRecord};
 use schema_types::{ActorId, Tick};
 use simd_world::World;
@@ -170,92 +170,34 @@ fn take_acks(daemon: &mut Daemon) {
         Ok(acks) => acks,
         Err(error) => return daemon.faults.unreadable(&error),
     };
+    let epoch = daemon.episode.stamp.epoch;
     let Tick(last_tick) = daemon.tick;
-    for ack in acks {
-        // Acknowledgements of the daemon before this one, and those of processes that have gone,
-        // which the gate no longer waits for either.
-        if ack.epoch != daemon.episode.stamp.epoch || ack.origin.pid.is_none() {
-            continue;
-        }
-        let noted = daemon
-            .gate
-            .ack(ack.participant, &ack.origin.port, ack.tick, last_tick);
-        if let Err(fault) = noted
-            && daemon.faults.acks.count(&ack.origin, fault.kind())
-        {
-            tracing::warn!(
-                "{} acknowledged {fault}; this and further ones of it do not count",
-                ack.origin
-            );
-        }
-    }
+    let complaints = &mut daemon.faults.acks;
+    daemon.gate.note(acks, epoch, last_tick, complaints);
 }
 
 /// Removes lockstep participants whose process is gone, and idle ones if a time-out is set. Says for
 /// whom the world waits long.
 fn look_after_participants(daemon: &mut Daemon) {
     let Tick(tick) = daemon.tick;
-    // The first tick waits for participants. Nobody owes it an acknowledgement, but who is gone may
-    // not be counted.
     let settings = &daemon.settings;
     let is_awaited =
         settings.run.n_awaited_participants > 0 || !settings.awaited_participants.is_empty();
-    let is_first = tick == 0 && is_awaited;
-    let looked_at: Vec<_> = if is_first {
-        daemon.gate.participants().to_vec()
-    } else {
-        daemon.gate.missing(tick).cloned().collect()
+    let look = Look {
+        tick,
+        before_first: tick == 0 && is_awaited,
+        idle_nanos: mono_now().0.saturating_sub(daemon.pace.last_start_nanos()),
+        timeout_nanos: settings.run.lockstep_timeout_nanos,
     };
-    if looked_at.is_empty() {
+    let n_removed = daemon
+        .gate
+        .look_after(&daemon.bus, &daemon.ports.acks, &look);
+    if n_removed == 0 {
         return;
     }
-    daemon.bus.clean_dead_nodes();
-    let writers = daemon.ports.acks.writers();
-    let idle_nanos = mono_now().0.saturating_sub(daemon.pace.last_start_nanos());
-    let timed_out = daemon
-        .settings
-        .run
-        .lockstep_timeout_nanos
-        .is_some_and(|limit_nanos| idle_nanos > limit_nanos);
-    let n_before = daemon.gate.participants().len();
-    for participant in looked_at {
-        let process = writers.iter().find(|w| w.port == participant.name);
-        let why = match process {
-            None => "is gone".to_owned(),
-            Some(_) if is_first => continue,
-            Some(process) if timed_out => {
-                format!("is idle for longer than --lockstep-timeout ({process})")
-            }
-            Some(process) => {
-                if daemon.gate.must_say(participant.number, idle_nanos) {
-                    let state = if process.is_stopped() {
-                        ", which is stopped"
-                    } else {
-                        ""
-                    };
-                    tracing::warn!(
-                        name = participant.name,
-                        tick,
-                        "the world waits for lockstep participant {:?}, {process}{state}, for {} s; let it go on, end it, or start with --lockstep-timeout",
-                        participant.name,
-                        idle_nanos / 1_000_000_000
-                    );
-                }
-                continue;
-            }
-        };
-        tracing::warn!(
-            name = participant.name,
-            tick,
-            "lockstep participant {why}; going on without it"
-        );
-        daemon.gate.leave(participant.number);
-        daemon.ports.documents.touch_info();
-    }
+    daemon.ports.documents.touch_info();
     // While the world stands still, no tick says who is left.
-    if daemon.gate.participants().len() < n_before
-        && let Err(error) = daemon.publish_documents()
-    {
+    if let Err(error) = daemon.publish_documents() {
         tracing::warn!(%error, "cannot say who is left in the lockstep");
     }
 }
@@ -284,7 +226,7 @@ fn look_after_clients(daemon: &mut Daemon) {
             tick = daemon.tick.0,
             "no client for 10 s in stepped mode; running on by itself until the next cue"
         );
-        daemon.pace = Pace::new(now, daemon.clock.period_nanos());
+        daemon.pace = Pace::new(now, daemon.wall_period_nanos());
     }
 }
 

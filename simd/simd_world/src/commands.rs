@@ -273,13 +273,16 @@ impl World {
             | Command::StoreMap(_)
             | Command::JoinLockstep { .. }
             | Command::LeaveLockstep { .. }
+            | Command::SetSpeed { .. }
+            | Command::Seek { .. }
             | Command::SaveCheckpoint { .. }
             | Command::RestoreCheckpoint { .. }
             | Command::Reset
             | Command::CastRays { .. }
             | Command::DrawDebug { .. }
             | Command::ClearDebug
-            | Command::Counters => refused("this command is for the daemon, not for the world"),
+            | Command::Counters
+            | Command::Journal { .. } => refused("this command is for the daemon, not for the world"),
         }
     }
 

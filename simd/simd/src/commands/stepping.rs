@@ -2,12 +2,13 @@
 
 use anyhow::{bail, ensure};
 use schema_bus::{Origin, mono_now};
+use schema_frames::command::SPEED_RATIO;
 use schema_frames::{CommandReply, StepMode};
 use schema_types::Tick;
 
 use crate::daemon::Daemon;
-use crate::lockstep::Participant;
 use crate::pace::Pace;
+use crate::settings::Speed;
 
 /// Shortest and longest tick, nanoseconds: 10 kHz to 0.1 Hz.
 const PERIOD_NANOS: (u64, u64) = (100_000, 10_000_000_000);
@@ -65,57 +66,36 @@ pub fn configure(daemon: &mut Daemon, wish: &Configuration) -> anyhow::Result<Co
         daemon.gate.set_mode(mode, daemon.tick.0);
         daemon.clients.take_over(mono_now().0);
     }
-    daemon.pace = Pace::new(mono_now().0, daemon.clock.period_nanos());
+    daemon.pace = Pace::new(mono_now().0, daemon.wall_period_nanos());
     daemon.ports.documents.touch_info();
     Ok(CommandReply::Done)
 }
 
-pub fn join(daemon: &mut Daemon, name: &str, asker: &Origin) -> anyhow::Result<CommandReply> {
+pub fn set_speed(daemon: &mut Daemon, ratio: f64) -> anyhow::Result<CommandReply> {
     ensure!(
-        !name.is_empty() && name.len() <= 64,
-        "name is {name:?}, but must have 1 to 64 characters"
+        daemon.settings.run.speed == Speed::RealTime,
+        "this simulator runs as fast as it can; start it without --unpaced to set its speed"
     );
-    replace_namesake(daemon, name, asker)?;
+    let (slowest, fastest) = SPEED_RATIO;
+    ensure!(
+        (slowest..=fastest).contains(&ratio),
+        "ratio is {ratio}, but must be {slowest} to {fastest}"
+    );
+    daemon.speed_ratio = ratio;
+    daemon.pace = Pace::new(mono_now().0, daemon.wall_period_nanos());
+    Ok(CommandReply::Done)
+}
+
+pub fn join(daemon: &mut Daemon, name: &str, asker: &Origin) -> anyhow::Result<CommandReply> {
     let Tick(last_tick) = daemon.tick;
-    let participant = daemon.gate.join(name.to_owned(), last_tick);
-    tracing::info!(
-        name,
-        participant,
-        first_tick = last_tick + 1,
-        "joined the lockstep"
-    );
+    let participant = daemon
+        .gate
+        .admit(name, asker, &daemon.bus, &daemon.ports.acks, last_tick)?;
     daemon.ports.documents.touch_info();
     Ok(CommandReply::Joined {
         participant,
         first_tick: last_tick + 1,
     })
-}
-
-/// Gives up the place of a participant that was killed and comes back under its name. Both cannot be
-/// there: the daemon knows participants by the names of their writers.
-fn replace_namesake(daemon: &mut Daemon, name: &str, asker: &Origin) -> anyhow::Result<()> {
-    let namesake = |p: &&Participant| p.name == name;
-    let Some(before) = daemon.gate.participants().iter().find(namesake) else {
-        return Ok(());
-    };
-    let number = before.number;
-    daemon.bus.clean_dead_nodes();
-    let writers = daemon.ports.acks.writers();
-    let same: Vec<_> = writers.iter().filter(|w| w.port == name).collect();
-    if let Some(other) = same.iter().find(|w| w.pid != asker.pid) {
-        bail!("name is {name:?}, but {other} has joined under it; choose another")
-    }
-    ensure!(
-        same.len() < 2,
-        "name is {name:?}, but this process has joined under it already; leave first, or choose another"
-    );
-    tracing::warn!(
-        name,
-        participant = number,
-        "a participant of this name joins again; its former place in the lockstep ends"
-    );
-    daemon.gate.leave(number);
-    Ok(())
 }
 
 pub fn leave(daemon: &mut Daemon, participant: u32) -> anyhow::Result<CommandReply> {

@@ -1,9 +1,9 @@
 //! What must have happened before the next tick may start: cues in stepped mode, acknowledgements
-//! of lockstep participants.
+//! of lockstep participants. Whoever publishes a world keeps a [`Gate`]: the simulator, a replay.
 
 use schema_frames::StepMode;
 
-/// A consumer that the daemon waits for.
+/// A consumer that the world waits for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Participant {
     /// Number that it puts into its acknowledgements.
@@ -58,7 +58,7 @@ impl AckFault {
     }
 }
 
-/// Decides whether tick `last_tick + 1` may start. Pure state; the daemon feeds it.
+/// Decides whether tick `last_tick + 1` may start. Pure state; the publisher of the world feeds it.
 #[derive(Clone, Debug, Default)]
 pub struct Gate {
     mode: StepMode,
