@@ -26,13 +26,16 @@
 #![warn(missing_docs)]
 
 pub mod discover;
+mod documents;
 pub mod frames;
+mod in_step;
 pub mod info;
 pub mod options;
 pub mod queue;
 pub mod recover;
 mod result_topics;
 pub mod results;
+pub mod select;
 pub mod session;
 pub mod sink;
 pub mod snapshots;

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand, ValueEnum};
 use consumer_record::options::Options;
+use consumer_record::select::Select;
 use consumer_record::session::{Report, record};
 use consumer_record::{info::file_info, recover::recover_file};
 use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
@@ -30,6 +31,10 @@ struct Args {
     /// of the world are always recorded
     #[arg(long, value_name = "GLOB", num_args = 1..)]
     topics: Vec<String>,
+
+    /// Topics of those to leave out, with * and ?
+    #[arg(long, value_name = "GLOB", num_args = 1..)]
+    exclude: Vec<String>,
 
     /// Let the simulator wait for this recorder, so that nothing is lost; NAME is the name to take
     /// part under [default: gantry-record- and the process id]
@@ -102,7 +107,10 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
     let options = Options {
         domain: args.common.domain.clone(),
         bus: Default::default(),
-        topics: args.topics.clone(),
+        select: Select {
+            topics: args.topics.clone(),
+            exclude: args.exclude.clone(),
+        },
         out: out.clone(),
         compression: match args.compression {
             CompressionArg::None => ChunkCompression::None,

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use schema_bus::BusOptions;
 
+use crate::select::Select;
 use schema_recording::write::ChunkCompression;
 
 /// What to record.
@@ -13,9 +14,9 @@ pub struct Options {
     pub domain: String,
     /// Where iceoryx2 keeps its files.
     pub bus: BusOptions,
-    /// Topics of frames and results to record, with `*` and `?`; empty means all. Snapshots and
-    /// documents of the world are always recorded.
-    pub topics: Vec<String>,
+    /// Topics of frames and results to record. Snapshots and documents of the world are always
+    /// recorded.
+    pub select: Select,
     /// File to write.
     pub out: PathBuf,
     /// Compression of its chunks.

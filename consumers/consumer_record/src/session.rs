@@ -5,23 +5,21 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use consumer_kit::{FollowedDocument, Follower, Lockstep, Take};
-use schema_bus::{Bus, BusError, CommandClient, Listener, SnapshotReader, mono_now, names};
-use schema_frames::{ActorList, Command, CommandBatch, WorldInfo};
+use consumer_kit::{Follower, Take};
+use schema_bus::{Bus, BusError, SnapshotReader, mono_now, names};
 
 use crate::discover::Discovery;
+use crate::documents::{Documents, Run};
 use crate::frames::{TopicName, frame_entries};
+use crate::in_step::InStep;
 use crate::options::Options;
-use crate::queue::Job;
 use crate::result_topics::{MAX_A_TURN, ResultTopics};
 use crate::sink::{Loss, Output, Sink, wall_minus_mono_nanos};
-use crate::snapshots::{SnapshotConverter, document};
+use crate::snapshots::SnapshotConverter;
 use schema_recording::write::Written;
 
 /// Longest wait for a wake-up: how often documents and the shutdown flag are checked.
 const MAX_WAIT: Duration = Duration::from_millis(20);
-/// How long the daemon may take to answer.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 /// How often joining lockstep is tried.
 const JOIN_EVERY: Duration = Duration::from_millis(250);
 
@@ -51,32 +49,12 @@ pub fn record(options: &Options, stop: &dyn Fn() -> bool) -> anyhow::Result<Repo
     outcome.map(|()| report)
 }
 
-/// `*` stands for any characters, `?` for one.
-pub fn matches(pattern: &str, text: &str) -> bool {
-    let (pattern, text): (Vec<char>, Vec<char>) =
-        (pattern.chars().collect(), text.chars().collect());
-    let mut reachable = vec![false; text.len() + 1];
-    reachable[0] = true;
-    for symbol in pattern {
-        let mut next = vec![false; text.len() + 1];
-        for at in 0..=text.len() {
-            next[at] = match symbol {
-                '*' => reachable[at] || (at > 0 && next[at - 1]),
-                '?' => at > 0 && reachable[at - 1],
-                _ => at > 0 && reachable[at - 1] && text[at - 1] == symbol,
-            };
-        }
-        reachable = next;
-    }
-    reachable[text.len()]
-}
-
 struct Session {
     // Dropped in this order: ports before the node that made them.
     lockstep: Option<InStep>,
     results: ResultTopics,
     snapshots: Option<SnapshotReader>,
-    documents: Vec<(&'static str, FollowedDocument)>,
+    documents: Documents,
     follower: Follower,
     /// By followed topic: its names in the file, kept so that no frame has to build them.
     names: BTreeMap<String, (TopicName, std::sync::Arc<str>)>,
@@ -85,33 +63,15 @@ struct Session {
     discovery: Discovery,
     snapshot_converter: SnapshotConverter,
     sink: Sink,
-    sim_nanos: u64,
+    run: Run,
     newest_tick: u64,
     /// Whether the first snapshot of this run has arrived. Before it, documents have no simulated
     /// time.
     has_snapshot: bool,
     waiting_said: bool,
-    epoch: u64,
-    /// Epoch and revision of the map that is attached.
-    attached: Option<(u64, u64)>,
     last_try: Option<Instant>,
     name: String,
 }
-
-/// Membership in lockstep, and the client that tells when a tick is complete.
-struct InStep {
-    gate: Lockstep,
-    barrier: CommandClient,
-    wake: Listener,
-    acked: u64,
-}
-
-const DOCUMENTS: [&str; 4] = [
-    names::WORLD_INFO,
-    names::WORLD_ACTORS,
-    names::WORLD_CATALOGUE,
-    names::WORLD_MAP,
-];
 
 impl Session {
     fn open(options: &Options) -> anyhow::Result<Session> {
@@ -130,9 +90,7 @@ impl Session {
             lockstep: None,
             results: ResultTopics::new(),
             snapshots: None,
-            documents: DOCUMENTS
-                .map(|name| (name, FollowedDocument::new(name)))
-                .into(),
+            documents: Documents::new(),
             follower: Follower::on(bus),
             names: BTreeMap::new(),
             full: BTreeSet::new(),
@@ -140,12 +98,10 @@ impl Session {
             discovery: Discovery::start(&options.domain, &format!("{name}-look"), &options.bus)?,
             snapshot_converter: SnapshotConverter::default(),
             sink,
-            sim_nanos: 0,
+            run: Run::default(),
             newest_tick: 0,
             has_snapshot: false,
             waiting_said: false,
-            epoch: 0,
-            attached: None,
             last_try: None,
             name,
         })
@@ -162,7 +118,7 @@ impl Session {
         self.lockstep = None;
         self.drain()?;
         self.drain_documents(!self.has_snapshot)?;
-        self.attach_map(true)
+        self.documents.attach_map(true, self.run, &mut self.sink)
     }
 
     /// Follows topics that are new.
@@ -171,12 +127,7 @@ impl Session {
             return self.join_lockstep();
         };
         for topic in topics {
-            let wanted = self.options.topics.is_empty()
-                || self
-                    .options
-                    .topics
-                    .iter()
-                    .any(|pattern| matches(pattern, &topic.name));
+            let wanted = self.options.select.takes(&topic.name);
             let is_known = self.names.contains_key(&topic.name) || self.results.knows(&topic.name);
             let is_recorded = topic.modality.is_some() || topic.result.is_some();
             if !is_recorded || !wanted || is_known {
@@ -212,7 +163,7 @@ impl Session {
         let lost = self
             .lockstep
             .as_ref()
-            .is_some_and(|step| self.epoch != 0 && step.gate.epoch() != self.epoch);
+            .is_some_and(|step| self.run.epoch != 0 && step.epoch() != self.run.epoch);
         let wait = self.last_try.is_some_and(|at| at.elapsed() < JOIN_EVERY);
         if !self.options.lockstep
             || (self.lockstep.is_some() && !lost)
@@ -226,22 +177,9 @@ impl Session {
         // All topics must be open before the simulator waits for this recorder, else the first tick
         // would be missed.
         self.follower.wait(Duration::ZERO)?;
-        let bus = self.follower.bus();
         let name = self.options.lockstep_name.as_ref().unwrap_or(&self.name);
-        match Lockstep::join(bus, name, ANSWER_TIMEOUT) {
-            Ok(gate) => {
-                tracing::info!(
-                    first_tick = gate.first_tick(),
-                    "in lockstep: the simulator waits for this recorder"
-                );
-                let acked = gate.first_tick().saturating_sub(1);
-                self.lockstep = Some(InStep {
-                    gate,
-                    barrier: bus.command_client(&format!("{}-end", self.name))?,
-                    wake: bus.listener(names::WORLD_SNAPSHOT)?,
-                    acked,
-                });
-            }
+        match InStep::join(self.follower.bus(), name, &format!("{}-end", self.name)) {
+            Ok(step) => self.lockstep = Some(step),
             Err(error) => {
                 if !std::mem::replace(&mut self.waiting_said, true) {
                     tracing::info!(%error, "not in lockstep yet, trying on");
@@ -256,7 +194,7 @@ impl Session {
             // In lockstep a tick begins with its snapshot; the follower only looks for topics here.
             Some(step) => {
                 self.follower.wait(Duration::ZERO)?;
-                step.wake.wait(MAX_WAIT)?;
+                step.wait(MAX_WAIT)?;
             }
             None => drop(self.follower.wait(MAX_WAIT)?),
         }
@@ -271,7 +209,8 @@ impl Session {
         self.drain_snapshots()?;
         for id in self.follower.ids() {
             while let Some(frame) = self.follower.take(id)? {
-                if frame.header().tick > self.newest_tick || frame.header().epoch != self.epoch {
+                if frame.header().tick > self.newest_tick || frame.header().epoch != self.run.epoch
+                {
                     // Its snapshot was sent before it.
                     self.drain_snapshots()?;
                 }
@@ -280,7 +219,7 @@ impl Session {
                     continue;
                 };
                 let header = frame.header();
-                if self.epoch != 0 && header.epoch != self.epoch {
+                if self.run.epoch != 0 && header.epoch != self.run.epoch {
                     tracing::debug!(
                         topic,
                         tick = header.tick,
@@ -311,11 +250,11 @@ impl Session {
                     break;
                 };
                 let header = *result.header();
-                if header.epoch != self.epoch && header.epoch != 0 {
+                if header.epoch != self.run.epoch && header.epoch != 0 {
                     // The snapshots of its run were sent before it.
                     self.drain_snapshots()?;
                 }
-                if self.epoch != 0 && header.epoch != 0 && header.epoch != self.epoch {
+                if self.run.epoch != 0 && header.epoch != 0 && header.epoch != self.run.epoch {
                     tracing::debug!(
                         topic = &*source,
                         tick = header.tick,
@@ -323,7 +262,7 @@ impl Session {
                     );
                     continue;
                 }
-                let newest = self.has_snapshot.then_some(self.sim_nanos);
+                let newest = self.has_snapshot.then_some(self.run.sim_nanos);
                 let sim_nanos = self.results.sim_nanos(&result, newest);
                 if let Some((about, found, entry)) = self.results.description(idx) {
                     let revision = found.header.revision;
@@ -359,7 +298,7 @@ impl Session {
                     let header = snapshot.header();
                     self.meet(header.epoch)?;
                     let is_first = !std::mem::replace(&mut self.has_snapshot, true);
-                    (self.sim_nanos, self.newest_tick) = (header.sim_nanos, header.tick);
+                    (self.run.sim_nanos, self.newest_tick) = (header.sim_nanos, header.tick);
                     if is_first {
                         self.drain_documents(true)?;
                     }
@@ -386,11 +325,11 @@ impl Session {
     /// Begins a new file for a new epoch: that is a new run of the simulator, whose clock starts
     /// again.
     fn meet(&mut self, epoch: u64) -> anyhow::Result<()> {
-        if epoch == self.epoch {
+        if epoch == self.run.epoch {
             return Ok(());
         }
-        if self.epoch != 0 {
-            self.attach_map(true)?;
+        if self.run.epoch != 0 {
+            self.documents.attach_map(true, self.run, &mut self.sink)?;
             self.sink.finish(&self.losses())?;
             let output = Output::create(&self.options, self.sink.finished.len() as u32 + 1)?;
             tracing::info!(file = %output.path.display(), "the simulator was restarted; its new run goes into a new file");
@@ -398,124 +337,35 @@ impl Session {
             self.snapshot_converter = SnapshotConverter::default();
             self.results.begin_file();
             self.lockstep = None;
-            (self.newest_tick, self.sim_nanos, self.has_snapshot) = (0, 0, false);
-            self.attached = None;
+            (self.newest_tick, self.run.sim_nanos, self.has_snapshot) = (0, 0, false);
+            self.documents.begin_file();
         }
-        self.epoch = epoch;
+        self.run.epoch = epoch;
         Ok(())
     }
 
-    /// Records documents that have changed, or all of them.
     fn drain_documents(&mut self, all: bool) -> anyhow::Result<()> {
-        for idx in 0..self.documents.len() {
-            let (name, followed) = &mut self.documents[idx];
-            let name = *name;
-            let changed = followed.changed(self.follower.bus())?.is_some();
-            let newest = followed
-                .newest()
-                .filter(|found| self.epoch == 0 || found.header.epoch == self.epoch)
-                .cloned();
-            if let Some(found) = newest.filter(|_| changed || all) {
-                self.record_document(name, &found)?;
-            }
-        }
-        self.attach_map(false)
-    }
-
-    /// Attaches the map once per revision. Its name is in `world/info`, which may arrive after the
-    /// map; at the end it is called `map` if no name has arrived.
-    fn attach_map(&mut self, at_the_end: bool) -> anyhow::Result<()> {
-        let this_run = |wanted: &str| {
-            let followed = self
-                .documents
-                .iter()
-                .find(|(name, _)| *name == wanted)
-                .map(|(_, followed)| followed);
-            followed
-                .and_then(FollowedDocument::newest)
-                .filter(|found| self.epoch == 0 || found.header.epoch == self.epoch)
-        };
-        let Some(map) = this_run(names::WORLD_MAP) else {
-            return Ok(());
-        };
-        let revision = (map.header.epoch, map.header.revision);
-        let name = match this_run(names::WORLD_INFO)
-            .map(|info| info.json::<WorldInfo>())
-            .transpose()?
-        {
-            Some(info) => info
-                .map
-                .rsplit('/')
-                .next()
-                .unwrap_or("map")
-                .trim_end_matches(".xodr")
-                .to_string(),
-            None if at_the_end => "map".to_string(),
-            None => return Ok(()),
-        };
-        if self.attached == Some(revision) {
-            return Ok(());
-        }
-        let data = map.text.clone().into_bytes();
-        self.sink.push(Job::Attach {
-            name: format!("{name}.xodr"),
-            media_type: "application/xml",
-            data,
-            log_nanos: self.sim_nanos,
-        })?;
-        self.attached = Some(revision);
-        Ok(())
-    }
-
-    fn record_document(
-        &mut self,
-        name: &'static str,
-        found: &schema_bus::Document,
-    ) -> anyhow::Result<()> {
-        match name {
-            names::WORLD_INFO => self.sink.push(world_metadata(&found.text))?,
-            names::WORLD_ACTORS => self
-                .snapshot_converter
-                .set_actors(&found.json::<ActorList>()?),
-            _ => {}
-        }
-        let entries = vec![document(name, &found.header, &found.text)];
-        self.sink.put(
-            &name.into(),
-            found.header.revision,
-            self.sim_nanos,
-            mono_now().0,
-            entries,
+        self.documents.drain(
+            all,
+            self.follower.bus(),
+            self.run,
+            &mut self.snapshot_converter,
+            &mut self.sink,
         )
     }
 
-    /// In lockstep: acknowledges a tick. Once the daemon answers a ping with tick N or later, all
-    /// frames of tick N were sent, so they are taken before the acknowledgement.
+    /// In lockstep: acknowledges a tick after everything of it was taken.
     fn acknowledge(&mut self) -> anyhow::Result<()> {
-        let Some(step) = &mut self.lockstep else {
+        let (tick, epoch) = (self.newest_tick, self.run.epoch);
+        let complete = |step: &mut InStep| step.epoch() == epoch && step.is_complete(tick);
+        if !self.lockstep.as_mut().is_some_and(complete) {
             return Ok(());
-        };
-        let tick = self.newest_tick;
-        if tick <= step.acked || self.epoch != step.gate.epoch() {
-            return Ok(());
-        }
-        match step
-            .barrier
-            .request(&CommandBatch::new(vec![Command::Ping]), ANSWER_TIMEOUT)
-        {
-            Ok(reply) if reply.tick < tick => return Ok(()),
-            Ok(_) => {}
-            Err(error) => {
-                tracing::warn!(%error, tick, "cannot learn whether the tick is complete, asking again");
-                return Ok(());
-            }
         }
         self.drain()?;
-        if let Some(step) = &mut self.lockstep {
-            step.gate.ack(tick)?;
-            step.acked = tick;
+        match &mut self.lockstep {
+            Some(step) => step.ack(tick),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     fn losses(&self) -> BTreeMap<String, Loss> {
@@ -554,42 +404,5 @@ fn absent_is_none<T>(outcome: Result<T, BusError>) -> anyhow::Result<Option<T>> 
         Ok(port) => Ok(Some(port)),
         Err(BusError::NoSuchTopic { .. } | BusError::Service { .. }) => Ok(None),
         Err(other) => Err(other.into()),
-    }
-}
-
-/// The members of `world/info`, each as text.
-fn world_metadata(json: &str) -> Job {
-    let members: serde_json::Map<String, serde_json::Value> =
-        serde_json::from_str(json).unwrap_or_default();
-    let text = |value: serde_json::Value| match value {
-        serde_json::Value::String(text) => text,
-        other => other.to_string(),
-    };
-    Job::Metadata {
-        name: names::WORLD_INFO.to_string(),
-        pairs: members
-            .into_iter()
-            .map(|(key, value)| (key, text(value)))
-            .collect(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn patterns_match_as_in_a_shell() {
-        assert!(
-            matches("ego/*", "ego/front/rgb")
-                && matches("*/rgb", "ego/front/rgb")
-                && matches("ego/f?ont/*", "ego/front/rgb")
-        );
-        assert!(matches("*", "") && matches("ego/front/rgb", "ego/front/rgb"));
-        assert!(
-            !matches("*/rgb", "ego/front/rgbx")
-                && !matches("ego/?/rgb", "ego/front/rgb")
-                && !matches("", "a")
-        );
     }
 }

@@ -198,7 +198,7 @@ fn record_live(folder: &Path, lockstep: bool, n_ticks: u64, pause: Duration) -> 
     let options = Options {
         domain: "test".into(),
         bus,
-        topics: vec![],
+        select: Default::default(),
         out: folder.join("live.mcap"),
         compression: ChunkCompression::Lz4,
         queue_bytes: 64 << 20,
@@ -327,7 +327,7 @@ fn a_restarted_simulator_gets_a_file_of_its_own() {
     let options = Options {
         domain: "test".into(),
         bus: bus.clone(),
-        topics: vec![],
+        select: Default::default(),
         out: folder.path().join("live.mcap"),
         compression: ChunkCompression::None,
         queue_bytes: 64 << 20,

@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use consumer_record::options::Options;
+use consumer_record::select::Select;
 use consumer_record::session::{Report, record};
 use foxglove::Decode as _;
 use foxglove::messages as fox;
@@ -34,7 +35,10 @@ fn recorded(folder: &Path, topics: &[&str], n_garbage: u64) -> Report {
     let options = Options {
         domain: "test".into(),
         bus: bus.clone(),
-        topics: topics.iter().map(|it| it.to_string()).collect(),
+        select: Select {
+            topics: topics.iter().map(|it| it.to_string()).collect(),
+            ..Default::default()
+        },
         out: folder.join("results.mcap"),
         compression: ChunkCompression::Lz4,
         queue_bytes: 64 << 20,
