@@ -63,6 +63,7 @@ Examples:
   gantry up
   gantry up --for 30s --record drive.mcap --view save:drive.rrd
   gantry up town.toml my_pipeline.toml
+  gantry up launch/people.toml --replay drive.mcap --rate max
   gantry up launch/two_rigs.toml --set scenario.seed=9 --set sensor.front.width_px=640 --dry-run";
 
 /// `gantry up`.
@@ -84,6 +85,15 @@ pub struct UpArgs {
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
 
+    /// Run on this recording in place of the simulator: gantry-replay publishes its frames, and waits
+    /// for the processes that take part in lockstep. Processes that drive the world are left out
+    #[arg(long, value_name = "FILE")]
+    pub replay: Option<PathBuf>,
+
+    /// Speed of the recording: a factor of real time, or max
+    #[arg(long, value_name = "SPEED", requires = "replay")]
+    pub rate: Option<String>,
+
     /// Show it: auto, native, web, none or save:FILE.rrd; auto is native on a desktop, else web
     /// [default: what the launch file has]
     #[arg(long, value_name = "HOW")]
@@ -100,7 +110,7 @@ pub struct UpArgs {
 
     /// Print the JSON schema of launch files, with which editors complete and check them, and start
     /// nothing
-    #[arg(long, conflicts_with_all = ["dry_run", "record", "view", "for_period", "files"])]
+    #[arg(long, conflicts_with_all = ["dry_run", "record", "replay", "view", "for_period", "files"])]
     pub schema: bool,
 
     /// Folder for maps, logs and runs [default: gantry in the XDG data folder]

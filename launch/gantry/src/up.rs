@@ -54,7 +54,7 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
         !launch.processes.is_empty(),
         wrong_usage("the launch file has no [process.NAME]; there is nothing to start")
     );
-    check_new_files(args)?;
+    check_files(args)?;
     if launch.processes.iter().any(Process::is_daemon) || !launch.topics.is_empty() {
         memory::check(&launch)?;
     }
@@ -62,7 +62,7 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     if launch.processes.iter().any(Process::is_daemon) && bus.daemon_alive()? {
         let domain = &common.domain;
         return Err(wrong_usage(format!(
-            "a simulator runs on domain {domain:?} already; stop it, or choose another name with --domain"
+            "a simulator or a replay runs on domain {domain:?} already; stop it, or choose another name with --domain"
         )));
     }
     let signals = signals::Signals::install()?;
@@ -111,9 +111,15 @@ pub fn quickstart_bytes() -> u64 {
     memory::total_bytes(&launch)
 }
 
-/// Checks that the files to be written do not exist yet. Files are never overwritten, and the user
-/// should learn that before the town is built.
-fn check_new_files(args: &UpArgs) -> anyhow::Result<()> {
+/// Checks that the recording is there, and that the files to be written do not exist yet. Files are
+/// never overwritten, and the user should learn that before the town is built.
+fn check_files(args: &UpArgs) -> anyhow::Result<()> {
+    if let Some(file) = &args.replay {
+        anyhow::ensure!(
+            file.is_file(),
+            wrong_usage(format!("there is no recording {}", file.display()))
+        );
+    }
     let saved = match &args.view {
         Some(ViewMode::Save(file)) => Some(file),
         _ => None,

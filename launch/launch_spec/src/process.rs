@@ -47,12 +47,22 @@ pub struct Process {
 }
 
 impl Process {
-    /// Whether this process is the simulation daemon.
+    /// Whether this process publishes the world, whose ticks the others follow: the simulator, or a
+    /// recording in its place.
     pub fn is_daemon(&self) -> bool {
-        self.cmd.first().is_some_and(|program| {
-            Path::new(program)
+        self.is_simulator() || self.runs("gantry-replay")
+    }
+
+    /// Whether this process is the simulator, which makes the sensors of the launch file.
+    pub fn is_simulator(&self) -> bool {
+        self.runs("simd")
+    }
+
+    fn runs(&self, program: &str) -> bool {
+        self.cmd.first().is_some_and(|path| {
+            Path::new(path)
                 .file_name()
-                .is_some_and(|name| name == "simd")
+                .is_some_and(|name| name == program)
         })
     }
 }

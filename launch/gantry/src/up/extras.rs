@@ -1,11 +1,16 @@
-//! What `--record` and `--view` add to a launch file.
+//! What `--replay`, `--record` and `--view` change in a launch file.
+
+use std::path::Path;
 
 use launch_spec::{Launch, Period, Process, Restart, Stop};
 
 use crate::cli::{UpArgs, ViewMode};
 
-/// The launch file with what `--record` and `--view` ask for.
+/// The launch file with what `--replay`, `--record` and `--view` ask for.
 pub fn with_extras(mut launch: Launch, args: &UpArgs) -> Launch {
+    if let Some(file) = &args.replay {
+        replay_into(&mut launch, file, args.rate.as_deref());
+    }
     if let Some(file) = &args.record {
         // In lockstep the world waits for the disk: nothing is lost, from the first tick on.
         let cmd = vec![
@@ -44,6 +49,49 @@ pub fn with_extras(mut launch: Launch, args: &UpArgs) -> Launch {
         }
     }
     launch
+}
+
+/// Programs of Gantry that act on the world. A recording cannot be acted on.
+const DRIVERS: [&str; 1] = ["gantry-drive"];
+
+/// Puts a recording in the simulator's place, under its name, so that what comes after it still does.
+fn replay_into(launch: &mut Launch, file: &Path, rate: Option<&str>) {
+    let drives = |process: &Process| {
+        let program = process.cmd.first().map(Path::new);
+        program
+            .and_then(Path::file_name)
+            .is_some_and(|name| DRIVERS.iter().any(|driver| name == *driver))
+    };
+    let dropped: Vec<String> = launch
+        .processes
+        .extract_if(.., |process| drives(process))
+        .map(|process| process.name)
+        .collect();
+    for process in &mut launch.processes {
+        process.after.retain(|name| !dropped.contains(name));
+    }
+    let rate = rate.map(|rate| ["--rate".to_owned(), rate.to_owned()]);
+    let cmd: Vec<String> = ["gantry-replay".to_owned(), file.display().to_string()]
+        .into_iter()
+        .chain(rate.into_iter().flatten())
+        .collect();
+    match launch
+        .processes
+        .iter_mut()
+        .find(|process| process.is_daemon())
+    {
+        Some(daemon) => daemon.cmd = cmd,
+        None => {
+            let replay = Extra {
+                name: "replay",
+                cmd,
+                stop: None,
+                required: true,
+                lockstep: false,
+            };
+            replay.put_into(launch);
+        }
+    }
 }
 
 /// A process that a flag asks for.
@@ -167,5 +215,26 @@ mod tests {
         );
         assert!(launch(&["--view", "none"]).process("view").is_none());
         assert!(launch(&[]).process("view").is_some());
+    }
+
+    #[test]
+    fn a_recording_takes_the_simulators_place_and_drivers_go() {
+        let driven = format!(
+            "{LAUNCH}[process.drive]\ncmd = [\"gantry-drive\"]\nafter = [\"world\"]\n\
+             [process.detector]\ncmd = [\"sh\"]\nlockstep = true\nafter = [\"drive\"]\n"
+        );
+        let args = up(&["--replay", "drive.mcap", "--rate", "max"]);
+        let launch = with_extras(Launch::parse(&driven, "x").unwrap(), &args);
+        let world = launch.process("world").unwrap();
+        assert_eq!(world.cmd, ["gantry-replay", "drive.mcap", "--rate", "max"]);
+        assert!(world.is_daemon() && !world.is_simulator());
+        assert!(launch.process("drive").is_none(), "nobody can drive in it");
+        let detector = launch.process("detector").unwrap();
+        assert_eq!(detector.after, ["world"], "it follows the recording");
+        let alone = with_extras(
+            Launch::parse("version = 1\n[process.a]\ncmd = [\"sh\"]\n", "x").unwrap(),
+            &up(&["--replay", "drive.mcap"]),
+        );
+        assert!(alone.process("replay").unwrap().required);
     }
 }

@@ -4,7 +4,7 @@
 use std::fmt::Write as _;
 
 use launch_cli::wrong_usage;
-use launch_spec::{Launch, TopicBudget};
+use launch_spec::{Launch, Process, TopicBudget};
 use schema_bus::{
     FrameTopic, MemoryShortage, OTHER_BYTES, ResultTopic, check_shared_memory, shared_memory_free,
     shared_memory_needed,
@@ -28,9 +28,15 @@ fn topic_bytes(topic: &TopicBudget) -> u64 {
     frame_topic(topic).segment_bytes(topic.modality)
 }
 
-/// Shared memory that a launch file needs in all.
+/// Shared memory that a launch file needs in all. A replay counts the topics of its recording itself.
 pub fn total_bytes(launch: &Launch) -> u64 {
-    let frames = launch.memory_budget().into_iter();
+    let is_replayed = |process: &Process| process.is_daemon() && !process.is_simulator();
+    let budget = if launch.processes.iter().any(is_replayed) {
+        Vec::new()
+    } else {
+        launch.memory_budget()
+    };
+    let frames = budget.into_iter();
     let results = own_topics(launch).map(|(_, topic)| topic.segment_bytes());
     shared_memory_needed(frames.map(|topic| topic_bytes(&topic)).chain(results))
 }

@@ -140,11 +140,11 @@ impl Run<'_> {
                         .is_some_and(|rest| rest.starts_with('='))
             })
         };
-        if process.is_daemon() && !has(args, "--launch") {
+        if process.is_simulator() && !has(args, "--launch") {
             args.extend(["--launch".into(), resolved.display().to_string()]);
         }
         // `resolved` is DATA/runs/<start>/launch.toml; daemon and gateway keep their files in DATA.
-        let keeps = process.is_daemon()
+        let keeps = process.is_simulator()
             || process
                 .cmd
                 .first()

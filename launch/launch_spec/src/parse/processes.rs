@@ -214,7 +214,7 @@ fn order_lockstep(processes: &mut [(Place, Process)], file: &Table, errors: &mut
         match &daemon {
             None => errors.push(
                 at,
-                format!("{path} is true, but no process of the launch runs simd, whose ticks could wait for it"),
+                format!("{path} is true, but no process of the launch runs simd or gantry-replay, whose ticks could wait for it"),
             ),
             Some(_) if process.is_daemon() => errors.push(
                 at,
