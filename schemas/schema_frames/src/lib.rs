@@ -42,6 +42,7 @@ pub mod snapshot;
 pub mod attachment;
 pub mod command;
 pub mod control;
+pub mod journal;
 pub mod physics;
 pub mod query;
 pub mod scenery;
@@ -69,6 +70,7 @@ pub use dvs::DvsEvent;
 pub use events::{CollisionEvent, LaneCrossing, ObstacleEvent};
 pub use header::{FrameError, FrameHeader};
 pub use imu_gnss::{GnssSample, ImuSample};
+pub use journal::{JournalAct, JournalEntry, JournalFile, JournalHead};
 pub use lidar::{LidarPoint, SemanticLidarPoint};
 pub use modality::{Modality, SensorKind};
 pub use physics::{

@@ -10,6 +10,7 @@ use crate::gnss::GnssSpec;
 use crate::imu::ImuSpec;
 use crate::lidar::LidarSpec;
 use crate::mount::MountSpec;
+use crate::optics::ExposureMode;
 use crate::radar::RadarSpec;
 
 /// One sensor of a rig: `[sensor.NAME]` in a launch file.
@@ -105,6 +106,22 @@ impl SensorSpec {
             SensorSpec::Obstacle(_) => vec![Modality::Obstacle],
             SensorSpec::Collision(_) => vec![Modality::Collision],
             SensorSpec::LaneInvasion(_) => vec![Modality::LaneInvasion],
+        }
+    }
+
+    /// Whether a frame of `modality` depends on whether the one before it was made: event cameras
+    /// and automatic exposure begin anew after a pause.
+    pub fn remembers(&self, modality: Modality) -> bool {
+        match self {
+            SensorSpec::Camera(camera) => match modality {
+                Modality::Dvs => true,
+                Modality::Rgb => {
+                    camera.optics.exposure.mode == ExposureMode::Histogram
+                        && camera.optics.postprocess
+                }
+                _ => false,
+            },
+            _ => false,
         }
     }
 

@@ -22,6 +22,8 @@ const KIND: &str = "gckp";
 pub struct Checkpoints {
     folder: PathBuf,
     named: BTreeMap<String, Checkpoint>,
+    /// Files of a journal by name, in place of those in the folder.
+    provided: BTreeMap<String, Vec<u8>>,
     start: Option<Checkpoint>,
 }
 
@@ -31,6 +33,7 @@ impl Checkpoints {
         Checkpoints {
             folder: data_folder.join("checkpoints"),
             named: BTreeMap::new(),
+            provided: BTreeMap::new(),
             start: None,
         }
     }
@@ -85,11 +88,21 @@ impl Checkpoints {
         }
     }
 
-    /// A checkpoint that was saved; `world` knows the catalogue that a file is read with.
-    pub fn find(&self, from: &CheckpointPlace, world: &World) -> anyhow::Result<Checkpoint> {
+    /// Takes a file of a journal, which is found once in place of the one in the folder.
+    pub fn provide(&mut self, name: String, bytes: Vec<u8>) {
+        self.provided.insert(name, bytes);
+    }
+
+    /// A checkpoint that was saved, and its file's bytes if it was in one; `world` knows the
+    /// catalogue that a file is read with.
+    pub fn find(
+        &mut self,
+        from: &CheckpointPlace,
+        world: &World,
+    ) -> anyhow::Result<(Checkpoint, Option<Vec<u8>>)> {
         match from {
             CheckpointPlace::Name(name) => match self.named.get(name) {
-                Some(checkpoint) => Ok(checkpoint.clone()),
+                Some(checkpoint) => Ok((checkpoint.clone(), None)),
                 None => {
                     let names: Vec<&str> = self.named.keys().map(String::as_str).collect();
                     bail!(
@@ -100,6 +113,14 @@ impl Checkpoints {
             },
             CheckpointPlace::File(name) => {
                 let path = self.file(name)?;
+                let read = |bytes: Vec<u8>| {
+                    let checkpoint = Checkpoint::from_bytes(&bytes, world)
+                        .with_context(|| format!("cannot restore {}", path.display()))?;
+                    Ok((checkpoint, Some(bytes)))
+                };
+                if let Some(bytes) = self.provided.remove(name) {
+                    return read(bytes);
+                }
                 let length = std::fs::metadata(&path)
                     .with_context(|| format!("cannot read {}", path.display()))?
                     .len();
@@ -110,8 +131,7 @@ impl Checkpoints {
                 );
                 let bytes = std::fs::read(&path)
                     .with_context(|| format!("cannot read {}", path.display()))?;
-                Checkpoint::from_bytes(&bytes, world)
-                    .with_context(|| format!("cannot restore {}", path.display()))
+                read(bytes)
             }
         }
     }

@@ -101,6 +101,25 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     pub await_participant: Vec<String>,
 
+    /// Run a journal again: entries act at their ticks, and until it ends other clients may ask but
+    /// not change the world. `gantry rerun` takes it out of a recording
+    #[arg(long, value_name = "FILE")]
+    pub journal: Option<PathBuf>,
+
+    /// Simulated time up to which the journal holds, nanoseconds [default: up to its last entry]
+    #[arg(long, value_name = "NANOS", requires = "journal")]
+    pub journal_until: Option<u64>,
+
+    /// Sensor of the launch file that was not in the recorded run: its actor id is one of a range of
+    /// its own, so that all other ids stay as they were; may be repeated
+    #[arg(long, value_name = "NAME")]
+    pub added_sensor: Vec<String>,
+
+    /// Most memory for what acted on the world so far, MiB; beyond it the oldest is forgotten, and
+    /// recordings that begin later cannot be run again
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    pub journal_mb: u32,
+
     #[command(flatten)]
     pub common: CommonArgs,
 }

@@ -8,10 +8,10 @@ mod rays;
 mod sensors;
 mod stepping;
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 use schema_bus::Origin;
 use schema_frames::query::MAX_HITS;
-use schema_frames::{Command, CommandReply, ReplyBatch};
+use schema_frames::{Command, CommandBatch, CommandReply, ReplyBatch};
 use schema_types::{ActorId, Pose};
 
 use crate::daemon::Daemon;
@@ -32,14 +32,23 @@ pub fn serve(daemon: &mut Daemon) -> anyhow::Result<()> {
     }
     for request in requests {
         let replies = match &request.batch {
-            Ok(batch) => batch
-                .commands
-                .iter()
-                .map(|command| {
-                    run(daemon, command, &request.origin)
-                        .unwrap_or_else(|error| refused(format!("{error:#}")))
-                })
-                .collect(),
+            Ok(batch) => {
+                let replies: Vec<CommandReply> = batch
+                    .commands
+                    .iter()
+                    .map(|command| answer(daemon, command, &request.origin))
+                    .collect();
+                let outcomes = outcomes(&batch.commands, &replies);
+                if !outcomes.is_empty() && daemon.player.is_none() {
+                    daemon.journal.note_commands(
+                        &request.client,
+                        request.seq,
+                        request.text(),
+                        outcomes,
+                    );
+                }
+                replies
+            }
             Err(error) => vec![refused(error.clone())],
         };
         let answer = ReplyBatch {
@@ -52,7 +61,72 @@ pub fn serve(daemon: &mut Daemon) -> anyhow::Result<()> {
             tracing::warn!(%error, "an answer could not be sent");
         }
     }
+    daemon.journal.end_round(daemon.tick.0);
     daemon.publish_documents()
+}
+
+/// Runs those commands of a journal's request again that act on the world; returns their outcomes.
+pub fn run_again(
+    daemon: &mut Daemon,
+    client: &str,
+    seq: u64,
+    text: &str,
+) -> anyhow::Result<Vec<String>> {
+    let batch: CommandBatch =
+        serde_json::from_str(text).context("a request in the journal cannot be read")?;
+    let mut outcomes = Vec::new();
+    for command in batch.commands.iter().filter(|c| c.acts_on_world()) {
+        let reply = match command {
+            // The mode decides when ticks come, and here the journal does.
+            Command::Configure {
+                period_nanos,
+                longest_substep_nanos,
+                ..
+            } => {
+                let wish = Configuration {
+                    mode: None,
+                    period_nanos: *period_nanos,
+                    longest_substep_nanos: *longest_substep_nanos,
+                };
+                stepping::configure(daemon, &wish)
+            }
+            command => run(daemon, command),
+        };
+        let reply = reply.unwrap_or_else(|error| refused(format!("{error:#}")));
+        outcomes.push(reply.outcome());
+    }
+    daemon
+        .journal
+        .note_commands(client, seq, text, outcomes.clone());
+    Ok(outcomes)
+}
+
+/// What was answered to the commands that act on the world.
+fn outcomes(commands: &[Command], replies: &[CommandReply]) -> Vec<String> {
+    commands
+        .iter()
+        .zip(replies)
+        .filter(|(command, _)| command.acts_on_world())
+        .map(|(_, reply)| reply.outcome())
+        .collect()
+}
+
+/// Runs a client's command, or says why not.
+fn answer(daemon: &mut Daemon, command: &Command, asker: &Origin) -> CommandReply {
+    let decides_ticks = matches!(
+        command,
+        Command::Step { .. } | Command::Configure { .. } | Command::SetSpeed { .. }
+    );
+    if daemon.player.is_some() && (decides_ticks || command.acts_on_world()) {
+        return refused(
+            "a run is run again from its journal here, and until that ends nobody else may change it; ask what you like, and change it then".into(),
+        );
+    }
+    match command {
+        Command::JoinLockstep { name } => stepping::join(daemon, name, asker),
+        command => run(daemon, command),
+    }
+    .unwrap_or_else(|error| refused(format!("{error:#}")))
 }
 
 /// A refusal with its sentence.
@@ -61,7 +135,7 @@ fn refused(error: String) -> CommandReply {
 }
 
 /// Runs one command. Every command is named here, so that a new one cannot go to the wrong place.
-fn run(daemon: &mut Daemon, command: &Command, asker: &Origin) -> anyhow::Result<CommandReply> {
+fn run(daemon: &mut Daemon, command: &Command) -> anyhow::Result<CommandReply> {
     match command {
         Command::Ping => Ok(CommandReply::Pong {
             version: env!("CARGO_PKG_VERSION").into(),
@@ -83,7 +157,7 @@ fn run(daemon: &mut Daemon, command: &Command, asker: &Origin) -> anyhow::Result
         Command::Seek { .. } => bail!(
             "this is a live simulator, whose time only goes on; seek works on a replay (gantry replay), and restore_checkpoint goes back here"
         ),
-        Command::JoinLockstep { name } => stepping::join(daemon, name, asker),
+        Command::JoinLockstep { .. } => bail!("only a client can join the lockstep"),
         Command::LeaveLockstep { participant } => stepping::leave(daemon, *participant),
         Command::ListMaps => Ok(CommandReply::Maps {
             names: daemon.maps.names(),
@@ -94,6 +168,7 @@ fn run(daemon: &mut Daemon, command: &Command, asker: &Origin) -> anyhow::Result
         }
         Command::LoadMap { map } => maps::load(daemon, map),
         Command::Counters => Ok(counters::counters(daemon)),
+        Command::Journal { after } => Ok(daemon.journal.answer(*after)),
         // Passive sensors have no frames: CARLA's clients compute lane invasions themselves, and the
         // gateway computes what the V2X radio receives.
         Command::Spawn { type_id, .. }

@@ -20,8 +20,10 @@ use crate::episode::Episode;
 use crate::faults::Faults;
 use crate::frames::{Sensors, TickView};
 use crate::hash::BytesHash;
+use crate::journal::Journal;
 use crate::maps::Maps;
 use crate::pace::Pace;
+use crate::player::Player;
 use crate::ports::Ports;
 use crate::settings::Settings;
 use crate::topic::Audience;
@@ -50,6 +52,10 @@ pub struct Daemon {
     /// Whether the next snapshot is the first after going back to a checkpoint.
     pub just_restored: bool,
     pub debug: DebugShapes,
+    /// What acted on the world so far.
+    pub journal: Journal,
+    /// The journal that is run again, until it ends.
+    pub player: Option<Player>,
 }
 
 impl Daemon {
@@ -93,6 +99,7 @@ impl Daemon {
             ..self.scene()
         };
         let world = &self.world;
+        let edge = self.tick.0.saturating_sub(1);
         let tick = TickView {
             scene: &scene,
             stamp: &self.episode.stamp,
@@ -101,7 +108,11 @@ impl Daemon {
         };
         self.sensors.fire(&tick, |actor| {
             crate::carrier::carrier_of(world, actor, sim_time)
-        })
+        })?;
+        for (topic, is_made) in self.sensors.take_audience_changes() {
+            self.journal.note_audience(edge, &topic, is_made);
+        }
+        Ok(())
     }
 
     /// Publishes the actors' states after the current tick.

@@ -142,13 +142,15 @@ pub fn begin(
     })
 }
 
-/// Makes a sensor's passive actor on its rig's vehicle or place.
+/// Makes a sensor's passive actor on its rig's vehicle or place; one that is added to an old run
+/// gets an id of a range of its own.
 pub fn spawn_sensor(
     world: &mut World,
     scenario: &Scenario,
     rig: &RigSpec,
     spec: &SensorSpec,
     name: &str,
+    is_added: bool,
 ) -> anyhow::Result<ActorId> {
     let mount = spec.mount().vehicle_from_sensor();
     let (parent, pose): (_, Pose) = match rig {
@@ -171,7 +173,11 @@ pub fn spawn_sensor(
         }
         RigSpec::Free(place) => (None, (place.pose().isometry() * mount).into()),
     };
-    let actor = world.spawn(sensor_type(spec), pose, parent, name, &BTreeMap::new())?;
+    let type_id = sensor_type(spec);
+    let actor = match is_added {
+        true => world.spawn_added_sensor(type_id, pose, parent, name)?,
+        false => world.spawn(type_id, pose, parent, name, &BTreeMap::new())?,
+    };
     world.set_attachment(actor, spec.mount().attachment)?;
     Ok(actor)
 }

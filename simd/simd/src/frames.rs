@@ -98,6 +98,36 @@ impl Sensors {
         &self.gpu
     }
 
+    /// Topics whose frames are made from the last firing on, or no longer, where that matters to
+    /// later frames, since the last call.
+    pub fn take_audience_changes(&mut self) -> Vec<(String, bool)> {
+        self.sensors
+            .iter_mut()
+            .flat_map(|sensor| &mut sensor.topics)
+            .filter_map(|topic| topic.take_change().map(|made| (topic.name.clone(), made)))
+            .collect()
+    }
+
+    /// Follows what a journal says about frames of a topic.
+    pub fn tell(&mut self, topic: &str, is_made: bool) {
+        let topics = self
+            .sensors
+            .iter_mut()
+            .filter(|sensor| !sensor.is_added)
+            .flat_map(|sensor| &mut sensor.topics);
+        topics
+            .filter(|of_sensor| of_sensor.name == topic)
+            .for_each(|of_sensor| of_sensor.tell(Some(is_made)));
+    }
+
+    /// All topics follow their readers again.
+    pub fn follow_readers(&mut self) {
+        self.sensors
+            .iter_mut()
+            .flat_map(|sensor| &mut sensor.topics)
+            .for_each(|topic| topic.tell(None));
+    }
+
     /// How frames are made.
     pub fn options(&self) -> &FrameOptions {
         &self.options
@@ -227,12 +257,15 @@ impl Sensors {
         )
     }
 
-    /// Adds a sensor made at run time. Its actor id must be the highest.
+    /// Adds a sensor made at run time.
     pub fn add(&mut self, sensor: Sensor, assets: &SceneAssets) {
         if sensor.model.casts_rays() {
             self.rays.require(assets);
         }
-        self.sensors.push(sensor);
+        let at = self
+            .sensors
+            .partition_point(|other| other.actor < sensor.actor);
+        self.sensors.insert(at, sensor);
     }
 
     /// Ends the sensors that `is_gone` names: they fire no more, frames in flight are sent, and

@@ -47,6 +47,19 @@ enum Source {
         name: String,
         revision: u64,
     },
+    /// A file of a journal.
+    Provided {
+        name: String,
+        revision: u64,
+    },
+}
+
+/// A map file of a journal.
+#[derive(Debug)]
+struct Provided {
+    revision: u64,
+    title: String,
+    text: String,
 }
 
 /// Where maps come from.
@@ -56,6 +69,8 @@ pub struct Maps {
     /// The launch file's folder, in which relative paths are looked for too.
     beside: Option<PathBuf>,
     stored: BTreeMap<String, (u64, StoredMap)>,
+    /// Files of a journal by what they are asked for as, in place of those on the disk.
+    provided: BTreeMap<String, Provided>,
     n_stored: u64,
     kept: Vec<(Source, u64, Arc<LoadedMap>)>,
 }
@@ -67,6 +82,7 @@ impl Maps {
             folder: data.join("maps"),
             beside: launch_folder,
             stored: BTreeMap::new(),
+            provided: BTreeMap::new(),
             n_stored: 0,
             kept: Vec::new(),
         }
@@ -124,6 +140,31 @@ impl Maps {
         Ok(())
     }
 
+    /// Takes a map file of a journal, which is loaded in place of the one on the disk when `name`
+    /// is asked for; the map is then called `title`.
+    pub fn provide(&mut self, name: String, title: String, bytes: &[u8]) {
+        self.n_stored += 1;
+        let provided = Provided {
+            revision: self.n_stored,
+            title,
+            text: String::from_utf8_lossy(bytes).into_owned(),
+        };
+        self.provided.insert(name, provided);
+    }
+
+    /// The text of the file that `name` means; `None` if it means a town or a stored map, which
+    /// need no file.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn file_text(&self, name: &str) -> anyhow::Result<Option<String>> {
+        match self.find(name)? {
+            Source::File { path, bytes, .. } => read_text(&path, bytes).map(Some),
+            Source::Provided { name, .. } => Ok(Some(self.provided[&name].text.clone())),
+            Source::Town(_) | Source::Stored { .. } => Ok(None),
+        }
+    }
+
     /// The map that a name or path means.
     ///
     /// # Errors
@@ -157,6 +198,7 @@ impl Maps {
             Source::Town(name) => Town::generate(&name, seed).map_err(wrong_usage)?.open_drive,
             Source::File { path, bytes, .. } => read_text(&path, bytes)?,
             Source::Stored { name, .. } => self.stored[&name].1.open_drive.clone(),
+            Source::Provided { name, .. } => self.provided[&name].text.clone(),
         })
     }
 
@@ -172,6 +214,12 @@ impl Maps {
             return Ok(Source::Stored {
                 name: short.to_owned(),
                 revision: *revision,
+            });
+        }
+        if let Some(provided) = self.provided.get(name) {
+            return Ok(Source::Provided {
+                name: name.to_owned(),
+                revision: provided.revision,
             });
         }
         let is_path = name.ends_with(".xodr")
@@ -240,6 +288,11 @@ impl Maps {
                 let text = read_text(path, *bytes)?;
                 build(&name, &text, seed, &ImportOptions::default())
                     .map_err(|error| wrong_usage(format!("{}: {error:#}", path.display())))
+            }
+            Source::Provided { name, .. } => {
+                let Provided { title, text, .. } = &self.provided[name];
+                build(title, text, seed, &ImportOptions::default())
+                    .map_err(|error| wrong_usage(format!("map {name:?}: {error:#}")))
             }
             Source::Stored { name, .. } => {
                 let (_, map) = self

@@ -43,6 +43,8 @@ pub struct Sensor {
     pub stream: u64,
     /// Frames of an event-like sensor so far, read or not.
     pub n_event_frames: u64,
+    /// Whether it was added to an old run.
+    pub is_added: bool,
 }
 
 /// Identity of a sensor, before it has a schedule and topics.
@@ -57,6 +59,8 @@ pub struct SensorIdentity {
     pub actor: ActorId,
     /// See [`Sensor::stream`].
     pub stream: u64,
+    /// See [`Sensor::is_added`].
+    pub is_added: bool,
 }
 
 /// What opening a sensor needs besides the sensor.
@@ -75,6 +79,8 @@ pub struct OpenContext<'a> {
     pub seed: u64,
     /// Length of a tick.
     pub period_nanos: u64,
+    /// Whether a journal that is run again tells which topics have frames, where that matters.
+    pub is_told: bool,
 }
 
 impl Sensor {
@@ -91,6 +97,7 @@ impl Sensor {
             name,
             actor,
             stream,
+            is_added,
         } = identity;
         let mut topics = Vec::new();
         let tick_secs = context.period_nanos as f64 * 1e-9;
@@ -101,6 +108,8 @@ impl Sensor {
                 name: topic_name,
                 modality,
                 max_payload_bytes: spec.max_payload_bytes(modality, tick_secs),
+                remembers: spec.remembers(modality),
+                is_told: context.is_told && !is_added,
             };
             topics.push(Topic::open(
                 context.bus,
@@ -123,6 +132,7 @@ impl Sensor {
             model,
             stream,
             n_event_frames: 0,
+            is_added,
         })
     }
 

@@ -41,6 +41,14 @@ pub struct Settings {
     pub run: RunSettings,
     /// Names of lockstep participants that the first tick waits for.
     pub awaited_participants: Vec<String>,
+    /// Journal to run again.
+    pub journal: Option<PathBuf>,
+    /// Simulated time up to which it holds, nanoseconds.
+    pub journal_until_nanos: Option<u64>,
+    /// Sensors with ids of a range of their own.
+    pub added_sensors: Vec<String>,
+    /// Most memory for the journal that is kept.
+    pub journal_bytes: usize,
 }
 
 /// Settings of the tick loop.
@@ -71,6 +79,15 @@ impl Settings {
     /// Reads and checks the launch file and lays the flags over it.
     pub fn resolve(args: &Args) -> anyhow::Result<Settings> {
         let launch = read_launch(args)?;
+        if let Some(name) = args
+            .added_sensor
+            .iter()
+            .find(|name| !launch.sensors.contains_key(*name))
+        {
+            return Err(wrong_usage(format!(
+                "--added-sensor {name}: the launch file has no sensor of this name"
+            )));
+        }
         let (lidars_on, lidars_on_source) = match args.lidars_on {
             Some(LidarsOnArg::Cpu) => (LidarsOn::Cpu, "--lidars-on cpu"),
             Some(LidarsOnArg::Gpu) => (LidarsOn::Gpu, "--lidars-on gpu"),
@@ -125,6 +142,10 @@ impl Settings {
                 n_awaited_participants: args.await_lockstep as usize,
             },
             awaited_participants: args.await_participant.clone(),
+            journal: args.journal.clone(),
+            journal_until_nanos: args.journal_until,
+            added_sensors: args.added_sensor.clone(),
+            journal_bytes: (args.journal_mb as usize) << 20,
         })
     }
 

@@ -3,6 +3,7 @@
 use launch_cli::wrong_usage;
 use launch_spec::Launch;
 use schema_bus::{Bus, FrameTopic, Gate, mono_now};
+use schema_frames::JournalFile;
 use schema_types::time::TickClock;
 use schema_types::{SimTime, Tick};
 use sensor_camera::{CameraRenderer, Quality};
@@ -16,8 +17,10 @@ use crate::debug_shapes::DebugShapes;
 use crate::episode::{self, EpisodeId};
 use crate::faults::Faults;
 use crate::frames::Sensors;
+use crate::journal::{self, Journal};
 use crate::maps::Maps;
 use crate::pace::Pace;
+use crate::player::{Act, Player};
 use crate::ports::Ports;
 use crate::sensor::{OpenContext, Sensor, SensorIdentity, noise_stream, schedule_of, shared_rig};
 use crate::settings::Settings;
@@ -54,6 +57,22 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         ..Default::default()
     });
     let mut maps = Maps::new(&settings.data_folder, settings.launch_folder.clone());
+    let mut player = settings
+        .journal
+        .as_deref()
+        .map(|file| Player::open(file, settings.journal_until_nanos))
+        .transpose()?;
+    if let Some(player) = &mut player {
+        warn_of_differences(player, gpu.name());
+        for act in player.first_files()? {
+            if let Act::File {
+                name, title, bytes, ..
+            } = act
+            {
+                maps.provide(name, title, &bytes);
+            }
+        }
+    }
     let map = maps.load(&launch.scenario.map, launch.scenario.seed)?;
     let id = EpisodeId {
         epoch: new_epoch(),
@@ -69,10 +88,31 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         launch,
         seed: launch.scenario.seed,
         period_nanos,
+        is_told: player.is_some(),
     };
-    let sensors = open_sensors(&context, &mut world, &episode.scenario, launch)?;
+    let sensors = open_sensors(
+        &context,
+        &mut world,
+        &episode.scenario,
+        launch,
+        &settings.added_sensors,
+    )?;
     let mut sensors = Sensors::new(gpu, renderer, sensors, frames);
     sensors.load(&episode.assets)?;
+    let head = journal::head(&journal::Surroundings {
+        settings: &settings,
+        epoch: episode.stamp.epoch,
+        map: (&map.data.name, &map.data.open_drive),
+        adapter: sensors.gpu().name(),
+        quality,
+        lidars_on: sensors.options().lidars_on,
+    });
+    let mut journal = Journal::new(head, settings.journal_bytes);
+    if let Some(text) = maps.file_text(&launch.scenario.map)? {
+        let (name, title) = (&launch.scenario.map, &map.data.name);
+        journal.note_file(JournalFile::Map, name, title, text.as_bytes());
+        journal.end_round(0);
+    }
     let ports = Ports::open(&bus)?;
     let now = mono_now().0;
     let mut daemon = Daemon {
@@ -86,6 +126,8 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         checkpoints: Checkpoints::new(&settings.data_folder),
         just_restored: false,
         debug: DebugShapes::default(),
+        journal,
+        player,
         settings,
         sensors,
         ports,
@@ -137,6 +179,7 @@ fn open_sensors(
     world: &mut World,
     scenario: &Scenario,
     launch: &Launch,
+    added: &[String],
 ) -> anyhow::Result<Vec<Sensor>> {
     let mut sensors: Vec<Sensor> = Vec::new();
     for placed in launch.placed_sensors() {
@@ -145,20 +188,48 @@ fn open_sensors(
             .get(placed.rig)
             .expect("a checked launch file has every rig it names");
         let rig = shared_rig(&sensors, context.bus, placed.rig)?;
-        let actor = episode::spawn_sensor(world, scenario, launch_rig, placed.spec, placed.name)?;
+        let is_added = added.iter().any(|name| name == placed.name);
+        let actor = episode::spawn_sensor(
+            world,
+            scenario,
+            launch_rig,
+            placed.spec,
+            placed.name,
+            is_added,
+        )?;
         let identity = SensorIdentity {
             rig,
             launch_rig: Some(*launch_rig),
             name: placed.name.to_owned(),
             actor,
             stream: noise_stream(&[placed.rig.as_bytes(), placed.name.as_bytes()]),
+            is_added,
         };
         let schedule = schedule_of(placed.spec, SimTime(0), context.period_nanos);
         let sensor = Sensor::open(context, identity, placed.spec.clone(), schedule)?;
         world.set_topics(actor, sensor.topic_infos())?;
         sensors.push(sensor);
     }
+    sensors.sort_by_key(|sensor| sensor.actor);
     Ok(sensors)
+}
+
+/// Says what may make the bytes of a run differ from those of its journal.
+fn warn_of_differences(player: &Player, adapter: &str) {
+    let (head, build) = (&player.head, journal::build());
+    if head.build != build {
+        tracing::warn!(
+            recorded = head.version,
+            "the journal is of another build of the simulator, so frames may differ: {} then, {build} now",
+            head.build
+        );
+    }
+    if head.adapter != adapter {
+        tracing::warn!(
+            "the journal's run rendered on {:?} and this one does on {adapter:?}, so images may differ",
+            head.adapter
+        );
+    }
 }
 
 /// Tells one start of the daemon from another.

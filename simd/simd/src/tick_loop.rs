@@ -5,7 +5,7 @@ use std::time::Duration;
 use anyhow::bail;
 use launch_cli::Shutdown;
 use schema_bus::{Look, mono_now};
-use schema_frames::{StepMode, VehicleControlRecord};
+use schema_frames::{JournalFile, StepMode, VehicleControlRecord};
 use schema_types::{ActorId, Tick};
 use simd_world::World;
 
@@ -13,6 +13,7 @@ use crate::clients::CLEANING_NANOS;
 use crate::commands;
 use crate::daemon::Daemon;
 use crate::pace::Pace;
+use crate::player::Act;
 use crate::settings::Speed;
 
 /// Longest time without a look at shutdown, lockstep participants and lost clients.
@@ -50,6 +51,7 @@ fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Nex
     if shutdown.requested() || daemon.settings.run.last_tick.is_some_and(is_last) {
         return Ok(Next::Stop);
     }
+    play(daemon)?;
     daemon.ports.greet();
     take_acks(daemon);
     if !may_start(daemon) {
@@ -94,13 +96,17 @@ fn may_start(daemon: &Daemon) -> bool {
     let enough = tick > 0
         || (gate.participants().len() >= settings.run.n_awaited_participants
             && settings.awaited_participants.iter().all(has_joined));
-    let open = gate.is_open(tick)
-        || (daemon.clients.is_running_alone() && gate.missing(tick).next().is_none());
+    // A journal and a daemon without clients need no cues.
+    let is_uncued = daemon.clients.is_running_alone() || daemon.player.is_some();
+    let open = gate.is_open(tick) || (is_uncued && gate.missing(tick).next().is_none());
     enough && open
 }
 
 fn is_paced(daemon: &Daemon) -> bool {
     let is_real_time = daemon.settings.run.speed == Speed::RealTime;
+    if daemon.player.is_some() {
+        return false;
+    }
     (daemon.gate.mode() == StepMode::FreeRunning && is_real_time)
         || daemon.clients.is_running_alone()
 }
@@ -123,12 +129,88 @@ fn run_tick(daemon: &mut Daemon) -> anyhow::Result<()> {
     daemon.fire_sensors()
 }
 
+/// Lets everything act that a journal has for the edge behind the last tick, or ends the journal.
+fn play(daemon: &mut Daemon) -> anyhow::Result<()> {
+    let Tick(edge) = daemon.tick;
+    let (now_nanos, period_nanos) = (daemon.now().0, daemon.clock.period_nanos());
+    loop {
+        let Some(player) = &mut daemon.player else {
+            return Ok(());
+        };
+        if player.is_over(now_nanos, period_nanos) {
+            break;
+        }
+        let Some(act) = player.next_at(edge)? else {
+            return Ok(());
+        };
+        play_one(daemon, act)?;
+    }
+    daemon.player = None;
+    daemon.sensors.follow_readers();
+    daemon.pace = Pace::new(mono_now().0, daemon.wall_period_nanos());
+    daemon.ports.documents.touch_info();
+    tracing::info!(tick = edge, "the journal ends; the world is live");
+    Ok(())
+}
+
+fn play_one(daemon: &mut Daemon, act: Act) -> anyhow::Result<()> {
+    let Tick(edge) = daemon.tick;
+    match act {
+        Act::Commands {
+            client,
+            seq,
+            text,
+            outcomes,
+            is_last_of_round,
+        } => {
+            let now = commands::run_again(daemon, &client, seq, &text)?;
+            if let Some(player) = &mut daemon.player {
+                player.compare(edge, &client, &now, &outcomes);
+            }
+            if is_last_of_round {
+                daemon.journal.end_round(edge);
+                daemon.publish_documents()?;
+            }
+        }
+        Act::Controls { writer, records } => {
+            daemon.journal.note_controls(edge, &writer, &records);
+            for record in &records {
+                // What was refused then is refused now.
+                if let Err(error) = apply_control(&mut daemon.world, record) {
+                    tracing::debug!(%error, writer, "a control of the journal is refused");
+                }
+            }
+        }
+        Act::Audience { topic, is_made } => daemon.sensors.tell(&topic, is_made),
+        Act::File {
+            of: JournalFile::Map,
+            name,
+            title,
+            bytes,
+        } => daemon.maps.provide(name, title, &bytes),
+        Act::File {
+            of: JournalFile::Checkpoint,
+            name,
+            bytes,
+            ..
+        } => daemon.checkpoints.provide(name, bytes),
+    }
+    Ok(())
+}
+
 fn apply_controls(daemon: &mut Daemon) {
     let batches = match daemon.ports.controls.drain() {
         Ok(batches) => batches,
         Err(error) => return daemon.faults.unreadable(&error),
     };
+    if daemon.player.is_some() {
+        return;
+    }
     for batch in batches {
+        let Tick(edge) = daemon.tick;
+        daemon
+            .journal
+            .note_controls(edge, &batch.writer, &batch.records);
         for record in &batch.records {
             if let Err(error) = apply_control(&mut daemon.world, record)
                 && daemon.faults.controls.count(&batch.origin, "control")

@@ -26,6 +26,13 @@ pub enum Audience {
     Hash,
 }
 
+/// Whether the last frame of a topic was made, and whether the one was that was told last.
+#[derive(Clone, Copy, Debug, Default)]
+struct Made {
+    is_made: bool,
+    was_made: bool,
+}
+
 /// How the frames of all topics of a run are made.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameOptions {
@@ -49,6 +56,10 @@ pub struct TopicSpec {
     pub max_payload_bytes: usize,
     /// Limits that the launch file gives it.
     pub limits: TopicLimits,
+    /// Whether a frame depends on whether the one before it was made.
+    pub remembers: bool,
+    /// Whether a journal tells when its frames are made; at first they are not.
+    pub is_told: bool,
 }
 
 /// One topic.
@@ -62,6 +73,10 @@ pub struct Topic {
     /// Event of the topic's own name, so that its readers wait for no other frame of the rig.
     wake: Notifier,
     memory: TopicMemory,
+    /// Of a topic whose frames depend on whether the one before was made.
+    made: Option<Made>,
+    /// What the journal that is run again says about that.
+    told: Option<bool>,
 }
 
 /// What became of a topic's frames.
@@ -100,6 +115,8 @@ impl Topic {
             modality,
             max_payload_bytes,
             limits,
+            remembers,
+            is_told,
         } = spec;
         let plan = MemoryPlan {
             modality,
@@ -118,6 +135,8 @@ impl Topic {
             counts: FrameCounts::default(),
             wake,
             memory,
+            made: remembers.then(Made::default),
+            told: (remembers && is_told).then_some(false),
         })
     }
 
@@ -136,7 +155,12 @@ impl Topic {
 
     /// Whether its frames are made.
     pub fn is_read(&self, audience: Audience) -> bool {
-        audience == Audience::Hash || self.n_readers() > 0
+        self.told != Some(false) && (audience == Audience::Hash || self.n_readers() > 0)
+    }
+
+    /// Follows what a journal says about its frames; `None` follows readers again.
+    pub fn tell(&mut self, is_made: Option<bool>) {
+        self.told = self.made.and(is_made);
     }
 
     /// Where the GPU writes; `None` without memory, or if the CPU makes the frames.
@@ -154,9 +178,27 @@ impl Topic {
         (self.max_payload_bytes() / self.modality.element_bytes()) as u32
     }
 
+    /// Whether its frames are made from the last firing on, or no longer, where that matters to
+    /// later frames; `None` if that did not change since the last call.
+    pub fn take_change(&mut self) -> Option<bool> {
+        let made = self.made.as_mut()?;
+        (made.is_made != made.was_made).then(|| {
+            made.was_made = made.is_made;
+            made.is_made
+        })
+    }
+
     /// A slot if somebody reads and one is free. Without a slot the frame is dropped and counted,
     /// and its `seq` is spent.
     pub fn loan_if_read(&mut self, audience: Audience) -> Option<FrameLoan> {
+        let loan = self.loan(audience);
+        if let Some(made) = &mut self.made {
+            made.is_made = loan.is_some();
+        }
+        loan
+    }
+
+    fn loan(&mut self, audience: Audience) -> Option<FrameLoan> {
         if !self.is_read(audience) {
             return None;
         }

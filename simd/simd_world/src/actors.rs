@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use schema_frames::ActorKind;
 use schema_frames::document::{ActorInfo, ActorList, BodyBox, Catalogue, TopicInfo};
+use schema_frames::journal::FIRST_ADDED_ID;
 use schema_types::{ActorId, Pose};
 use serde::{Deserialize, Serialize};
 
@@ -125,6 +126,8 @@ impl Actors {
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(crate) struct Counts {
     next_actor: u32,
+    /// Next id of the range that sensors added to an old run have.
+    next_added: u32,
     /// Changes of the list of actors.
     pub actors_revision: u64,
     /// Map loads.
@@ -135,6 +138,7 @@ impl Counts {
     /// The counts of a world that has never had an actor.
     pub const START: Counts = Counts {
         next_actor: 1,
+        next_added: FIRST_ADDED_ID,
         actors_revision: 0,
         episode: 0,
     };
@@ -143,6 +147,14 @@ impl Counts {
     pub fn new_id(&mut self) -> ActorId {
         let id = ActorId(self.next_actor);
         self.next_actor += 1;
+        id
+    }
+
+    /// An id for a sensor that is added to an old run: far from all others, so that those stay as
+    /// they were without it.
+    pub fn new_added_id(&mut self) -> ActorId {
+        let id = ActorId(self.next_added);
+        self.next_added += 1;
         id
     }
 

@@ -282,7 +282,9 @@ impl World {
             | Command::DrawDebug { .. }
             | Command::ClearDebug
             | Command::Counters
-            | Command::Journal { .. } => refused("this command is for the daemon, not for the world"),
+            | Command::Journal { .. } => {
+                refused("this command is for the daemon, not for the world")
+            }
         }
     }
 

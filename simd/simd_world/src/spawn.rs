@@ -19,6 +19,8 @@ use crate::walkers::{self, Walkers, walker_models};
 
 /// A request for an actor.
 pub(crate) struct Wanted<'r> {
+    /// Whether it is a sensor that is added to an old run.
+    pub is_added: bool,
     pub type_id: &'r str,
     /// Pose in the world, or on the parent.
     pub pose: Pose,
@@ -154,7 +156,10 @@ impl Spawner<'_> {
 
     /// Sensors and controllers: they keep whatever attributes they are given.
     fn bodiless(&mut self, kind: ActorKind, catalogue_idx: u32, wanted: Wanted<'_>) -> ActorId {
-        let id = self.counts.new_id();
+        let id = match wanted.is_added {
+            true => self.counts.new_added_id(),
+            false => self.counts.new_id(),
+        };
         self.actors.add(wanted.actor(id, kind, catalogue_idx));
         id
     }

@@ -219,6 +219,37 @@ impl World {
         role: &str,
         attributes: &BTreeMap<String, String>,
     ) -> Result<ActorId, SpawnError> {
+        self.spawn_wanted(Wanted {
+            type_id,
+            pose,
+            parent,
+            role,
+            attributes,
+            is_added: false,
+        })
+    }
+
+    /// Makes a sensor's actor as [`World::spawn`], with an id from
+    /// [`schema_frames::journal::FIRST_ADDED_ID`] on, so
+    /// that all other actors have the ids that they have without it.
+    pub fn spawn_added_sensor(
+        &mut self,
+        type_id: &str,
+        pose: Pose,
+        parent: Option<ActorId>,
+        role: &str,
+    ) -> Result<ActorId, SpawnError> {
+        self.spawn_wanted(Wanted {
+            type_id,
+            pose,
+            parent,
+            role,
+            attributes: &BTreeMap::new(),
+            is_added: true,
+        })
+    }
+
+    fn spawn_wanted(&mut self, wanted: Wanted<'_>) -> Result<ActorId, SpawnError> {
         let mut spawner = Spawner {
             catalogue: &self.catalogue,
             origin_m: self.map.origin_m,
@@ -230,13 +261,7 @@ impl World {
             props: &mut self.props,
             friction: &mut self.friction,
         };
-        let id = spawner.spawn(Wanted {
-            type_id,
-            pose,
-            parent,
-            role,
-            attributes,
-        })?;
+        let id = spawner.spawn(wanted)?;
         self.actors_changed();
         Ok(id)
     }

@@ -2,7 +2,7 @@
 
 use schema_bus::mono_now;
 use schema_frames::command::CheckpointPlace;
-use schema_frames::{CommandReply, StepMode};
+use schema_frames::{CommandReply, JournalFile, StepMode};
 use schema_types::SimTime;
 use simd_world::Checkpoint;
 
@@ -19,7 +19,12 @@ pub fn save(daemon: &mut Daemon, to: &CheckpointPlace) -> anyhow::Result<Command
 }
 
 pub fn restore(daemon: &mut Daemon, from: &CheckpointPlace) -> anyhow::Result<CommandReply> {
-    let checkpoint = daemon.checkpoints.find(from, &daemon.world)?;
+    let (checkpoint, file) = daemon.checkpoints.find(from, &daemon.world)?;
+    if let (Some(bytes), CheckpointPlace::File(name)) = (file, from) {
+        daemon
+            .journal
+            .note_file(JournalFile::Checkpoint, name, "", &bytes);
+    }
     go_back(daemon, &checkpoint)
 }
 

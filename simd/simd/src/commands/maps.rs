@@ -1,6 +1,6 @@
 //! Another map while the daemon runs.
 
-use schema_frames::CommandReply;
+use schema_frames::{CommandReply, JournalFile};
 
 use crate::daemon::Daemon;
 use crate::episode::{self, EpisodeId};
@@ -13,6 +13,12 @@ pub fn load(daemon: &mut Daemon, map: &str) -> anyhow::Result<CommandReply> {
     let stamp = daemon.episode.stamp;
     let launch = &daemon.settings.launch;
     let loaded = daemon.maps.load(map, launch.scenario.seed)?;
+    if let Some(text) = daemon.maps.file_text(map)? {
+        let title = &loaded.data.name;
+        daemon
+            .journal
+            .note_file(JournalFile::Map, map, title, text.as_bytes());
+    }
     let id = EpisodeId {
         epoch: stamp.epoch,
         episode: stamp.episode + 1,
@@ -33,6 +39,7 @@ pub fn load(daemon: &mut Daemon, map: &str) -> anyhow::Result<CommandReply> {
             rig,
             &sensor.spec,
             &sensor.name,
+            sensor.is_added,
         )?;
         daemon.world.set_topics(actor, sensor.topic_infos())?;
         sensor.begin_episode(actor, sim_time, daemon.clock.period_nanos());

@@ -94,6 +94,7 @@ fn open(
         name: format!("s{actor}"),
         actor,
         stream,
+        is_added: false,
     };
     let context = OpenContext {
         bus: &daemon.bus,
@@ -103,6 +104,7 @@ fn open(
         launch: &daemon.settings.launch,
         seed: daemon.episode.stamp.seed,
         period_nanos: daemon.clock.period_nanos(),
+        is_told: daemon.player.is_some(),
     };
     let schedule = Schedule::new(daemon.now(), wish.interval_nanos);
     let sensor = Sensor::open(&context, identity, spec, schedule)?;
