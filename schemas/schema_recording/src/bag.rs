@@ -2,11 +2,8 @@
 //! an export to ROS 2 needs.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::BufWriter;
-use std::path::Path;
+use std::io::{Seek, Write};
 
-use anyhow::Context as _;
 use mcap::Writer;
 use mcap::records::MessageHeader;
 
@@ -14,8 +11,8 @@ use crate::messages::SchemaText;
 use crate::write::{ChunkCompression, options};
 
 /// An MCAP file under construction whose schemas are not ours.
-pub struct BagFile {
-    writer: Writer<BufWriter<File>>,
+pub struct BagFile<W: Write + Seek> {
+    writer: Writer<W>,
 }
 
 /// A message to write: its channel, its number and its two times.
@@ -31,22 +28,16 @@ pub struct BagMessage {
     pub publish_nanos: u64,
 }
 
-impl BagFile {
-    /// Creates `path`, which must not exist, with a profile such as `ros2`.
+impl<W: Write + Seek> BagFile<W> {
+    /// Begins a file with a profile such as `ros2`.
     ///
     /// # Errors
-    /// If the file exists or cannot be created.
-    pub fn create(
-        path: &Path,
-        profile: &str,
-        compression: ChunkCompression,
-    ) -> anyhow::Result<BagFile> {
-        let file =
-            File::create_new(path).with_context(|| format!("cannot create {}", path.display()))?;
+    /// If the disk refuses.
+    pub fn create(out: W, profile: &str, compression: ChunkCompression) -> anyhow::Result<Self> {
         let writer = options(compression)
             .profile(profile)
             .library(concat!("gantry ", env!("CARGO_PKG_VERSION")))
-            .create(BufWriter::with_capacity(1 << 20, file))?;
+            .create(out)?;
         Ok(BagFile { writer })
     }
 
@@ -82,32 +73,27 @@ impl BagFile {
         Ok(self.writer.write_to_known_channel(&header, bytes)?)
     }
 
-    /// Writes the summary and makes the file durable; returns its bytes.
+    /// Writes the summary and hands back what was written to.
     ///
     /// # Errors
     /// If the disk refuses.
-    pub fn finish(mut self) -> anyhow::Result<u64> {
+    pub fn finish(mut self) -> anyhow::Result<W> {
         self.writer.finish()?;
-        let file = self
-            .writer
-            .into_inner()
-            .into_inner()
-            .map_err(|error| error.into_error())?;
-        file.sync_all().context("cannot write the file to disk")?;
-        Ok(file.metadata()?.len())
+        Ok(self.writer.into_inner())
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::io::Cursor;
+
     use super::*;
     use crate::walk::{End, RecordWalk};
 
     #[test]
     fn a_file_has_its_profile_and_says_it_is_complete() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("x.mcap");
-        let mut bag = BagFile::create(&path, "ros2", ChunkCompression::Zstd).unwrap();
+        let out = Cursor::new(Vec::new());
+        let mut bag = BagFile::create(out, "ros2", ChunkCompression::Zstd).unwrap();
         let schema = SchemaText {
             name: "std_msgs/msg/String".into(),
             encoding: "ros2msg".into(),
@@ -122,13 +108,10 @@ mod tests {
             publish_nanos: 6,
         };
         bag.write(message, &[0, 1, 0, 0]).unwrap();
-        let n_bytes = bag.finish().unwrap();
-        let bytes = std::fs::read(&path).unwrap();
-        assert_eq!(bytes.len() as u64, n_bytes);
+        let bytes = bag.finish().unwrap().into_inner();
         assert!(bytes.windows(4).any(|found| found == b"ros2"));
-        let mut walk = RecordWalk::new(&bytes[..], n_bytes).unwrap();
+        let mut walk = RecordWalk::new(&bytes[..], bytes.len() as u64).unwrap();
         while walk.next_record().is_some() {}
         assert_eq!(walk.end(), End::Complete);
-        assert!(BagFile::create(&path, "ros2", ChunkCompression::None).is_err());
     }
 }

@@ -2,14 +2,19 @@
 //! one. `docs/recording.md` describes the same for people and other languages.
 //!
 //! Modules in reading order: [`messages`] (what a channel carries), [`mod@write`] (a file that
-//! grows), [`walk`] (its records one after another, whole or damaged), [`wire`] (protocol buffers by
-//! hand), [`bag`] (files whose schemas are not ours).
+//! grows), [`read`] (whole samples of a file of any length), [`pattern`] (which topics), [`walk`] (records
+//! one after another, whole or damaged), [`wire`] (protocol buffers by
+//! hand), [`bag`] (files whose schemas are not ours), [`codec`] (payloads
+//! that are stored smaller).
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
 pub mod bag;
+pub mod codec;
 pub mod messages;
+pub mod pattern;
+pub mod read;
 pub mod walk;
 pub mod wire;
 pub mod write;

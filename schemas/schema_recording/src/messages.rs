@@ -13,6 +13,10 @@ use crate::wire::{FieldType, descriptor_set};
 pub enum Content {
     /// `foxglove.RawImage`.
     RawImage,
+    /// `foxglove.CompressedImage`.
+    CompressedImage,
+    /// `foxglove.CompressedVideo`.
+    CompressedVideo,
     /// `foxglove.PointCloud`.
     PointCloud,
     /// `foxglove.LocationFix`.
@@ -26,7 +30,7 @@ pub enum Content {
     /// `foxglove.CameraCalibration`.
     CameraCalibration,
     /// `gantry.Frame`: the 256 header bytes, and the payload unless the topic's Foxglove message
-    /// holds it.
+    /// holds it; with a codec the payload is what [`crate::codec::decode`] makes of these bytes.
     Frame,
     /// `gantry.Imu`.
     Imu,
@@ -77,6 +81,8 @@ impl Content {
         use FieldType::{Bytes, Double, Fixed64, String};
         match self {
             Content::RawImage => foxglove_schema::<fox::RawImage>(),
+            Content::CompressedImage => foxglove_schema::<fox::CompressedImage>(),
+            Content::CompressedVideo => foxglove_schema::<fox::CompressedVideo>(),
             Content::PointCloud => foxglove_schema::<fox::PointCloud>(),
             Content::LocationFix => foxglove_schema::<fox::LocationFix>(),
             Content::Odometry => foxglove_schema::<fox::Odometry>(),
@@ -92,6 +98,7 @@ impl Content {
                     ("header", Bytes),
                     ("payload", Bytes),
                     ("payload_topic", String),
+                    ("codec", String),
                 ],
             ),
             Content::Imu => own_schema(

@@ -1,0 +1,414 @@
+//! What is where in a file: its channels, and the chunks with their times. From the summary at the
+//! file's end if it is whole, else from a walk over the heads of all records.
+
+use std::collections::BTreeMap;
+
+use mcap::records::{Record, Statistics, op};
+
+use super::bytes::{RECORD_HEAD_BYTES, Window, record_head, u16_at, u32_at, u64_at};
+use super::chunk::ChunkHead;
+use crate::walk;
+
+/// Most bytes of a summary, or of a schema, channel, metadata or index record.
+const MAX_SUMMARY_BYTES: u64 = 256 << 20;
+
+/// A channel with its schema.
+#[derive(Clone, Debug)]
+pub(crate) struct Channel {
+    /// With its leading slash.
+    pub topic: String,
+    pub message_encoding: String,
+    pub schema: std::sync::Arc<Schema>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Schema {
+    pub name: String,
+    pub encoding: String,
+    pub data: Vec<u8>,
+}
+
+/// A run of the file that holds messages.
+#[derive(Clone, Debug)]
+pub(crate) struct Piece {
+    /// Of the chunk record's head, or of the first record outside of chunks.
+    pub offset: u64,
+    /// Bytes, head included.
+    pub len: u64,
+    pub start_nanos: u64,
+    pub end_nanos: u64,
+    /// Whether its records stand in the file as they are, outside of any chunk.
+    pub is_loose: bool,
+    /// Channels that have messages in it; `None` if that is not written.
+    pub channels: Option<Box<[u16]>>,
+}
+
+/// A record that is read when it is asked for.
+#[derive(Clone, Debug)]
+pub(crate) struct Place {
+    pub name: String,
+    pub offset: u64,
+    pub len: u64,
+}
+
+/// What is where in a file.
+#[derive(Debug, Default)]
+pub(crate) struct Index {
+    pub channels: BTreeMap<u16, Channel>,
+    pub pieces: Vec<Piece>,
+    pub attachments: Vec<Place>,
+    pub metadata: Vec<Place>,
+    /// Messages by channel, if the summary says so.
+    pub n_messages: Option<BTreeMap<u16, u64>>,
+    /// Whether the file ends as a whole one does.
+    pub is_complete: bool,
+    /// Why it was walked instead of read from its summary.
+    pub walked_because: Option<String>,
+    schemas: BTreeMap<u16, std::sync::Arc<Schema>>,
+    unnamed: BTreeMap<u16, (u16, String, String)>,
+}
+
+impl Index {
+    /// Reads the index of a file of `file_bytes` bytes, of which the magic has been checked.
+    pub fn read(window: &mut Window, file_bytes: u64) -> anyhow::Result<Index> {
+        match Self::from_summary(window, file_bytes)? {
+            Ok(index) => Ok(index),
+            Err(why) => {
+                let mut index = Self::from_walk(window, file_bytes)?;
+                index.walked_because = Some(why);
+                Ok(index)
+            }
+        }
+    }
+
+    /// The inner error says why the summary cannot be used.
+    fn from_summary(window: &mut Window, file_bytes: u64) -> anyhow::Result<Result<Index, String>> {
+        const FOOTER_BYTES: u64 = RECORD_HEAD_BYTES + 20;
+        let tail = FOOTER_BYTES + 8;
+        if file_bytes < 8 + tail {
+            return Ok(Err("it ends before a summary".to_string()));
+        }
+        let footer_at = file_bytes - tail;
+        let end = window.look(footer_at, tail as usize)?.to_vec();
+        if end.len() as u64 != tail || end[FOOTER_BYTES as usize..] != mcap::MAGIC[..] {
+            return Ok(Err("it was not finished, or is cut off".to_string()));
+        }
+        let footer = (record_head(&end), u64_at(&end, 9), u32_at(&end, 25));
+        let (Some((op::FOOTER, 20)), Some(start), Some(crc)) = footer else {
+            return Ok(Err("it does not end with a footer".to_string()));
+        };
+        if start == 0 {
+            return Ok(Err("it has no summary".to_string()));
+        }
+        if start < 8 || start > footer_at || footer_at - start > MAX_SUMMARY_BYTES {
+            return Ok(Err(format!("its footer puts the summary at byte {start}")));
+        }
+        let mut summary = vec![0; (footer_at - start) as usize];
+        window.read_exact(&mut summary, start)?;
+        if crc != 0 {
+            let mut hasher = crc32fast::Hasher::new();
+            hasher.update(&summary);
+            hasher.update(&end[..25]);
+            if hasher.finalize() != crc {
+                return Ok(Err(
+                    "its summary does not have the checksum that is given for it".into(),
+                ));
+            }
+        }
+        let mut index = Index {
+            is_complete: true,
+            ..Index::default()
+        };
+        let mut statistics = None;
+        if let Err(why) = index.take_summary(&summary, start, &mut statistics) {
+            return Ok(Err(format!("its summary is damaged: {why}")));
+        }
+        index.name_channels();
+        if let Err(why) = index.check(window, statistics.as_ref(), start)? {
+            return Ok(Err(why));
+        }
+        index.n_messages = statistics.map(|of| of.channel_message_counts);
+        Ok(Ok(index))
+    }
+
+    fn take_summary(
+        &mut self,
+        mut summary: &[u8],
+        start: u64,
+        statistics: &mut Option<Statistics>,
+    ) -> Result<(), String> {
+        while !summary.is_empty() {
+            let (opcode, len) = record_head(summary).ok_or("a record is cut off")?;
+            let body = usize::try_from(len)
+                .ok()
+                .and_then(|len| summary[RECORD_HEAD_BYTES as usize..].get(..len))
+                .ok_or("a record is longer than the summary")?;
+            summary = &summary[RECORD_HEAD_BYTES as usize + body.len()..];
+            match walk::record(opcode, body)? {
+                Record::ChunkIndex(chunk) => {
+                    let channels = chunk
+                        .message_index_offsets
+                        .into_keys()
+                        .collect::<Box<[u16]>>();
+                    self.pieces.push(Piece {
+                        offset: chunk.chunk_start_offset,
+                        len: chunk.chunk_length,
+                        start_nanos: chunk.message_start_time,
+                        end_nanos: chunk.message_end_time,
+                        is_loose: false,
+                        channels: Some(channels).filter(|channels| !channels.is_empty()),
+                    });
+                }
+                Record::AttachmentIndex(of) => self.attachments.push(Place {
+                    name: of.name,
+                    offset: of.offset,
+                    len: of.length,
+                }),
+                Record::MetadataIndex(of) => self.metadata.push(Place {
+                    name: of.name,
+                    offset: of.offset,
+                    len: of.length,
+                }),
+                Record::Statistics(of) => *statistics = Some(of),
+                other => self.define(other),
+            }
+        }
+        self.pieces.sort_by_key(|piece| piece.offset);
+        let mut end = 8;
+        for piece in &self.pieces {
+            if piece.offset < end || piece.len < RECORD_HEAD_BYTES {
+                return Err(format!("it puts a chunk at byte {}", piece.offset));
+            }
+            end = piece.offset.saturating_add(piece.len);
+        }
+        let places = self.attachments.iter().chain(&self.metadata);
+        let mut ends = places.map(|place| place.offset.saturating_add(place.len));
+        if end > start || ends.any(|end| end > start) {
+            return Err("it names places beyond the data".to_string());
+        }
+        Ok(())
+    }
+
+    /// Whether the summary tells everything, and the truth where that is cheap to see.
+    fn check(
+        &self,
+        window: &mut Window,
+        statistics: Option<&Statistics>,
+        data_end: u64,
+    ) -> anyhow::Result<Result<(), String>> {
+        let Some(of) = statistics else {
+            return Ok(Err("its summary has no statistics".to_string()));
+        };
+        let counts = [
+            ("chunks", u64::from(of.chunk_count), self.pieces.len()),
+            ("channels", u64::from(of.channel_count), self.channels.len()),
+            (
+                "attachments",
+                u64::from(of.attachment_count),
+                self.attachments.len(),
+            ),
+            (
+                "metadata records",
+                u64::from(of.metadata_count),
+                self.metadata.len(),
+            ),
+        ];
+        for (what, counted, listed) in counts {
+            if counted != listed as u64 {
+                return Ok(Err(format!(
+                    "its summary lists {listed} {what} and counts {counted}"
+                )));
+            }
+        }
+        if of.message_count > 0 && self.pieces.is_empty() {
+            return Ok(Err("its messages are not in chunks".to_string()));
+        }
+        for piece in self.pieces.first().into_iter().chain(self.pieces.last()) {
+            let head = record_head(window.look(piece.offset, RECORD_HEAD_BYTES as usize)?);
+            if head != Some((op::CHUNK, piece.len - RECORD_HEAD_BYTES)) {
+                return Ok(Err(format!(
+                    "its summary puts a chunk at byte {}, where there is none",
+                    piece.offset
+                )));
+            }
+        }
+        let _ = data_end;
+        Ok(Ok(()))
+    }
+
+    /// Takes a schema or a channel; other records are passed over.
+    fn define(&mut self, record: Record<'_>) {
+        match record {
+            Record::Schema { header, data } => {
+                let schema = Schema {
+                    name: header.name,
+                    encoding: header.encoding,
+                    data: data.into_owned(),
+                };
+                self.schemas.entry(header.id).or_insert(schema.into());
+            }
+            Record::Channel(of) => {
+                let entry = (of.schema_id, of.topic, of.message_encoding);
+                self.unnamed.entry(of.id).or_insert(entry);
+            }
+            _ => {}
+        }
+    }
+
+    /// Gives channels their schemas, once all records that were found are taken.
+    fn name_channels(&mut self) {
+        for (id, (schema_id, topic, message_encoding)) in std::mem::take(&mut self.unnamed) {
+            let schema = self.schemas.get(&schema_id).cloned().unwrap_or_default();
+            self.channels.entry(id).or_insert(Channel {
+                topic,
+                message_encoding,
+                schema,
+            });
+        }
+    }
+
+    /// Walks over the heads of all records. Of chunks only those are looked into that hold messages
+    /// of a channel that no record outside has defined.
+    fn from_walk(window: &mut Window, file_bytes: u64) -> anyhow::Result<Index> {
+        let mut index = Index::default();
+        let mut at = 8;
+        let mut open_chunk: Option<usize> = None;
+        let mut inside = super::chunk::PieceReader::new(window.file());
+        loop {
+            let head = window.look(at, 128)?;
+            if head.get(..8) == Some(&mcap::MAGIC[..]) && at + 8 == file_bytes {
+                index.is_complete = true;
+                break;
+            }
+            let Some((opcode, len)) = record_head(head) else {
+                break;
+            };
+            let body_at = at + RECORD_HEAD_BYTES;
+            let Some(next) = body_at.checked_add(len).filter(|end| *end <= file_bytes) else {
+                break;
+            };
+            let body = &head[RECORD_HEAD_BYTES as usize..];
+            let body = &body[..body.len().min(len.min(119) as usize)];
+            match opcode {
+                op::CHUNK => {
+                    index.look_into(&mut open_chunk, &mut inside);
+                    if let Some(head) = ChunkHead::parse(body) {
+                        open_chunk = Some(index.pieces.len());
+                        index.pieces.push(Piece {
+                            offset: at,
+                            len: next - at,
+                            start_nanos: head.start_nanos,
+                            end_nanos: head.end_nanos,
+                            is_loose: false,
+                            channels: None,
+                        });
+                    }
+                }
+                op::MESSAGE_INDEX => {
+                    if let (Some(idx), Some(channel)) = (open_chunk, u16_at(body, 0)) {
+                        let known = index.pieces[idx].channels.take().unwrap_or_default();
+                        let mut channels = known.into_vec();
+                        channels.push(channel);
+                        index.pieces[idx].channels = Some(channels.into());
+                    }
+                }
+                op::MESSAGE => {
+                    let nanos = u64_at(body, 6).unwrap_or(0);
+                    index.add_loose(at, next - at, nanos);
+                }
+                op::SCHEMA | op::CHANNEL if len <= MAX_SUMMARY_BYTES => {
+                    let mut whole = vec![0; len as usize];
+                    window.read_exact(&mut whole, body_at)?;
+                    if let Ok(record) = walk::record(opcode, &whole) {
+                        index.define(record);
+                    }
+                }
+                op::ATTACHMENT => {
+                    let name = window.look(body_at, (len as usize).min(4096))?;
+                    if let Some(name) = text_at(name, 16) {
+                        index.attachments.push(Place {
+                            name,
+                            offset: at,
+                            len: next - at,
+                        });
+                    }
+                }
+                op::METADATA => {
+                    let name = window.look(body_at, (len as usize).min(4096))?;
+                    if let Some(name) = text_at(name, 0) {
+                        index.metadata.push(Place {
+                            name,
+                            offset: at,
+                            len: next - at,
+                        });
+                    }
+                }
+                _ => {}
+            }
+            at = next;
+        }
+        index.look_into(&mut open_chunk, &mut inside);
+        index.name_channels();
+        Ok(index)
+    }
+
+    /// Takes the definitions from the chunk whose index records have all been seen, if it holds any
+    /// that are new.
+    fn look_into(&mut self, open: &mut Option<usize>, inside: &mut super::chunk::PieceReader) {
+        let Some(idx) = open.take() else { return };
+        let piece = self.pieces[idx].clone();
+        let is_known = |id: &u16| self.unnamed.contains_key(id);
+        if piece
+            .channels
+            .as_ref()
+            .is_some_and(|ids| ids.iter().all(is_known))
+        {
+            return;
+        }
+        if inside.open(&piece).is_err() {
+            return;
+        }
+        while let Ok(Some((opcode, at, len))) = inside.next_record() {
+            let is_definition = matches!(opcode, op::SCHEMA | op::CHANNEL);
+            if !is_definition || len > MAX_SUMMARY_BYTES {
+                continue;
+            }
+            let mut body = vec![0; len as usize];
+            if inside.copy(at, &mut body).is_ok()
+                && let Ok(record) = walk::record(opcode, &body)
+            {
+                self.define(record);
+            }
+        }
+    }
+
+    /// Adds a message that stands outside of chunks to the run of such messages before it.
+    fn add_loose(&mut self, offset: u64, len: u64, nanos: u64) {
+        match self.pieces.last_mut() {
+            Some(last)
+                if last.is_loose
+                    && last.offset + last.len == offset
+                    && last.len < crate::write::CHUNK_BYTES =>
+            {
+                last.len += len;
+                last.start_nanos = last.start_nanos.min(nanos);
+                last.end_nanos = last.end_nanos.max(nanos);
+            }
+            _ => self.pieces.push(Piece {
+                offset,
+                len,
+                start_nanos: nanos,
+                end_nanos: nanos,
+                is_loose: true,
+                channels: None,
+            }),
+        }
+    }
+}
+
+/// The text with its length before it at `at`.
+fn text_at(bytes: &[u8], at: usize) -> Option<String> {
+    let len = u32_at(bytes, at)? as usize;
+    let text = bytes.get(at + 4..at.checked_add(4)?.checked_add(len)?)?;
+    String::from_utf8(text.to_vec()).ok()
+}
