@@ -1,5 +1,10 @@
 //! The formats: what each must provide, and the list of them.
 
+mod dsec;
+mod evt3;
+mod rosbag;
+mod trajectory;
+
 use schema_frames::Modality;
 
 use crate::options::Options;
@@ -52,8 +57,12 @@ impl Format {
 
     /// The exporter of this format.
     pub fn exporter(self, options: &Options) -> anyhow::Result<Box<dyn Exporter>> {
-        let _ = options;
-        anyhow::bail!("{} cannot be written by this build", self.name())
+        Ok(match self {
+            Format::Dsec => Box::new(dsec::Dsec::new(options)?),
+            Format::Evt3 => Box::new(evt3::Evt3::new(options)),
+            Format::Ros2Bag => Box::new(rosbag::Ros2Bag::new(options)),
+            _ => anyhow::bail!("{} cannot be written by this build", self.name()),
+        })
     }
 }
 
