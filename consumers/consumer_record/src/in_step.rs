@@ -4,7 +4,10 @@ use std::time::Duration;
 
 use consumer_kit::Lockstep;
 use schema_bus::{Bus, CommandClient, Listener, names};
-use schema_frames::{Command, CommandBatch};
+
+use crate::documents::Run;
+use crate::journal::Journal;
+use crate::sink::Sink;
 
 /// How long the daemon may take to answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
@@ -44,18 +47,30 @@ impl InStep {
         Ok(())
     }
 
-    /// Whether `tick` is to be acknowledged and all of it was sent: once the daemon answers a ping
-    /// with tick N or later, all frames of tick N were sent.
-    pub(crate) fn is_complete(&mut self, tick: u64) -> bool {
+    /// Whether `tick` is to be acknowledged and all of it was sent: once the daemon answers with
+    /// tick N or later, all frames of tick N were sent. What is asked is the run's journal, so that
+    /// it is complete up to every tick.
+    pub(crate) fn is_complete(
+        &mut self,
+        tick: u64,
+        journal: &mut Journal,
+        run: Run,
+        sink: &mut Sink,
+    ) -> anyhow::Result<bool> {
         if tick <= self.acked {
-            return false;
+            return Ok(false);
         }
-        let ping = CommandBatch::new(vec![Command::Ping]);
-        match self.barrier.request(&ping, ANSWER_TIMEOUT) {
-            Ok(reply) => reply.tick >= tick,
-            Err(error) => {
-                tracing::warn!(%error, tick, "cannot learn whether the tick is complete, asking again");
-                false
+        loop {
+            match self.barrier.request(&journal.question(), ANSWER_TIMEOUT) {
+                Ok(answer) => {
+                    if !journal.take(&answer, run, sink)? {
+                        return Ok(answer.tick >= tick);
+                    }
+                }
+                Err(error) => {
+                    tracing::warn!(%error, tick, "cannot learn whether the tick is complete, asking again");
+                    return Ok(false);
+                }
             }
         }
     }

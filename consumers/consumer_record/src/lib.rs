@@ -29,6 +29,7 @@ pub mod discover;
 mod documents;
 pub mod frames;
 mod in_step;
+mod journal;
 pub mod info;
 pub mod options;
 pub mod queue;

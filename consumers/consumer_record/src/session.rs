@@ -12,6 +12,7 @@ use crate::discover::Discovery;
 use crate::documents::{Documents, Run};
 use crate::frames::{TopicName, frame_entries};
 use crate::in_step::InStep;
+use crate::journal::Journal;
 use crate::options::Options;
 use crate::result_topics::{MAX_A_TURN, ResultTopics};
 use crate::sink::{Loss, Output, Sink, wall_minus_mono_nanos};
@@ -55,6 +56,7 @@ struct Session {
     results: ResultTopics,
     snapshots: Option<SnapshotReader>,
     documents: Documents,
+    journal: Journal,
     follower: Follower,
     /// By followed topic: its names in the file, kept so that no frame has to build them.
     names: BTreeMap<String, (TopicName, std::sync::Arc<str>)>,
@@ -91,6 +93,7 @@ impl Session {
             results: ResultTopics::new(),
             snapshots: None,
             documents: Documents::new(),
+            journal: Journal::default(),
             follower: Follower::on(bus),
             names: BTreeMap::new(),
             full: BTreeSet::new(),
@@ -112,8 +115,18 @@ impl Session {
             self.discover()?;
             self.wait()?;
             self.drain()?;
-            self.acknowledge()?;
+            match self.lockstep {
+                Some(_) => self.acknowledge()?,
+                None => self.journal.fetch_if_due(
+                    self.follower.bus(),
+                    &self.name,
+                    self.run,
+                    &mut self.sink,
+                )?,
+            }
         }
+        self.journal
+            .fetch(self.follower.bus(), &self.name, self.run, &mut self.sink)?;
         // Leaving lockstep first lets the simulator go on while the file is finished.
         self.lockstep = None;
         self.drain()?;
@@ -339,6 +352,7 @@ impl Session {
             self.lockstep = None;
             (self.newest_tick, self.run.sim_nanos, self.has_snapshot) = (0, 0, false);
             self.documents.begin_file();
+            self.journal.begin_file();
         }
         self.run.epoch = epoch;
         Ok(())
@@ -357,8 +371,10 @@ impl Session {
     /// In lockstep: acknowledges a tick after everything of it was taken.
     fn acknowledge(&mut self) -> anyhow::Result<()> {
         let (tick, epoch) = (self.newest_tick, self.run.epoch);
-        let complete = |step: &mut InStep| step.epoch() == epoch && step.is_complete(tick);
-        if !self.lockstep.as_mut().is_some_and(complete) {
+        let Some(step) = self.lockstep.as_mut().filter(|step| step.epoch() == epoch) else {
+            return Ok(());
+        };
+        if !step.is_complete(tick, &mut self.journal, self.run, &mut self.sink)? {
             return Ok(());
         }
         self.drain()?;

@@ -5,13 +5,14 @@
 //! grows), [`read`] (whole samples of a file of any length), [`pattern`] (which topics), [`walk`] (records
 //! one after another, whole or damaged), [`wire`] (protocol buffers by
 //! hand), [`bag`] (files whose schemas are not ours), [`codec`] (payloads
-//! that are stored smaller).
+//! that are stored smaller), [`journal`] (what acted on the world).
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
 pub mod bag;
 pub mod codec;
+pub mod journal;
 pub mod messages;
 pub mod pattern;
 pub mod read;

@@ -53,6 +53,8 @@ pub enum Content {
     Scalars,
     /// `gantry.Control`, JSON: pedals and steering per vehicle.
     Control,
+    /// `gantry.Journal`, JSON: [`crate::journal::Piece`].
+    Journal,
     /// `gantry.Json`: a user's JSON as it came.
     Json,
     /// A user's bytes as they came, by a schema of the user's own.
@@ -151,6 +153,7 @@ impl Content {
             Content::Tensor => json_schema("Tensor", TENSOR),
             Content::Scalars => json_schema("Scalars", SCALARS),
             Content::Control => json_schema("Control", CONTROL),
+            Content::Journal => json_schema("Journal", crate::journal::SCHEMA),
             Content::Json => json_schema("Json", "{}"),
             Content::Own(schema) => (**schema).clone(),
         }

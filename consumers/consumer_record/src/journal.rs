@@ -1,0 +1,217 @@
+//! The simulator's journal in a recording: everything that acted on its world, so that the run can
+//! be made again. Whenever it is fetched, what is new becomes a message on `/control/journal`; a
+//! file's first message holds the head, and its entries go back to the beginning of the run.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use schema_bus::{Bus, CommandClient, mono_now};
+use schema_frames::{Command, CommandBatch, CommandReply, JournalEntry, JournalHead, ReplyBatch};
+use schema_recording::journal::{JOURNAL_CHANNEL, Piece};
+use schema_recording::messages::{Batch, Content, Entry};
+
+use crate::documents::Run;
+use crate::queue::{Job, Refused};
+use crate::sink::Sink;
+
+/// How often it is fetched outside lockstep.
+const FETCH_EVERY: Duration = Duration::from_millis(200);
+/// How long the daemon may take to answer.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Follows the journal of the run that a file is about.
+#[derive(Default)]
+pub(crate) struct Journal {
+    client: Option<CommandClient>,
+    /// Number of the last entry that is in the file.
+    after: u64,
+    has_head: bool,
+    n_messages: u64,
+    last_fetch: Option<Instant>,
+    /// Whether who publishes the world keeps no journal, as a replay.
+    is_absent: bool,
+}
+
+impl Journal {
+    /// Prepares for a new file, which must hold the journal from its beginning.
+    pub(crate) fn begin_file(&mut self) {
+        *self = Journal {
+            client: self.client.take(),
+            ..Journal::default()
+        };
+    }
+
+    /// What to ask for next.
+    pub(crate) fn question(&self) -> CommandBatch {
+        let question = match self.is_absent {
+            true => Command::Ping,
+            false => Command::Journal { after: self.after },
+        };
+        CommandBatch::new(vec![question])
+    }
+
+    /// Outside lockstep: fetches what is new several times a second.
+    pub(crate) fn fetch_if_due(
+        &mut self,
+        bus: &Bus,
+        name: &str,
+        run: Run,
+        sink: &mut Sink,
+    ) -> anyhow::Result<()> {
+        let is_due = self.last_fetch.is_none_or(|at| at.elapsed() >= FETCH_EVERY);
+        if is_due && !self.is_absent && run.epoch != 0 {
+            self.last_fetch = Some(Instant::now());
+            self.fetch(bus, name, run, sink)?;
+        }
+        Ok(())
+    }
+
+    /// Fetches everything that is new. A simulator that has gone has nothing more to say.
+    pub(crate) fn fetch(
+        &mut self,
+        bus: &Bus,
+        name: &str,
+        run: Run,
+        sink: &mut Sink,
+    ) -> anyhow::Result<()> {
+        while !self.is_absent && run.epoch != 0 {
+            let question = self.question();
+            let client = match &mut self.client {
+                Some(client) => client,
+                none => none.insert(bus.command_client(&format!("{name}-journal"))?),
+            };
+            match client.request(&question, ANSWER_TIMEOUT) {
+                Ok(answer) => {
+                    if !self.take(&answer, run, sink)? {
+                        break;
+                    }
+                }
+                Err(error) => {
+                    tracing::debug!(%error, "the journal is not there");
+                    break;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes an answer to [`Journal::question`] over into the file; returns whether to ask again at
+    /// once.
+    pub(crate) fn take(
+        &mut self,
+        answer: &ReplyBatch,
+        run: Run,
+        sink: &mut Sink,
+    ) -> anyhow::Result<bool> {
+        if answer.epoch != run.epoch.to_string() {
+            return Ok(false);
+        }
+        match answer.replies.first() {
+            Some(CommandReply::Journal {
+                head,
+                first,
+                entries,
+                next,
+                more,
+            }) => {
+                if !self.has_head {
+                    let Some(head) = head else {
+                        return Ok(false);
+                    };
+                    tell_run(head, *first, sink)?;
+                    self.has_head = true;
+                }
+                if self.put(head.as_deref(), answer.tick, entries, run, sink)? {
+                    self.after = *next;
+                    return Ok(*more);
+                }
+                Ok(false)
+            }
+            Some(CommandReply::Refused { error }) if !self.is_absent => {
+                self.is_absent = true;
+                let why = format!("cannot be run again: {error}");
+                sink.push(metadata(BTreeMap::from([("rerun".to_owned(), why)])))?;
+                Ok(false)
+            }
+            _ => Ok(false),
+        }
+    }
+
+    /// Queues a message; `false` if there was no room, and then it must be fetched again.
+    fn put(
+        &mut self,
+        head: Option<&JournalHead>,
+        tick: u64,
+        entries: &[JournalEntry],
+        run: Run,
+        sink: &mut Sink,
+    ) -> anyhow::Result<bool> {
+        let piece = Piece {
+            head: head.cloned(),
+            tick,
+            entries: entries.to_vec(),
+        };
+        let batch = Batch {
+            source: JOURNAL_CHANNEL.into(),
+            sequence: self.n_messages as u32,
+            log_nanos: run.sim_nanos,
+            publish_nanos: sink.wall_nanos(mono_now().0),
+            entries: vec![Entry {
+                topic: JOURNAL_CHANNEL.to_owned(),
+                content: Content::Journal,
+                bytes: serde_json::to_vec(&piece)?,
+            }],
+        };
+        let is_queued = match &sink.output {
+            Some(output) if !sink.wait => match output.queue.offer(Job::Batch(batch)) {
+                Ok(()) => true,
+                Err(Refused::Full(_)) => false,
+                Err(Refused::Closed) => anyhow::bail!("the writer has ended"),
+            },
+            _ => {
+                sink.push(Job::Batch(batch))?;
+                true
+            }
+        };
+        self.n_messages += u64::from(is_queued);
+        Ok(is_queued)
+    }
+}
+
+/// Says in the file what run it is of: metadata `run` and the attachment `launch.toml`.
+fn tell_run(head: &JournalHead, first: u64, sink: &mut Sink) -> anyhow::Result<()> {
+    let mut pairs: BTreeMap<String, String> = [
+        ("version", &head.version),
+        ("build", &head.build),
+        ("epoch", &head.epoch),
+        ("map", &head.map),
+        ("map_hash", &head.map_hash),
+        ("adapter", &head.adapter),
+        ("quality", &head.quality),
+        ("lidars_on", &head.lidars_on),
+        ("seed", &head.seed.to_string()),
+    ]
+    .map(|(key, value)| (key.to_owned(), value.clone()))
+    .into();
+    let rerun = match first {
+        0 | 1 => "can be run again: gantry rerun FILE".to_owned(),
+        _ => format!(
+            "cannot be run again: its beginning is gone, because the simulator keeps so much only of what acted on its world, and this recording began after entry {first}; start simd with a larger --journal-mb, or record earlier"
+        ),
+    };
+    pairs.insert("rerun".to_owned(), rerun);
+    sink.push(metadata(pairs))?;
+    sink.push(Job::Attach {
+        name: "launch.toml".to_owned(),
+        media_type: "application/toml",
+        data: head.launch.clone().into_bytes(),
+        log_nanos: 0,
+    })
+}
+
+fn metadata(pairs: BTreeMap<String, String>) -> Job {
+    Job::Metadata {
+        name: "run".to_owned(),
+        pairs,
+    }
+}
