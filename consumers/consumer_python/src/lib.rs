@@ -10,7 +10,7 @@
 //! child uses nothing and drops nothing of its parent's.
 //!
 //! Modules in reading order: `fork`, `errors`, `place` (a domain), `wait`, `view` (arrays),
-//! `elements`, `frame`, `topic`, `world`, `lockstep`, `control`, `publish` and `result`.
+//! `elements`, `frame`, `topic`, `world`, `lockstep`, `control`, `publish`, `result` and `recording`.
 
 #![warn(missing_docs)]
 
@@ -22,6 +22,7 @@ mod frame;
 mod lockstep;
 mod place;
 mod publish;
+mod recording;
 mod result;
 mod topic;
 mod view;
@@ -49,6 +50,8 @@ mod _native {
     #[pymodule_export]
     use crate::publish::{Loan, Publisher};
     #[pymodule_export]
+    use crate::recording::{Cursor, Recording};
+    #[pymodule_export]
     use crate::result::{About, Outcome, outcome_from_bytes, set_result_class};
     #[pymodule_export]
     use crate::topic::Reader;
@@ -57,7 +60,7 @@ mod _native {
 
     /// Number of this interface, which the Python half compares with its own.
     #[pymodule_export]
-    const INTERFACE: u32 = 3;
+    const INTERFACE: u32 = 4;
     /// Version of the layouts that this module reads and writes.
     #[pymodule_export]
     const SCHEMA_VERSION: u16 = schema_frames::SCHEMA_VERSION;

@@ -30,6 +30,12 @@ with gantry.publish("mine/tensor", "tensor") as topic, gantry.lockstep("mine") a
         assert_type(tick.snapshot, gantry.Snapshot)
         gantry.vehicle(3).control(throttle=0.5)
 
+drive = gantry.Recording("drive.mcap")
+for frame in drive.frames("ego/front/rgb", start=1.0):
+    assert_type(frame, gantry.Frame)
+for recorded in drive.sync("ego/front/rgb", snapshots=True):
+    assert_type(recorded.snapshot, gantry.Snapshot | None)
+
 async def main() -> None:
     async for row in gantry.sync(["ego/front/rgb"], snapshots=True):
         assert_type(row.snapshot, gantry.Snapshot | None)

@@ -3,7 +3,7 @@
 `open` reads one topic, `sync` several topics tick by tick, `attach` the sensor of a CARLA client,
 each blocking, in threads, or with `async for`. `publish` writes results on a topic of your own.
 `lockstep` steps with the simulator, `vehicle` and `control` drive. `snapshot`, `snapshot_at` and
-`document` read the world, `command` changes it. Units are SI (metres, seconds, radians); world,
+`document` read the world, `command` changes it. `Recording` reads a file. Units are SI (metres, seconds, radians); world,
 vehicle and sensor axes are x forward, y left, z up. Without `domain=` the domain is that of the
 environment's `GANTRY_DOMAIN`, else `gantry`. Every error of the bus is a `GantryError` whose message
 says what to do. `schemas/schema_frames/SPEC.md` describes every field. A process that was forked
@@ -62,6 +62,7 @@ from ._lockstep import Lockstep, Tick, lockstep
 from ._publish import RESULT_TYPES, BytesSchema, Loan, Publisher, publish
 from ._query import cast_rays, clear_drawing, draw
 from ._records import RecordsAndTail, boxes2d, boxes3d, keypoints, masks, odometry, path, pose, scalars, tracks
+from ._recording import Message, RecordedTopic, Recording
 from ._result import Input, Result, ResultHeader, result_from_bytes
 from ._sync import Row, Sync, sync
 from ._topic import Counts, Topic, open
@@ -71,8 +72,8 @@ from ._world import Document, Snapshot, document, snapshot, snapshot_at
 __all__ = [
     "ACTOR", "BOX2D", "BOX3D", "BorrowLimitError", "BytesSchema", "CLASS_COLOURS", "CLASS_NAMES", "COLLISION_EVENT", "Counts", "DVS_EVENT",
     "Document", "Frame", "FrameFormatError", "GNSS_SAMPLE", "GantryError", "Header", "IMU_SAMPLE", "Input", "KEYPOINT", "KEYPOINT_SET",
-    "LANE_CROSSING", "LIDAR_POINT", "Loan", "Lockstep", "MASK", "NoSuchTopicError", "OBSTACLE_EVENT", "ODOMETRY", "PATH_POINT",
-    "POSE_ESTIMATE", "Pose", "Publisher", "RADAR_DETECTION", "RESULT_TYPES", "RecordsAndTail", "Result", "ResultHeader", "Row", "SCALAR",
+    "LANE_CROSSING", "LIDAR_POINT", "Loan", "Lockstep", "MASK", "Message", "NoSuchTopicError", "OBSTACLE_EVENT", "ODOMETRY", "PATH_POINT",
+    "POSE_ESTIMATE", "Pose", "Publisher", "RADAR_DETECTION", "RESULT_TYPES", "RecordedTopic", "Recording", "RecordsAndTail", "Result", "ResultHeader", "Row", "SCALAR",
     "SCHEMA_VERSION", "SEMANTIC_LIDAR_POINT", "SchemaVersionError", "Snapshot", "Sync", "TRACK", "TRAFFIC_LIGHT_PART", "Tick",
     "TooManyReadersError", "Topic", "TopicDetails", "TopicTakenError", "VEHICLE_CONTROL", "VEHICLE_PART", "Vehicle", "WALKER_PART", "attach",
     "boxes2d", "boxes3d", "cast_rays", "clear_drawing", "colour_classes", "command", "control", "document", "draw", "frame_from_bytes",

@@ -1,0 +1,282 @@
+"""Reading recordings: the frames, results and snapshots of a file, as they came from shared memory."""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import Any, Callable, Iterator, NamedTuple, TypeVar
+
+from ._errors import GantryError
+from ._frame import Frame
+from ._load import native
+from ._result import About, Result
+from ._sync import Row
+from ._world import Document, Snapshot, parse_snapshot
+
+T = TypeVar("T")
+_END = 2**64 - 1
+#: Ticks after which a tick of which something is missing is given up: free-running cameras are a few ticks late.
+_TICKS_APART = 8
+#: Sentences about damage that are kept.
+_MOST_SENTENCES = 16
+
+
+class RecordedTopic(NamedTuple):
+    """A topic of a recording."""
+
+    #: Name without the domain: `ego/front/rgb`.
+    name: str
+    #: `frame`, `result`, `snapshot`, `document`, `journal` or `foreign` (messages of other programs).
+    kind: str
+    #: Name of the messages' schema.
+    schema: str
+    #: Encoding of the messages.
+    encoding: str
+    #: Number of messages; None if the file does not tell it.
+    n_messages: int | None
+
+
+class Message(NamedTuple):
+    """A message of another program."""
+
+    #: Topic as in the file, without a leading slash.
+    topic: str
+    #: Time under which it is filed, seconds.
+    time: float
+    #: Name of its schema: `foxglove.RawImage`.
+    schema: str
+    #: Encoding of `data`: `protobuf`, `cdr`, `json`, …
+    encoding: str
+    #: The message.
+    data: bytes
+
+
+#: What a recording holds.
+Sample = Frame | Result | Snapshot | Document | Message
+
+
+class Recording:
+    """A recording that is open for reading.
+
+    A file of any length is open at once, and one that was cut off is read as far as it goes. Nothing
+    is kept: each sample is read when its turn comes. Times are simulated seconds since the simulator
+    started; `start` and `end` of a method limit it to start ≤ time < end. Patterns of topics may
+    have `*` for any characters and `?` for one; without any, all are read.
+
+    >>> import gantry
+    >>> drive = gantry.Recording("drive.mcap")                     # doctest: +SKIP
+    >>> for frame in drive.frames("ego/front/rgb", start=10.0):    # doctest: +SKIP
+    ...     print(frame.tick, frame.array.shape)
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Opens a file. Raises `GantryError` if it is not there, is no MCAP file, or is of a newer version."""
+        #: Path of the file.
+        self.path = os.fspath(path)
+        self._file = native.Recording(self.path)
+        #: Topics by kind and name, without the pictures that are there for other programs.
+        self.topics: list[RecordedTopic] = [RecordedTopic(*facts) for facts in self._file.topics()]
+        self._cursors: list[native.Cursor] = []
+        self._damage: dict[str, int] = {}
+        self._sentences: list[str] = []
+
+    def __repr__(self) -> str:
+        return f"<gantry.Recording {self.path} {self.start:.2f} to {self.end:.2f} s>"
+
+    @property
+    def start(self) -> float:
+        """Time of the first message, seconds; 0 without any."""
+        span = self._file.span()
+        return span[0] * 1e-9 if span else 0.0
+
+    @property
+    def end(self) -> float:
+        """Time of the last message, seconds; 0 without any."""
+        span = self._file.span()
+        return span[1] * 1e-9 if span else 0.0
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the file was finished: one that is still written, or was cut off, was not."""
+        return self._file.is_complete
+
+    @property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """The metadata records by name: `gantry`, `run`, `losses`, …"""
+        found = {name: self._file.metadata(name) for name in self._file.metadata_names()}
+        return {name: pairs for name, pairs in found.items() if pairs is not None}
+
+    @property
+    def attachments(self) -> list[str]:
+        """Names of the attached files, the map among them: `Town10HD.xodr`."""
+        return self._file.attachment_names()
+
+    def attachment(self, name: str) -> bytes:
+        """Returns an attached file. Raises `KeyError` if there is none of this name."""
+        data = self._file.attachment(name)
+        if data is None:
+            raise KeyError(f"{self.path} has no attachment {name!r}; it has {', '.join(self.attachments) or 'none'}")
+        return data
+
+    def document(self, name: str, time: float | None = None) -> Document:
+        """Returns the text of a document that is in force at a time; by default at the end.
+
+        `drive.document("world/info").json()["map"]`. Raises `KeyError` if there is none.
+        """
+        for topic, revision, tick, _, text in self._file.documents_at(_END if time is None else _nanos(time)):
+            if topic == name:
+                return Document(revision, tick, text)
+        raise KeyError(f"{self.path} has no document {name!r}{'' if time is None else f' at {time} s'}")
+
+    def frames(self, *topics: str, start: float = 0.0, end: float | None = None) -> Iterator[Frame]:
+        """Reads frames in the order of the file. Their arrays are read-only and stay as long as they are held."""
+        return self._read(("frame",), topics, start, end, lambda item: _frame(item))
+
+    def results(self, *topics: str, start: float = 0.0, end: float | None = None) -> Iterator[Result]:
+        """Reads results of users' programs in the order of the file."""
+        abouts = self._abouts(start)
+
+        def make(item: tuple[Any, ...]) -> Result | None:
+            return _result(item, abouts)
+
+        return self._read(("result", "document"), topics, start, end, make)
+
+    def snapshots(self, start: float = 0.0, end: float | None = None) -> Iterator[Snapshot]:
+        """Reads the world tick by tick."""
+        return self._read(("snapshot",), (), start, end, lambda item: parse_snapshot(item[3], item[4]))
+
+    def messages(self, *topics: str, start: float = 0.0, end: float | None = None) -> Iterator[Message]:
+        """Reads the messages of other programs' files, undecoded."""
+        return self._read(("foreign",), topics, start, end, _message)
+
+    def journal(self) -> Iterator[dict[str, Any]]:
+        """Reads what acted on the world, in its order: commands, controls and what else a run is made again from."""
+        return self._read(("journal",), (), 0.0, None, lambda item: dict(json.loads(item[3])))
+
+    def samples(self, *topics: str, start: float = 0.0, end: float | None = None) -> Iterator[Sample]:
+        """Reads everything in the order of the file; snapshots and documents whatever the topics."""
+        abouts = self._abouts(start)
+
+        def make(item: tuple[Any, ...]) -> Sample | None:
+            kind = item[0]
+            if kind == "frame":
+                return _frame(item)
+            if kind == "snapshot":
+                return parse_snapshot(item[3], item[4])
+            if kind == "foreign":
+                return _message(item)
+            result = _result(item, abouts)
+            return Document(item[4][0], item[4][1], item[3]) if kind == "document" else result
+
+        return self._read(("frame", "result", "snapshot", "document", "foreign"), topics, start, end, make)
+
+    def sync(self, *topics: str, start: float = 0.0, end: float | None = None, snapshots: bool = False) -> Iterator[Row]:
+        """Reads frames tick by tick, of the ticks of which every topic has one, as `gantry.sync` does live.
+
+        Topics are names without patterns. With `snapshots` each row has the world of its tick.
+        """
+        if not topics:
+            raise ValueError("sync needs at least one topic")
+        unknown = [name for name in topics if name not in {topic.name for topic in self.topics if topic.kind == "frame"}]
+        if unknown:
+            known = ", ".join(topic.name for topic in self.topics if topic.kind == "frame")
+            raise GantryError(f"{self.path} has no frames of {', '.join(unknown)}; it has {known or 'none'}")
+        kinds = ("frame", "snapshot") if snapshots else ("frame",)
+        return self._rows(kinds, topics, start, end, snapshots)
+
+    def _rows(self, kinds: tuple[str, ...], topics: tuple[str, ...], start: float, end: float | None, snapshots: bool) -> Iterator[Row]:
+        # A file holds one start of the simulator, so the tick alone says what belongs together.
+        ticks: dict[int, dict[str, Frame]] = {}
+        worlds: dict[int, Snapshot] = {}
+
+        def make(item: tuple[Any, ...]) -> Row | None:
+            if item[0] == "snapshot":
+                world = parse_snapshot(item[3], item[4])
+                worlds[world.tick] = world
+                _forget(worlds, world.tick)
+                return None
+            frame = _frame(item)
+            ticks.setdefault(frame.tick, {})[item[1]] = frame
+            _forget(ticks, frame.tick)
+            if len(ticks[frame.tick]) < len(set(topics)):
+                return None
+            found = ticks.pop(frame.tick)
+            return Row({name: found[name] for name in topics}, worlds.get(frame.tick) if snapshots else None)
+
+        return self._read(kinds, topics, start, end, make)
+
+    @property
+    def damage(self) -> dict[str, int]:
+        """What could not be read so far, by kind; empty if everything could."""
+        sums = dict(self._damage)
+        for cursor in self._cursors:
+            _add(sums, cursor.damage()[0])
+        return sums
+
+    @property
+    def damage_sentences(self) -> list[str]:
+        """What could not be read so far, in words; of much damage only the first."""
+        return self._sentences + [sentence for cursor in self._cursors for sentence in cursor.damage()[1]]
+
+    def _abouts(self, start: float) -> dict[str, About]:
+        documents = self._file.documents_at(_nanos(start))
+        return {topic: About(json.loads(text)) for topic, _, _, _, text in documents if topic.endswith("/about")}
+
+    def _read(
+        self, kinds: tuple[str, ...], topics: tuple[str, ...], start: float, end: float | None, make: Callable[[tuple[Any, ...]], T | None]
+    ) -> Iterator[T]:
+        if end is not None and end < start:
+            raise ValueError(f"end is {end} s, but must not be before start, {start} s")
+        cursor = self._file.read(_nanos(start), _END if end is None else _nanos(end), list(kinds), list(topics))
+
+        def items() -> Iterator[T]:
+            self._cursors.append(cursor)
+            try:
+                while (item := cursor.next()) is not None:
+                    made = make(item)
+                    del item
+                    if made is not None:
+                        yield made
+                    del made
+            finally:
+                self._cursors.remove(cursor)
+                counts, sentences = cursor.damage()
+                _add(self._damage, counts)
+                self._sentences += sentences[: _MOST_SENTENCES - len(self._sentences)]
+
+        return items()
+
+
+def _add(sums: dict[str, int], counts: dict[str, int]) -> None:
+    for kind, n in counts.items():
+        sums[kind] = sums.get(kind, 0) + n
+
+
+def _nanos(seconds: float) -> int:
+    if not 0.0 <= seconds < 1.8e10:
+        raise ValueError(f"the time is {seconds} s, but must be 0 or more; times count from the simulator's start")
+    return round(seconds * 1e9)
+
+
+def _frame(item: tuple[Any, ...]) -> Frame:
+    frame: Frame = item[3]
+    return frame
+
+
+def _result(item: tuple[Any, ...], abouts: dict[str, About]) -> Result | None:
+    kind, topic = item[0], item[1]
+    if kind == "document":
+        if topic.endswith("/about"):
+            abouts[topic] = About(json.loads(item[3]))
+        return None
+    return Result(item[3], topic, abouts.get(f"{topic}/about", About({})))
+
+
+def _message(item: tuple[Any, ...]) -> Message:
+    return Message(item[1], item[2] * 1e-9, item[4][0], item[4][1], item[3])
+
+
+def _forget(kept: dict[int, Any], tick: int) -> None:
+    """Drops what belongs to ticks long ago."""
+    for old in [old for old in kept if old + _TICKS_APART < tick]:
+        del kept[old]

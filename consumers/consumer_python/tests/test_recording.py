@@ -1,0 +1,195 @@
+"""Recordings read with the package and with PyPI's mcap, which share no code."""
+
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import threading
+import unittest
+
+import numpy as np
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "python"))
+
+import gantry  # noqa: E402
+
+EXAMPLES = pathlib.Path(os.environ.get("GANTRY_TEST_CARD", HERE.parents[2] / "target" / "release" / "examples" / "test_card")).parent
+N_TICKS = 12
+PERIOD_SECS = 0.05
+
+
+def decoded(path):
+    """Yields topic, seconds and message of everything in a file."""
+    with open(path, "rb") as file:
+        for _, channel, message, proto in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(log_time_order=False):
+            yield channel.topic, message, proto
+
+
+class Recordings(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory()
+        cls.sample = os.path.join(cls.folder.name, "sample.mcap")
+        cls.results = os.path.join(cls.folder.name, "results.mcap")
+        for example, path in (("record_sample", cls.sample), ("record_results", cls.results)):
+            subprocess.run([EXAMPLES / example, path, str(N_TICKS)], check=True, stdout=subprocess.DEVNULL)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.folder.cleanup()
+
+    def test_every_frame_is_what_another_reader_finds(self):
+        found = {(frame.topic, frame.tick): frame for frame in gantry.Recording(self.sample).frames()}
+        heads, shown = {}, {}
+        for topic, message, proto in decoded(self.sample):
+            place = (topic.removesuffix("/gantry")[1:], message.log_time // 50_000_000)
+            (heads if topic.endswith("/gantry") else shown)[place] = proto
+        self.assertEqual(set(found), set(heads))
+        self.assertEqual(len({topic for topic, _ in found}), 9)
+        for place, frame in found.items():
+            with self.subTest(place):
+                self.assertEqual(frame.header_bytes(), heads[place].header)
+                payload = shown[place].data if heads[place].payload_topic else heads[place].payload
+                self.assertEqual(np.ascontiguousarray(frame.array).tobytes(), payload)
+                self.assertFalse(frame.array.flags.writeable)
+
+    def test_times_and_patterns_choose(self):
+        drive = gantry.Recording(self.sample)
+        self.assertAlmostEqual(drive.end, N_TICKS * PERIOD_SECS)
+        ticks = [frame.tick for frame in drive.frames("ego/front/rgb", start=4 * PERIOD_SECS, end=7 * PERIOD_SECS)]
+        self.assertEqual(ticks, [4, 5, 6])
+        topics = {frame.topic for frame in drive.frames("ego/front/*", "*/imu")}
+        self.assertIn("ego/imu/imu", topics)
+        self.assertNotIn("ego/gnss/gnss", topics)
+        self.assertEqual(list(drive.frames("nobody/*")), [])
+        with self.assertRaisesRegex(ValueError, "end is 1.0 s, but must not be before start, 2.0 s"):
+            drive.frames(start=2.0, end=1.0)
+        with self.assertRaisesRegex(ValueError, "the time is -1.0 s"):
+            drive.frames(start=-1.0)
+
+    def test_what_belongs_to_a_file_is_read(self):
+        drive = gantry.Recording(self.sample)
+        kinds = {topic.name: topic.kind for topic in drive.topics}
+        self.assertEqual((kinds["ego/front/rgb"], kinds["world/snapshot"], kinds["world/info"]), ("frame", "snapshot", "document"))
+        self.assertTrue(drive.is_complete)
+        self.assertEqual(drive.metadata["gantry"]["domain"], "sample")
+        self.assertEqual((drive.attachments, drive.attachment("Sample.xodr")), (["Sample.xodr"], b"<OpenDRIVE/>"))
+        self.assertEqual(drive.document("world/info").json(), {"map": "Sample"})
+        with self.assertRaisesRegex(KeyError, "no attachment 'other'; it has Sample.xodr"):
+            drive.attachment("other")
+        with self.assertRaisesRegex(KeyError, "no document 'world/catalogue'"):
+            drive.document("world/catalogue")
+        worlds = list(drive.snapshots())
+        self.assertEqual([world.tick for world in worlds], list(range(1, N_TICKS + 1)))
+        expected = [proto.records for topic, _, proto in decoded(self.sample) if topic == "/world/snapshot"]
+        self.assertEqual([world.actors.tobytes() for world in worlds], expected)
+
+    def test_rows_hold_one_tick_of_every_topic(self):
+        drive = gantry.Recording(self.sample)
+        rows = list(drive.sync("ego/front/rgb", "ego/front/depth", snapshots=True))
+        self.assertEqual([row.tick for row in rows], list(range(1, N_TICKS + 1)))
+        for row in rows:
+            self.assertEqual({frame.tick for frame in row.values()}, {row.tick})
+            self.assertEqual(row.snapshot.tick, row.tick)
+        with self.assertRaisesRegex(gantry.GantryError, "no frames of ego/front/rbg; it has .*ego/front/rgb"):
+            drive.sync("ego/front/rbg")
+
+    def test_results_of_every_type_are_what_another_reader_finds(self):
+        bodies, wholes = {}, {}
+        with open(self.results, "rb") as file:
+            for _, channel, message in make_reader(file).iter_messages(log_time_order=False):
+                if not channel.topic.endswith("/gantry"):
+                    wholes[channel.topic, message.log_time] = message.data
+        for topic, message, proto in self._results():
+            place = (topic.removesuffix("/gantry")[1:], message.sequence)
+            body = proto.body
+            if proto.body_topic:
+                whole = wholes[proto.body_topic, message.log_time]
+                body = self.shown[proto.body_topic, message.log_time].data if (proto.body_topic, message.log_time) in self.shown else whole
+            bodies[place] = (proto.header, body, proto.inputs)
+        found = {(result.topic, result.seq): result for result in gantry.Recording(self.results).results()}
+        self.assertEqual(set(found), set(bodies))
+        self.assertEqual({result.type for result in found.values()}, set(gantry.RESULT_TYPES))
+        for place, result in found.items():
+            header, body, inputs = bodies[place]
+            with self.subTest(place):
+                outcome = result._outcome
+                self.assertEqual(outcome.header_bytes(), header)
+                whole = outcome.array(np.dtype("u1"), (outcome.body_bytes,), (1,), 0).tobytes()
+                self.assertEqual((whole, outcome.inputs_bytes()), (body, inputs))
+
+    def _results(self):
+        """The results, and in `shown` what holds bodies of some of them."""
+        self.shown, found = {}, []
+        for topic, message, proto in decoded_protobuf(self.results):
+            if topic.endswith("/gantry"):
+                found.append((topic, message, proto))
+            elif hasattr(proto, "data"):
+                self.shown[topic, message.log_time] = proto
+        return found
+
+    def test_a_file_that_was_cut_off_is_read_as_far_as_it_goes(self):
+        data = pathlib.Path(self.sample).read_bytes()
+        cut = os.path.join(self.folder.name, "cut.mcap.part")
+        whole = len(list(gantry.Recording(self.sample).samples()))
+        counts = []
+        for share in (0.999, 0.7, 0.4):
+            pathlib.Path(cut).write_bytes(data[: int(len(data) * share)])
+            drive = gantry.Recording(cut)
+            self.assertFalse(drive.is_complete)
+            counts.append(len(list(drive.samples())))
+        self.assertEqual(counts, sorted(counts, reverse=True))
+        self.assertLessEqual(counts[0], whole)
+        flipped = bytearray(data)
+        flipped[len(data) // 2] ^= 0x55
+        pathlib.Path(cut).write_bytes(flipped)
+        drive = gantry.Recording(cut)
+        left = len(list(drive.samples()))
+        self.assertLess(left, whole)
+        self.assertGreater(sum(drive.damage.values()), 0)
+        self.assertTrue(drive.damage_sentences)
+
+    def test_what_is_no_recording_is_a_sentence(self):
+        for text, sentence in ((b"", "is empty"), (b"PK" + bytes(100), "is not an MCAP file")):
+            path = os.path.join(self.folder.name, "odd")
+            pathlib.Path(path).write_bytes(text)
+            with self.assertRaisesRegex(gantry.GantryError, sentence):
+                gantry.Recording(path)
+        with self.assertRaisesRegex(gantry.GantryError, "cannot open .*nothing.mcap"):
+            gantry.Recording("nothing.mcap")
+
+    def test_threads_share_one_file(self):
+        drive, sums = gantry.Recording(self.sample), []
+
+        def read():
+            sums.append(sum(int(frame.array.view("u1").sum()) for frame in drive.frames("ego/front/rgb", "ego/front/depth")))
+
+        threads = [threading.Thread(target=read) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        self.assertEqual(len(sums), 4)
+        self.assertEqual(len(set(sums)), 1)
+
+
+def decoded_protobuf(path):
+    """As `decoded`, without the messages that are no protobuf."""
+    factory = DecoderFactory()
+    with open(path, "rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            if channel.message_encoding == "protobuf" and schema.encoding == "protobuf" and not schema.name.startswith("own"):
+                decode = factory.decoder_for(channel.message_encoding, schema)
+                try:
+                    proto = decode(message.data)
+                except Exception:  # noqa: BLE001 - a user's bytes need not be what their schema says
+                    continue
+                yield channel.topic, message, proto
+
+
+if __name__ == "__main__":
+    unittest.main()
