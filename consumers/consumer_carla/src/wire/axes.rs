@@ -89,9 +89,10 @@ pub fn sign_box(body: &BodyBox) -> BodyBox {
     }
 }
 
-/// Turns −0, which CARLA's scripts would print, into 0, and −180 into 180.
+/// Turns −0, which CARLA's scripts would print, into 0, and −180 into 180. What is −180 only in the
+/// wire's `f32` counts too: a spawn point's 180 comes back from a snapshot a rounding beyond it.
 fn whole(angle_deg: f64) -> f64 {
-    if angle_deg <= -180.0 {
+    if angle_deg as f32 <= -180.0 {
         180.0
     } else {
         angle_deg + 0.0
@@ -131,6 +132,19 @@ mod tests {
         Transform {
             location_m: [within(1e4), within(1e4), within(100.0)],
             rotation_deg: [within(89.9), within(180.0), within(180.0)],
+        }
+    }
+
+    #[test]
+    fn half_a_turn_is_180_on_the_wire_whatever_the_rounding() {
+        for beyond in [0.0, 1e-12, -1e-12, 1e-9, 1e-7, -1e-7] {
+            let turned = UnitQuaternion::from_euler_angles(0.0, 0.0, std::f64::consts::PI + beyond);
+            let pose = Pose::from(Isometry3::from_parts(Translation3::identity(), turned));
+            let yaw = transform(&pose).rotation_deg[1] as f32;
+            assert!(
+                (yaw - 180.0).abs() < 1e-4,
+                "{yaw} for half a turn and {beyond}"
+            );
         }
     }
 
