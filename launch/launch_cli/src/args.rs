@@ -45,11 +45,19 @@ pub struct CommonArgs {
     /// Form of the log lines on stderr
     #[arg(long, global = true, value_name = "FORM", value_enum, default_value_t)]
     pub log_format: LogFormat,
+
+    /// End when the process with this id ends, which started this one
+    #[arg(long, global = true, value_name = "PID", hide = true)]
+    pub parent: Option<i32>,
 }
 
 impl CommonArgs {
-    /// Starts logging to stderr as these flags ask; call once, before anything logs.
+    /// Starts logging to stderr as these flags ask; call once, before anything logs. A process that
+    /// another of Gantry's programs started ends with that one from here on.
     pub fn init_logging(&self) {
+        if let Some(parent) = self.parent {
+            end_with(parent);
+        }
         logging::init(&LogOptions {
             verbose: self.verbose,
             quiet: self.quiet,
@@ -67,7 +75,17 @@ impl Default for CommonArgs {
             quiet: 0,
             color: ColorWhen::Auto,
             log_format: LogFormat::Text,
+            parent: None,
         }
+    }
+}
+
+/// Asks the kernel for a SIGTERM when the process `parent` ends, and ends if it has done so already.
+fn end_with(parent: i32) {
+    let asked = nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGTERM);
+    if asked.is_err() || nix::unistd::getppid().as_raw() != parent {
+        eprintln!("process {parent}, which started this one, has ended");
+        std::process::exit(crate::Exit::Failed.code().into());
     }
 }
 

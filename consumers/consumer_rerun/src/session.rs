@@ -1,0 +1,406 @@
+//! Both runs side by side: the recorded one from its file, the new one in lockstep.
+
+use std::io::Write as _;
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::Context as _;
+use launch_cli::{Exit, Shutdown, wrong_usage};
+use schema_bus::Bus;
+use schema_recording::read::RecordingFile;
+
+use crate::children::{Running, adapters};
+use crate::cli::{Args, Then};
+use crate::compare::{self, Difference};
+use crate::live::Live;
+use crate::recorded::{Reader, Recorded};
+use crate::report::{Report, WORLD, secs};
+use crate::script::{self, Script};
+
+/// How often the end of a run that was handed over is looked for.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+
+/// Runs a recording again as the arguments ask.
+///
+/// # Errors
+/// If it cannot be run again, or the new run ends early.
+pub fn run(args: &Args, shutdown: &Shutdown) -> anyhow::Result<Exit> {
+    let file = RecordingFile::open(&args.file)?;
+    let folder = tempfile::Builder::new()
+        .prefix("gantry-rerun-")
+        .tempdir()
+        .context("cannot make a folder for the run")?;
+    let script = script::read(&file, folder.path(), &args.command)?;
+    let sensors = added_sensors(&args.sensor)?;
+    let bus = Bus::open(&args.common.domain, "gantry-rerun")?;
+    if bus.daemon_alive()? {
+        return Err(wrong_usage(format!(
+            "domain {0:?} already has a simulator or a replay; stop it, or choose another name with --domain",
+            args.common.domain
+        )));
+    }
+    let mut report = Report::default();
+    let until_nanos = args
+        .until
+        .map_or(script.end_nanos, |until| until.min(script.end_nanos));
+    if args.until.is_some_and(|until| until > script.end_nanos) {
+        note(
+            &mut report,
+            format!(
+                "the recording ends at {}, so the run does too",
+                secs(script.end_nanos)
+            ),
+        );
+    }
+    let name = format!("gantry-rerun-{}", std::process::id());
+    let recorder_name = format!("{name}-record");
+    let plan = simulator_args(args, &script, &sensors, folder.path(), &mut report)?;
+    let mut simulator = {
+        let mut plan = plan;
+        plan.extend(["--await-participant".into(), name.clone()]);
+        if args.record.is_some() {
+            plan.extend(["--await-participant".into(), recorder_name.clone()]);
+        }
+        if args.then != Then::Stop {
+            plan.extend(["--journal-until".into(), until_nanos.to_string()]);
+        } else {
+            // The journal holds until this program ends the simulator.
+            plan.extend(["--journal-until".into(), u64::MAX.to_string()]);
+        }
+        Running::start("simd", &plan, &args.common)?
+    };
+    let mut recorder = match &args.record {
+        Some(out) => Some(start_recorder(out, &recorder_name, args)?),
+        None => None,
+    };
+    let Some(mut live) = Live::join(bus, &name, &script.topics, &mut simulator, shutdown)? else {
+        return Ok(Exit::Done);
+    };
+    let made_later: Vec<&String> = script.made_at.values().flatten().collect();
+    report.not_there = live
+        .missing()
+        .filter(|topic| !made_later.iter().any(|later| ***later == ***topic))
+        .map(|topic| topic.to_string())
+        .collect();
+    let mut pair = Pair {
+        script: &script,
+        until_nanos,
+        has_added: !sensors.is_empty() || !script.head.added_sensors.is_empty(),
+        reader: Reader::new(&file),
+        report,
+    };
+    let is_whole = pair.run(&mut live, &mut simulator, &mut recorder, shutdown)?;
+    let mut report = pair.finish();
+    report.close();
+    print(&report, args.json)?;
+    if is_whole && args.then != Then::Stop {
+        live.leave();
+        hand_over(args, &report, &mut simulator, shutdown)?;
+    }
+    // Readers end before what they read.
+    if let Some(recorder) = &mut recorder {
+        recorder.stop();
+    }
+    drop(live);
+    simulator.stop();
+    Ok(match report.is_equal {
+        true => Exit::Done,
+        false => Exit::Failed,
+    })
+}
+
+/// Both runs.
+struct Pair<'a> {
+    script: &'a Script,
+    until_nanos: u64,
+    has_added: bool,
+    reader: Reader,
+    report: Report,
+}
+
+impl Pair<'_> {
+    /// Steps both to their end; `false` if this program is asked to end before.
+    fn run(
+        &mut self,
+        live: &mut Live,
+        simulator: &mut Running,
+        recorder: &mut Option<Running>,
+        shutdown: &Shutdown,
+    ) -> anyhow::Result<bool> {
+        let mut tick = 0;
+        self.compare(live, tick)?;
+        self.await_topics(live, simulator, tick)?;
+        live.acknowledge(tick)?;
+        loop {
+            let Some((next, sim_nanos)) = live.next_tick(tick, simulator, shutdown)? else {
+                return Ok(false);
+            };
+            tick = next;
+            self.report.end_nanos = sim_nanos;
+            self.compare(live, tick)?;
+            let is_last = self.reader.is_at_end()
+                || tick >= self.script.complete_to
+                || sim_nanos >= self.until_nanos;
+            if is_last {
+                return Ok(true);
+            }
+            if let Some(recorder) = recorder {
+                recorder.must_run("while it recorded the new run")?;
+            }
+            self.await_topics(live, simulator, tick)?;
+            live.acknowledge(tick)?;
+        }
+    }
+
+    /// Opens the topics of sensors that commands made behind this tick.
+    fn await_topics(
+        &mut self,
+        live: &mut Live,
+        simulator: &mut Running,
+        tick: u64,
+    ) -> anyhow::Result<()> {
+        let Some(wanted) = self.script.made_at.get(&tick) else {
+            return Ok(());
+        };
+        let missing = live.await_topics(wanted, simulator)?;
+        self.report.not_there.extend(missing);
+        Ok(())
+    }
+
+    /// Compares everything that was recorded up to `tick`.
+    fn compare(&mut self, live: &mut Live, tick: u64) -> anyhow::Result<()> {
+        let (report, has_added) = (&mut self.report, self.has_added);
+        self.reader.up_to(tick, |recorded| {
+            match recorded {
+                Recorded::Snapshot { header, records } => {
+                    let Some(now) = live.snapshot(header.tick) else {
+                        return Ok(());
+                    };
+                    let now = (now.header(), now.records());
+                    let found = compare::snapshots((header, records), now, has_added);
+                    report.saw(header.tick);
+                    report
+                        .topic(WORLD)
+                        .count(header.tick, header.sim_nanos, found);
+                }
+                Recorded::Frame {
+                    topic,
+                    header,
+                    payload,
+                } => {
+                    let is_read = live.reads(topic);
+                    let of_topic = report.topic(topic);
+                    let payload = match payload {
+                        Ok(payload) => payload,
+                        Err(error) => {
+                            tracing::debug!(
+                                topic,
+                                tick = header.tick,
+                                error,
+                                "a frame of the file cannot be read"
+                            );
+                            of_topic.damaged += 1;
+                            return Ok(());
+                        }
+                    };
+                    let found = live.with_frame(topic, header.tick, |now, bytes| {
+                        compare::frames((header, payload), (now, bytes))
+                    });
+                    match found {
+                        Some(difference) => {
+                            of_topic.count(header.tick, header.sim_nanos, difference)
+                        }
+                        None if is_read => {
+                            of_topic.missing += 1;
+                            let none = Difference::new("frame", "there", "not there");
+                            of_topic.count(header.tick, header.sim_nanos, Some(none));
+                        }
+                        None => {}
+                    }
+                    report.saw(header.tick);
+                }
+            }
+            Ok(())
+        })
+    }
+
+    fn finish(self) -> Report {
+        let mut report = self.report;
+        for sentence in self.reader.damage() {
+            note(&mut report, format!("the recording is damaged: {sentence}"));
+        }
+        report
+    }
+}
+
+/// Says something about the run at once, and keeps it for the report.
+fn note(report: &mut Report, sentence: String) {
+    tracing::warn!("{sentence}");
+    report.notes.push(sentence);
+}
+
+/// Arguments of the simulator, without those about lockstep and the journal's end.
+fn simulator_args(
+    args: &Args,
+    script: &Script,
+    sensors: &[(String, String)],
+    folder: &Path,
+    report: &mut Report,
+) -> anyhow::Result<Vec<String>> {
+    let head = &script.head;
+    let path = |path: &Path| path.display().to_string();
+    let mut all = vec![
+        "--launch".into(),
+        path(&script.launch),
+        "--journal".into(),
+        path(&script.journal),
+        "--data".into(),
+        path(folder),
+        "--quality".into(),
+        head.quality.clone(),
+        "--lidars-on".into(),
+        head.lidars_on.clone(),
+    ];
+    let there = adapters()?;
+    if there.contains(&head.adapter) {
+        all.extend(["--adapter".into(), head.adapter.clone()]);
+    } else {
+        note(
+            report,
+            format!(
+                "the recorded run rendered on {:?}, which is not here ({}), so images may differ",
+                head.adapter,
+                there.join(", ")
+            ),
+        );
+        // What another GPU cannot do is left to it.
+        all.truncate(all.len() - 2);
+    }
+    let mode = match args.then {
+        Then::Stepped => "stepped",
+        Then::Stop | Then::Live => "free_running",
+    };
+    let mut set = vec![format!("scenario.mode=\"{mode}\"")];
+    for (name, spec) in sensors {
+        set.push(format!("sensor.{name}={spec}"));
+        all.extend(["--added-sensor".into(), name.clone()]);
+    }
+    for name in &head.added_sensors {
+        all.extend(["--added-sensor".into(), name.clone()]);
+    }
+    set.extend(args.set.iter().cloned());
+    for word in set {
+        all.extend(["--set".into(), word]);
+    }
+    Ok(all)
+}
+
+/// Sensors to add: name and specification as TOML.
+fn added_sensors(words: &[String]) -> anyhow::Result<Vec<(String, String)>> {
+    let mut sensors = Vec::new();
+    for word in words {
+        match word.split_once('=') {
+            Some((name, spec)) => sensors.push((name.trim().to_owned(), spec.trim().to_owned())),
+            None => {
+                let text = std::fs::read_to_string(word).map_err(|error| {
+                    wrong_usage(format!(
+                        "--sensor {word}: neither NAME=SPEC nor a file that can be read ({error})"
+                    ))
+                })?;
+                let table: toml::Table = text
+                    .parse()
+                    .map_err(|error| wrong_usage(format!("--sensor {word}: {error}")))?;
+                let found = table.get("sensor").and_then(toml::Value::as_table);
+                let found = found.filter(|found| !found.is_empty()).ok_or_else(|| {
+                    wrong_usage(format!("--sensor {word}: the file has no [sensor.NAME]"))
+                })?;
+                sensors.extend(
+                    found
+                        .iter()
+                        .map(|(name, spec)| (name.clone(), spec.to_string())),
+                );
+            }
+        }
+    }
+    for (name, _) in &sensors {
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+        if name.is_empty() || !name.chars().all(is_plain) {
+            return Err(wrong_usage(format!(
+                "--sensor: {name:?} is no name of a sensor; write for example roof='{{kind=\"lidar\"}}'"
+            )));
+        }
+    }
+    Ok(sensors)
+}
+
+fn start_recorder(out: &Path, name: &str, args: &Args) -> anyhow::Result<Running> {
+    let words = [
+        "--out".to_owned(),
+        out.display().to_string(),
+        format!("--lockstep={name}"),
+    ];
+    Running::start("gantry-record", &words, &args.common)
+}
+
+fn print(report: &Report, json: bool) -> anyhow::Result<()> {
+    let text = match json {
+        true => serde_json::to_string(report)? + "\n",
+        false => report.text(),
+    };
+    let mut stdout = std::io::stdout().lock();
+    stdout.write_all(text.as_bytes())?;
+    stdout.flush()?;
+    Ok(())
+}
+
+/// Waits while the run is the user's.
+fn hand_over(
+    args: &Args,
+    report: &Report,
+    simulator: &mut Running,
+    shutdown: &Shutdown,
+) -> anyhow::Result<()> {
+    let how = match args.then {
+        Then::Stepped => "waits for cues",
+        _ => "runs on in real time",
+    };
+    tracing::info!(
+        "from {} on the run is yours and {how}: gantry view --domain {1}, gantry-drive --domain {1}, gantry record --domain {1}; Ctrl-C ends it",
+        secs(report.end_nanos),
+        args.common.domain
+    );
+    while !shutdown.wait(LOOK_EVERY) {
+        if simulator.ended()?.is_some() {
+            simulator.must_run("after it was handed over")?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sensors_come_from_the_command_line_or_from_a_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("more.toml");
+        std::fs::write(
+            &file,
+            "version = 1\n[sensor.roof]\nkind = \"lidar\"\nmount.position_m = [0, 0, 2]\n[sensor.nose]\nkind = \"radar\"\n",
+        )
+        .unwrap();
+        let words = ["imu2={kind=\"imu\"}".to_owned(), file.display().to_string()];
+        let found = added_sensors(&words).unwrap();
+        let names: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["imu2", "nose", "roof"]);
+        assert!(
+            !found[2].1.contains('\n') && found[2].1.starts_with('{'),
+            "{}",
+            found[2].1
+        );
+        let error = |word: &str| added_sensors(&[word.to_owned()]).unwrap_err().to_string();
+        assert!(error("nowhere.toml").contains("neither NAME=SPEC nor a file"));
+        assert!(error("a b={}").contains("no name of a sensor"));
+    }
+}
