@@ -1,9 +1,14 @@
 //! The formats: what each must provide, and the list of them.
 
+mod coco;
 mod dsec;
 mod evt3;
+mod family;
+mod kitti;
+mod objects;
 mod rosbag;
 mod trajectory;
+mod yolo;
 
 use schema_frames::Modality;
 
@@ -58,6 +63,9 @@ impl Format {
     /// The exporter of this format.
     pub fn exporter(self, options: &Options) -> anyhow::Result<Box<dyn Exporter>> {
         Ok(match self {
+            Format::Kitti => Box::new(kitti::Kitti::new(options)),
+            Format::Coco => Box::new(coco::Coco::new(options)),
+            Format::Yolo => Box::new(yolo::Yolo::new(options)),
             Format::Dsec => Box::new(dsec::Dsec::new(options)?),
             Format::Evt3 => Box::new(evt3::Evt3::new(options)),
             Format::Ros2Bag => Box::new(rosbag::Ros2Bag::new(options)),

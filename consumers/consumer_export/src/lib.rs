@@ -2,10 +2,11 @@
 //! trees that the formats' own tools open.
 //!
 //! In reading order: [`options`] (what is asked), [`scenario`] (what a recording holds),
-//! [`ticks`] (a recording as one set of frames per tick), [`tree`] (the folder that grows, whole
+//! [`ticks`] and [`recording`] (a recording as one set of frames per tick), [`manifest`] (how far an
+//! export is), [`tree`] (the folder that grows, whole
 //! files only), [`truth`] (boxes, masks and occlusion from exact images), [`classes`] (CARLA's
-//! classes in each format's words), [`formats`] (one module per format), [`run`] (everything
-//! together). A format is an [`formats::Exporter`]; it is handed whole ticks, one after the other,
+//! classes in each format's words), [`formats`] (one module per format), [`live`] (recordings of launch
+//! files), [`run`] (everything together). A format is an [`formats::Exporter`]; it is handed whole ticks, one after the other,
 //! and never a whole recording.
 
 #![forbid(unsafe_code)]
@@ -13,8 +14,11 @@
 
 pub mod classes;
 pub mod formats;
+pub mod live;
+pub mod manifest;
 pub mod options;
 pub mod picture;
+pub mod recording;
 pub mod run;
 pub mod scenario;
 pub mod ticks;

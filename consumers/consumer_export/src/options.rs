@@ -34,6 +34,10 @@ pub struct Options {
     pub split_seed: u64,
     /// Form of colour images.
     pub images: ImageForm,
+    /// Form of COCO's masks.
+    pub masks: MaskForm,
+    /// Objects that fewer pixels show get no label.
+    pub min_pixels: u64,
     /// Go on with an export that was stopped.
     #[serde(skip)]
     pub resume: bool,
@@ -47,6 +51,16 @@ pub enum ImageForm {
     Png,
     /// JPEG of this quality, 1 to 100.
     Jpeg(u8),
+}
+
+/// Form of COCO's masks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum MaskForm {
+    /// Run lengths: every pixel exactly
+    Rle,
+    /// Outlines along the pixels' edges, without holes
+    Polygon,
 }
 
 impl ImageForm {
@@ -74,6 +88,8 @@ impl Options {
             split: vec![("train".into(), 1.0)],
             split_seed: 0,
             images: ImageForm::Png,
+            masks: MaskForm::Rle,
+            min_pixels: 10,
             resume: false,
         }
     }

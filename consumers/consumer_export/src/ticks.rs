@@ -172,6 +172,7 @@ impl TickJoiner {
         if let Some(world) = set.world.take() {
             let revision = world.header.actors_revision;
             let list = self.lists.range(..=revision).next_back();
+            let list = list.or_else(|| self.lists.first_key_value());
             let actors = list.map_or_else(Arc::default, |(_, list)| list.clone());
             let world = Arc::try_unwrap(world).unwrap_or_else(|shared| (*shared).clone());
             set.world = Some(Arc::new(World { actors, ..world }));
@@ -217,12 +218,12 @@ mod tests {
             let mut header: SnapshotHeader = bytemuck::Zeroable::zeroed();
             (header.tick, header.sim_nanos) = (tick, tick * 50);
             joiner.snapshot(header, Vec::new());
+            out.extend(std::iter::from_fn(|| joiner.next(false)));
+            assert!(joiner.open.len() as u64 <= LATE_TICKS + 1);
             joiner.frame(frame("ego/a/semantic", tick));
             if tick > 2 {
                 joiner.frame(frame("ego/b/semantic", tick - 2));
             }
-            assert!(joiner.open.len() as u64 <= LATE_TICKS + 1);
-            out.extend(std::iter::from_fn(|| joiner.next(false)));
         }
         out.extend(std::iter::from_fn(|| joiner.next(true)));
         assert_eq!(

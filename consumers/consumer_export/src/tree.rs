@@ -47,6 +47,17 @@ impl Tree {
         part.finish()
     }
 
+    /// Writes several files at once, each as [`Tree::write`] does; encoders run on all processors.
+    ///
+    /// # Errors
+    /// The first of them.
+    pub fn write_all(&self, jobs: Vec<Job<'_>>) -> anyhow::Result<()> {
+        use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
+        jobs.into_par_iter()
+            .map(|job| self.write(&job.path, job.make))
+            .collect()
+    }
+
     /// Begins a file that grows over many ticks; it appears at [`PartFile::finish`]. What an earlier
     /// run left of it is dropped.
     ///
@@ -85,10 +96,48 @@ impl Tree {
         self.write(relative, || fs::read(&from).with_context(|| cannot(&from)))
     }
 
+    /// Calls `each` with every line of a file of the tree; one line is in memory at a time.
+    ///
+    /// # Errors
+    /// What `each` returns, or a sentence with the path.
+    pub fn each_line(
+        &self,
+        relative: &str,
+        each: &mut dyn FnMut(&str) -> anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
+        use std::io::BufRead as _;
+        let path = self.path(relative);
+        let cannot = || format!("cannot read {}", path.display());
+        let file = File::open(&path).with_context(cannot)?;
+        for line in std::io::BufReader::new(file).lines() {
+            each(&line.with_context(cannot)?)?;
+        }
+        Ok(())
+    }
+
     /// A file of the export's state, which is gone once the export is complete: lines that scenarios
     /// leave for [`crate::formats::Exporter::finish`].
     pub fn state(name: &str) -> String {
         format!("{STATE_FOLDER}/{name}")
+    }
+}
+
+/// A file to write: its path and what makes its bytes.
+pub struct Job<'a> {
+    path: String,
+    make: Box<dyn FnOnce() -> anyhow::Result<Vec<u8>> + Send + 'a>,
+}
+
+impl<'a> Job<'a> {
+    /// A file at `path` whose bytes `make` returns.
+    pub fn new(
+        path: impl Into<String>,
+        make: impl FnOnce() -> anyhow::Result<Vec<u8>> + Send + 'a,
+    ) -> Job<'a> {
+        Job {
+            path: path.into(),
+            make: Box::new(make),
+        }
     }
 }
 
