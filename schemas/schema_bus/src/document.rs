@@ -60,6 +60,21 @@ impl DocumentPublisher {
     /// # Errors
     /// [`BusError::Service`].
     pub fn send(&mut self, text: &str, epoch: u64, tick: u64) -> Result<u64, BusError> {
+        self.send_revision(text, epoch, tick, self.revision + 1)
+    }
+
+    /// As [`DocumentPublisher::send`], under a revision that the caller counts: of a document that is
+    /// sent again as it was.
+    ///
+    /// # Errors
+    /// [`BusError::Service`].
+    pub fn send_revision(
+        &mut self,
+        text: &str,
+        epoch: u64,
+        tick: u64,
+        revision: u64,
+    ) -> Result<u64, BusError> {
         let failed =
             |e: &dyn std::fmt::Debug| other_error("write to", self.service.name().as_str(), e);
         let loan = self
@@ -67,7 +82,6 @@ impl DocumentPublisher {
             .loan_slice_uninit(text.len())
             .map_err(|e| failed(&e))?;
         let mut sample = loan.write_from_slice(text.as_bytes());
-        let revision = self.revision + 1;
         sample.user_header_mut().0 = DocumentHeader {
             magic: DOCUMENT_MAGIC,
             schema_version: SCHEMA_VERSION,

@@ -491,13 +491,7 @@ impl ResultLoan {
     pub fn send(mut self) -> Result<usize, BusError> {
         let end = self.end.clone();
         self.fits()?;
-        let offset = self.header().inputs_offset() as usize;
-        let body = self.header().body_bytes as usize;
-        let inputs = std::mem::take(&mut self.inputs);
-        let records: &[u8] = bytemuck::cast_slice(&inputs);
-        let slot = self.slot();
-        slot[body..offset].fill(0);
-        slot[offset..offset + records.len()].copy_from_slice(records);
+        self.put_inputs();
         // The number is used up even if sending fails, so that a gap shows the loss.
         let seq = end.n_sent.fetch_add(1, Relaxed) + 1;
         let header = self.header_mut();
@@ -506,9 +500,37 @@ impl ResultLoan {
             header.flags |= ResultHeader::FIRST;
         }
         header.writer_epoch = end.writer_epoch;
+        self.send_as_it_is()
+    }
+
+    /// Sends a result that was sent before: with its own number and clocks, which the caller has set
+    /// in the header, but for `published_mono_nanos`.
+    ///
+    /// # Errors
+    /// As [`ResultLoan::send`].
+    pub fn send_again(mut self) -> Result<usize, BusError> {
+        self.fits()?;
+        self.put_inputs();
+        self.send_as_it_is()
+    }
+
+    /// Writes the inputs behind the body.
+    fn put_inputs(&mut self) {
+        let offset = self.header().inputs_offset() as usize;
+        let body = self.header().body_bytes as usize;
+        let inputs = std::mem::take(&mut self.inputs);
+        let records: &[u8] = bytemuck::cast_slice(&inputs);
+        let slot = self.slot();
+        slot[body..offset].fill(0);
+        slot[offset..offset + records.len()].copy_from_slice(records);
+        let header = self.header_mut();
         header.n_inputs = inputs.len() as u32;
         header.payload_bytes = ResultHeader::payload_for(header.body_bytes, inputs.len());
-        header.published_mono_nanos = mono_now().0;
+    }
+
+    fn send_as_it_is(mut self) -> Result<usize, BusError> {
+        let end = self.end.clone();
+        self.header_mut().published_mono_nanos = mono_now().0;
         let bad = |source| BusError::BadResult {
             service: end.full.clone(),
             writer: None,

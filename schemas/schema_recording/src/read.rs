@@ -46,12 +46,13 @@ use schema_frames::document::DocumentHeader;
 pub use chunk::MAX_CHUNK_BYTES;
 pub use damage::Damage;
 pub use payload::{Payload, PayloadError};
-pub use samples::{Sample, Samples, What};
+pub use samples::{Mark, Place, Sample, Samples, What};
 
 use crate::pattern::matches;
+use crate::wire::{COMPRESSED_DATA_FIELD, DATA_FIELD};
 use bytes::{RECORD_HEAD_BYTES, Window};
 use chunk::PieceReader;
-use index::{Index, Place};
+use index::{Index, Stored};
 use samples::{ForeignType, Role, Wanted};
 
 /// Longest attachment or metadata record that is read, bytes.
@@ -329,7 +330,7 @@ impl RecordingFile {
         }
     }
 
-    fn bad_place(&self, place: &Place, what: &str) -> anyhow::Error {
+    fn bad_place(&self, place: &Stored, what: &str) -> anyhow::Error {
         anyhow::anyhow!(
             "the {what} {:?} of {} is damaged; `gantry-record recover` copies what is whole",
             place.name,
@@ -338,7 +339,7 @@ impl RecordingFile {
     }
 
     /// A record and its opcode; `None` if there is no whole one.
-    fn record(&self, place: &Place, what: &str) -> anyhow::Result<Option<(u8, Vec<u8>)>> {
+    fn record(&self, place: &Stored, what: &str) -> anyhow::Result<Option<(u8, Vec<u8>)>> {
         ensure!(
             place.len <= MAX_ATTACHMENT_BYTES,
             "the {what} {:?} of {} has {} bytes, at most {MAX_ATTACHMENT_BYTES} are read",
@@ -511,8 +512,12 @@ fn topics(index: &Index) -> (Vec<Topic>, BTreeMap<u16, Wanted>) {
         };
         if kind == TopicKind::Foreign && pairs.contains(&name) {
             kind = TopicKind::Derived;
-            let in_data = matches!(schema.as_str(), "foxglove.RawImage" | "foxglove.PointCloud");
-            let role = Role::Bytes { in_data };
+            let data_field = match schema.as_str() {
+                "foxglove.RawImage" | "foxglove.PointCloud" => Some(DATA_FIELD),
+                "foxglove.CompressedImage" => Some(COMPRESSED_DATA_FIELD),
+                _ => None,
+            };
+            let role = Role::Bytes { data_field };
             channels.insert(
                 *id,
                 Wanted {

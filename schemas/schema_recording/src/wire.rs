@@ -39,6 +39,8 @@ pub fn put_bytes(out: &mut Vec<u8>, number: u32, value: &[u8]) {
 
 /// Number of `data` in `foxglove.RawImage` and `foxglove.PointCloud`.
 pub const DATA_FIELD: u32 = 6;
+/// Number of `data` in `foxglove.CompressedImage`.
+pub const COMPRESSED_DATA_FIELD: u32 = 2;
 
 /// Type of a field, with its number in `descriptor.proto`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

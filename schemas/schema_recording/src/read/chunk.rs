@@ -170,6 +170,17 @@ impl PieceReader {
         Ok(())
     }
 
+    /// Position of the next record.
+    pub fn position(&self) -> u64 {
+        self.next
+    }
+
+    /// Goes on with the record at a position that [`PieceReader::position`] gave.
+    pub fn go_to(&mut self, position: u64) {
+        self.next = position.min(self.len);
+        self.crc = None;
+    }
+
     /// Opcode, and position and length of the body, of the next record.
     pub fn next_record(&mut self) -> Result<Option<(u8, u64, u64)>, Fault> {
         if self.next == self.len {

@@ -40,7 +40,7 @@ impl Samples {
         match wanted.role {
             Role::Frame => self.find_frame(message, wanted.topic),
             Role::Result => self.find_result(message, wanted.topic),
-            Role::Bytes { in_data } => self.find_bytes(message, &wanted.topic, in_data),
+            Role::Bytes { data_field } => self.find_bytes(message, &wanted.topic, data_field),
             Role::Snapshot => self.find_snapshot(message).map(Some),
             Role::Document => self.find_document(message, wanted.topic).map(Some),
             Role::Journal => {
@@ -126,7 +126,7 @@ impl Samples {
         &mut self,
         message: Message,
         topic: &str,
-        in_data: bool,
+        data_field: Option<u32>,
     ) -> Result<Option<Found>, Trouble> {
         let belongs = |late: &Waiting| {
             let of = &late.head.message;
@@ -139,11 +139,13 @@ impl Samples {
         let Some(late) = self.waiting.remove(place) else {
             return Ok(None);
         };
-        let bytes = match in_data {
-            true => spans::<{ DATA_FIELD as usize }>(&mut self.reader, message.data)?
-                [DATA_FIELD as usize - 1]
+        let bytes = match data_field {
+            Some(field) => spans::<{ DATA_FIELD as usize }>(&mut self.reader, message.data)?
+                .get(field as usize - 1)
+                .copied()
+                .flatten()
                 .unwrap_or((message.data.0, 0)),
-            false => message.data,
+            None => message.data,
         };
         self.whole(late.head, bytes).map(Some)
     }

@@ -45,7 +45,7 @@ pub(crate) struct Piece {
 
 /// A record that is read when it is asked for.
 #[derive(Clone, Debug)]
-pub(crate) struct Place {
+pub(crate) struct Stored {
     pub name: String,
     pub offset: u64,
     pub len: u64,
@@ -56,8 +56,8 @@ pub(crate) struct Place {
 pub(crate) struct Index {
     pub channels: BTreeMap<u16, Channel>,
     pub pieces: Vec<Piece>,
-    pub attachments: Vec<Place>,
-    pub metadata: Vec<Place>,
+    pub attachments: Vec<Stored>,
+    pub metadata: Vec<Stored>,
     /// Messages by channel, if the summary says so.
     pub n_messages: Option<BTreeMap<u16, u64>>,
     /// Whether the file ends as a whole one does.
@@ -159,12 +159,12 @@ impl Index {
                         channels: Some(channels).filter(|channels| !channels.is_empty()),
                     });
                 }
-                Record::AttachmentIndex(of) => self.attachments.push(Place {
+                Record::AttachmentIndex(of) => self.attachments.push(Stored {
                     name: of.name,
                     offset: of.offset,
                     len: of.length,
                 }),
-                Record::MetadataIndex(of) => self.metadata.push(Place {
+                Record::MetadataIndex(of) => self.metadata.push(Stored {
                     name: of.name,
                     offset: of.offset,
                     len: of.length,
@@ -289,9 +289,12 @@ impl Index {
             };
             let body = &head[RECORD_HEAD_BYTES as usize..];
             let body = &body[..body.len().min(len.min(119) as usize)];
+            // A chunk's index records stand right behind it.
+            if opcode != op::MESSAGE_INDEX {
+                index.look_into(&mut open_chunk, &mut inside);
+            }
             match opcode {
                 op::CHUNK => {
-                    index.look_into(&mut open_chunk, &mut inside);
                     if let Some(head) = ChunkHead::parse(body) {
                         open_chunk = Some(index.pieces.len());
                         index.pieces.push(Piece {
@@ -326,7 +329,7 @@ impl Index {
                 op::ATTACHMENT => {
                     let name = window.look(body_at, (len as usize).min(4096))?;
                     if let Some(name) = text_at(name, 16) {
-                        index.attachments.push(Place {
+                        index.attachments.push(Stored {
                             name,
                             offset: at,
                             len: next - at,
@@ -336,7 +339,7 @@ impl Index {
                 op::METADATA => {
                     let name = window.look(body_at, (len as usize).min(4096))?;
                     if let Some(name) = text_at(name, 0) {
-                        index.metadata.push(Place {
+                        index.metadata.push(Stored {
                             name,
                             offset: at,
                             len: next - at,

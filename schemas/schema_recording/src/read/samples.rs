@@ -33,8 +33,25 @@ pub struct Sample<'a> {
     pub publish_nanos: u64,
     /// Low 32 bits of the sample's own number.
     pub sequence: u32,
+    /// Where its last message is in the file.
+    pub place: Place,
     /// What it is.
     pub what: What<'a>,
+}
+
+/// Where a message is in a file; of two, the one that comes first is less.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Place {
+    piece: usize,
+    at: u64,
+}
+
+/// A place between two samples, to come back to.
+#[derive(Clone, Debug)]
+pub struct Mark {
+    place: Place,
+    is_open: bool,
+    waiting: VecDeque<Waiting>,
 }
 
 /// What a sample is. Headers have been checked against what is there.
@@ -105,7 +122,7 @@ pub(crate) enum Role {
     Foreign(ForeignType),
     /// Holds payloads of frames or bodies of results; in `data`, or as a whole.
     Bytes {
-        in_data: bool,
+        data_field: Option<u32>,
     },
 }
 
@@ -126,6 +143,7 @@ pub(crate) struct Wanted {
 /// A message whose head was read.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Message {
+    pub place: Place,
     pub channel: u16,
     pub sequence: u32,
     pub log_nanos: u64,
@@ -158,7 +176,7 @@ impl HeadOf {
 }
 
 /// A head that waits for the message with its bytes.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Waiting {
     pub head: Head,
     pub channel_topic: String,
@@ -234,6 +252,42 @@ impl Samples {
         }
     }
 
+    /// The place before the sample that [`Samples::next`] gives next.
+    pub fn mark(&self) -> Mark {
+        let (piece, at) = match self.is_open {
+            true => (self.next_piece - 1, self.reader.position()),
+            false => (self.next_piece, 0),
+        };
+        Mark {
+            place: Place { piece, at },
+            is_open: self.is_open,
+            waiting: self.waiting.clone(),
+        }
+    }
+
+    /// Goes on at a place of these samples, wherever the reading is now.
+    ///
+    /// # Errors
+    /// If the disk cannot be read.
+    pub fn back_to(&mut self, mark: &Mark) -> anyhow::Result<()> {
+        let index = self.index.clone();
+        self.waiting.clone_from(&mark.waiting);
+        self.next_piece = mark.place.piece;
+        self.is_open = false;
+        if let Some(piece) = index.pieces.get(mark.place.piece).filter(|_| mark.is_open) {
+            self.next_piece += 1;
+            match self.reader.open(piece) {
+                Ok(()) => {
+                    self.reader.go_to(mark.place.at);
+                    self.is_open = true;
+                }
+                Err(Fault::Damaged(what)) => self.damage.note("chunk", || what),
+                Err(Fault::Io(error)) => self.disk(error)?,
+            }
+        }
+        Ok(())
+    }
+
     /// What could not be read so far.
     pub fn damage(&self) -> &Damage {
         &self.damage
@@ -301,7 +355,7 @@ impl Samples {
     pub(super) fn missing(&mut self, late: &Waiting) {
         self.damage.note("payload", || {
             format!(
-                "{} of {} s: its bytes should be on {}, where they are not",
+                "{} of {:.6} s: its bytes should be on {}, where they are not",
                 late.head.topic,
                 late.head.message.log_nanos as f64 * 1e-9,
                 late.channel_topic
@@ -351,6 +405,10 @@ impl Samples {
                 }
             };
             let message = Message {
+                place: Place {
+                    piece: self.next_piece - 1,
+                    at,
+                },
                 channel: u16_at(head, 0).unwrap_or_default(),
                 sequence: u32_at(head, 2).unwrap_or_default(),
                 log_nanos: u64_at(head, 6).unwrap_or_default(),
@@ -442,11 +500,16 @@ impl Samples {
             log_nanos: message.log_nanos,
             publish_nanos: message.publish_nanos,
             sequence: message.sequence,
+            place: message.place,
             what,
         }
     }
 
     fn whole_sample(&mut self, head: Head, span: Span) -> Sample<'_> {
+        let place = Place {
+            piece: self.next_piece.saturating_sub(1),
+            at: span.0,
+        };
         self.topic = head.topic;
         let topic = &self.topic;
         let (header, codec) = match &head.of {
@@ -481,6 +544,7 @@ impl Samples {
             log_nanos: head.message.log_nanos,
             publish_nanos: head.message.publish_nanos,
             sequence: head.message.sequence,
+            place,
             what,
         }
     }
