@@ -2,11 +2,20 @@
 //! files, and replays them.
 //!
 //! It works with a consumer's means only: it records what it reads on the bus, and it replays by
-//! commands that move actors. `docs/carla-recorder.md` describes the file.
+//! commands that move actors. `docs/carla-recorder.md` describes the files: those that it writes,
+//! and CARLA's own, which it reads.
 
+mod carla_file;
+mod carla_packets;
 pub mod changes;
+mod counterparts;
 pub mod extra;
 pub mod file;
+pub mod frame;
+mod motion;
+pub mod own_file;
+mod playback;
+pub mod read_error;
 pub mod replay;
 mod replay_changes;
 pub mod report;

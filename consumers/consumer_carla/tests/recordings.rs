@@ -5,7 +5,10 @@ use std::collections::BTreeMap;
 use consumer_carla::list;
 use consumer_carla::recorder::changes::{Changes, StreetLight};
 use consumer_carla::recorder::extra::Extra;
-use consumer_carla::recorder::file::{Born, Frame, Head, Light, MAGIC, Pedals, Recording, VERSION};
+use consumer_carla::recorder::file::Reader;
+use consumer_carla::recorder::frame::{Born, Collision, Frame, Head, Light, Origin, Pedals};
+use consumer_carla::recorder::own_file::{MAGIC, VERSION};
+use consumer_carla::recorder::read_error::ReadError;
 use consumer_carla::recorder::report;
 use consumer_carla::wire::axes::Transform;
 use consumer_carla::wire::description::{Attribute, Description};
@@ -87,6 +90,23 @@ fn changes() -> Changes {
     }
 }
 
+/// What a file of ours holds.
+#[derive(Debug, PartialEq)]
+struct Recording {
+    head: Head,
+    frames: Vec<Frame>,
+}
+
+fn read(bytes: &[u8]) -> Result<Recording, ReadError> {
+    let mut reader = Reader::new(bytes)?;
+    let mut frames = Vec::new();
+    while let Some(frame) = reader.next_frame()? {
+        frames.push(frame);
+    }
+    let head = reader.head().clone();
+    Ok(Recording { head, frames })
+}
+
 /// A hero that drives 1 m a tick and hits a parked van at the third of four ticks.
 fn drive() -> Recording {
     let at = |x: f64| Transform {
@@ -94,6 +114,7 @@ fn drive() -> Recording {
         rotation_deg: [0.0, 90.0, 0.0],
     };
     let frames = (0..4u32).map(|idx| Frame {
+        number: 1 + u64::from(idx),
         tick: 100 + u64::from(idx),
         elapsed_secs: 0.5 * f64::from(idx),
         delta_secs: 0.5,
@@ -102,20 +123,25 @@ fn drive() -> Recording {
                 Born {
                     id: 7,
                     parent: 0,
+                    family: 1,
                     description: who("vehicle.tesla.model3", "hero"),
                     at: at(0.0),
+                    on_parent: false,
                 },
                 Born {
                     id: 8,
                     parent: 0,
+                    family: 1,
                     description: who("vehicle.volkswagen.t2", ""),
                     at: at(9.0),
+                    on_parent: false,
                 },
             ]
         } else {
             Vec::new()
         },
         gone: if idx == 3 { vec![8] } else { Vec::new() },
+        attached: Vec::new(),
         poses: BTreeMap::from([(7, at(f64::from(idx))), (8, at(9.0))]),
         pedals: BTreeMap::from([(
             7,
@@ -136,7 +162,9 @@ fn drive() -> Recording {
             },
         )]),
         collisions: if idx == 2 {
-            vec![(7, 8), (7, 0)]
+            [(0, (7, 8)), (1, (7, 0))]
+                .map(|(number, actors)| Collision { number, actors })
+                .to_vec()
         } else {
             Vec::new()
         },
@@ -157,6 +185,7 @@ fn drive() -> Recording {
     });
     Recording {
         head: Head {
+            origin: Origin::Gantry,
             version: VERSION,
             map: "Town10HD".into(),
             date: "2026-01-31 12:00:00".into(),
@@ -178,10 +207,7 @@ fn bytes(recording: &Recording) -> Vec<u8> {
 #[test]
 fn recordings_read_as_they_were_written() {
     let recording = drive();
-    assert_eq!(
-        Recording::read(&mut bytes(&recording).as_slice()).unwrap(),
-        recording
-    );
+    assert_eq!(read(&bytes(&recording)).unwrap(), recording);
 }
 
 /// Version 2 had nothing behind the velocities, version 3 nothing behind the platform time; texts
@@ -206,9 +232,9 @@ fn recordings_of_the_versions_before_are_read() {
                 frame.extra = Extra::default();
             }
         }
-        let read = Recording::read(&mut old.as_slice()).unwrap();
-        assert_eq!(read, recording);
-        assert!(report::info(&read, false).starts_with(&format!("Version: {version}\n")));
+        assert_eq!(read(&old).unwrap(), recording);
+        let text = report::info(&mut Reader::new(&old[..]).unwrap(), false).unwrap();
+        assert!(text.starts_with(&format!("Version: {version}\n")));
     }
     let mut newer = Vec::new();
     msgpack::write(
@@ -216,7 +242,7 @@ fn recordings_of_the_versions_before_are_read() {
         &list![MAGIC, VERSION + 1, "Town10HD", "2026-01-31 12:00:00"],
     );
     assert!(
-        Recording::read(&mut newer.as_slice())
+        read(&newer)
             .unwrap_err()
             .to_string()
             .contains("reads versions 2 to 4")
@@ -232,18 +258,18 @@ fn cut_off_recordings_end_with_their_last_whole_frame() {
         ..recording
     };
     for cut in [1, 20] {
-        assert_eq!(
-            Recording::read(&mut &whole[..whole.len() - cut]).unwrap(),
-            without_last
-        );
+        let cut = &whole[..whole.len() - cut];
+        assert_eq!(read(cut).unwrap(), without_last);
+        let text = report::info(&mut Reader::new(cut).unwrap(), false).unwrap();
+        assert!(text.ends_with("The file ends within a frame, which is left out.\n"));
     }
 }
 
 #[test]
 fn foreign_and_broken_recordings_are_sentences() {
-    let error = |bytes: &[u8]| Recording::read(&mut &bytes[..]).unwrap_err().to_string();
+    let error = |bytes: &[u8]| read(bytes).unwrap_err().to_string();
     assert!(error(b"").contains("not a recording"));
-    assert!(error(b"\x01\x00\x0eCARLA_RECORDER").contains("not a recording"));
+    assert!(error(b"\x93\x01\x02\x03").contains("not a recording"));
     let whole = bytes(&drive());
     assert!(
         error(&whole[..50]).contains("no frame") || error(&whole[..50]).contains("not a recording")
@@ -259,22 +285,24 @@ fn foreign_and_broken_recordings_are_sentences() {
             let at = rng.usize(0..broken.len());
             broken[at] = rng.u8(..);
         }
-        if let Ok(read) = Recording::read(&mut broken.as_slice()) {
-            for text in [
-                report::info(&read, true),
-                report::collisions(&read, 'a', 'a'),
-                report::blocked(&read, 0.1, 10.0),
-            ] {
-                assert!(text.starts_with("Version: "));
-            }
+        let is_whole = read(&broken).is_ok();
+        let reader = || Reader::new(&broken[..]);
+        for text in [
+            reader().and_then(|mut reader| report::info(&mut reader, true)),
+            reader().and_then(|mut reader| report::collisions(&mut reader, 'a', 'a')),
+            reader().and_then(|mut reader| report::blocked(&mut reader, 0.1, 10.0)),
+        ] {
+            assert_eq!(text.is_ok(), is_whole);
+            assert!(text.is_err() || text.is_ok_and(|text| text.starts_with("Version: ")));
         }
     }
 }
 
 #[test]
 fn texts_read_like_carlas() {
-    let recording = drive();
-    let info = report::info(&recording, false);
+    let bytes = bytes(&drive());
+    let recording = || Reader::new(&bytes[..]).unwrap();
+    let info = report::info(&mut recording(), false).unwrap();
     assert!(
         info.starts_with(
             "Version: 4\nMap: Town10HD\nDate: 2026-01-31 12:00:00\n\nFrame 1 at 0 seconds\n"
@@ -287,7 +315,7 @@ fn texts_read_like_carlas() {
     assert!(info.contains("Frame 3 at 1 seconds\n Collision id 0 between 7 (hero)  with 8\n Collision id 1 between 7 (hero)  with 0\n"));
     assert!(info.contains("Frame 4 at 1.5 seconds\n Destroy 8\n") && !info.contains("Frame 2 "));
     assert!(info.ends_with("\nFrames: 4\nDuration: 1.5 seconds\n"));
-    let all = report::info(&recording, true);
+    let all = report::info(&mut recording(), true).unwrap();
     for line in [
         "  Id: 7 Location: (300, -200, 50) Rotation: (0, 0, 90)",
         "  Id: 3 state: 1 frozen: 1 elapsedTime: 2.5",
@@ -295,7 +323,7 @@ fn texts_read_like_carlas() {
         "  Id: 9 speed: 125",
         "  Id: 7 LowBeam",
         "  Id: 8 None",
-        "  Id: 7 linear_velocity: (200, 0, 0) angular_velocity: (0.0000, 0.0000, -1.0000)",
+        "  Id: 7 linear_velocity: (2, 0, 0) angular_velocity: (0, 0, -1)",
         " Actor bounding boxes: 1",
         "  Id: 7 origin: (0, 0, 75) extension: (240, 100, 75)",
         " Actor trigger volumes: 1",
@@ -308,13 +336,13 @@ fn texts_read_like_carlas() {
         "  Doors opened:  Front Left  Rear Left ",
         "  Doors opened: ",
         " Scene light changes: 1",
-        "  Id: 21 enabled: True intensity: 4000 RGB_color: (255, 128, 0)",
+        "  Id: 21 enabled: True intensity: 4000 RGB_color: (1, 0.501961, 0)",
         " Physics Control events: 1",
         "   mass = 1750",
         "   center_of_mass = (0.5, 0.25, 0.125)",
         "   torque_curve = (0, 400) (6000, 300)",
         "    gear 0: ratio 2.5 down_ratio 0.5 up_ratio 0.75",
-        "    wheel 0: tire_friction 1.5 damping_rate 0.25 max_steer_angle 0 radius 50 max_brake_torque 1500 max_handbrake_torque 3000 position (150, -75, 50)",
+        "    wheel 0: tire_friction 1.5 damping_rate 0.25 max_steer_angle 0 radius 50 max_brake_torque 1500 max_handbrake_torque 3000 position (75, -50, 100)",
         " Walkers Bones: 1",
         "     Bone: \"crl_hips__C\" relative: Loc(0, 25, 100) Rot(30, 10, 20)",
     ] {
@@ -331,7 +359,7 @@ fn texts_read_like_carlas() {
             .find(|line| line.split_whitespace().any(|word| word == id.to_string()))
             .map(str::to_owned)
     };
-    let hit = report::collisions(&recording, 'v', 'h');
+    let hit = report::collisions(&mut recording(), 'v', 'h').unwrap();
     let words: Vec<String> = row(hit, 8)
         .unwrap()
         .split_whitespace()
@@ -349,9 +377,10 @@ fn texts_read_like_carlas() {
             "vehicle.tesla.model3"
         ]
     );
-    assert_eq!(row(report::collisions(&recording, 'w', 'a'), 7), None);
+    let none = report::collisions(&mut recording(), 'w', 'a').unwrap();
+    assert_eq!(row(none, 7), None);
     // The van stood for the whole 1.5 s, the hero never for half a second.
-    let blocked = report::blocked(&recording, 1.0, 10.0);
+    let blocked = report::blocked(&mut recording(), 1.0, 10.0).unwrap();
     assert!(
         row(blocked.clone(), 8).unwrap().trim_end().ends_with(" 2") && row(blocked, 7).is_none()
     );

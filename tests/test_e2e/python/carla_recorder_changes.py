@@ -98,7 +98,7 @@ def check_text(client, car, walker, lamp, mass, seen):
     assert weathers[1][1].startswith("  Cloudiness: 77 ") and " SunAzimuthAngle: 200 SunAltitudeAngle: 12 " in weathers[1][1], weathers
     lit = [(at, line) for at, lines in enumerate(frames) for line in after(lines, " Scene light changes")[:1]]
     # Colour and switch are two calls.
-    assert lit and f"  Id: {lamp} enabled: True" in lit[-1][1] and lit[-1][1].endswith("RGB_color: (200, 100, 50)"), lit
+    assert lit and f"  Id: {lamp} enabled: True" in lit[-1][1] and lit[-1][1].endswith("RGB_color: (0.784314, 0.392157, 0.196078)"), lit
     # Bones of the walker, by the client's own reading of the same tick.
     worst_cm, n_compared = 0.0, 0
     for at in (5, POSED + 10):

@@ -164,7 +164,7 @@ def check_text(client, hero, gnss, walker, track):
             turned = [roll - rotation.roll, pitch - rotation.pitch, (yaw - rotation.yaw + 180.0) % 360.0 - 180.0]
             assert max(map(abs, turned)) < 0.01, (line, rotation)
         if line.startswith(f"  Id: {hero.id} linear_velocity"):
-            worst_mps = max(worst_mps, apart(carla.Vector3D(*[cm / 100 for cm in numbers(line)[1:4]]), was["velocity"]))
+            worst_mps = max(worst_mps, apart(carla.Vector3D(*numbers(line)[1:4]), was["velocity"]))
         if line == f"  Id: {hero.id} LowBeam Fog":
             n_lit += 1
         if line.startswith(f"  Id: {walker.id} speed: "):

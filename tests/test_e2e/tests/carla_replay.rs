@@ -32,3 +32,10 @@ fn doors_weather_street_lights_physics_and_bones_are_recorded_and_replayed() {
     );
     stage.end();
 }
+
+#[test]
+fn recordings_in_carlas_own_format_are_told_about_and_replayed() {
+    let stage = Stage::new("carlalog", &empty_town("Town10HD"));
+    stage.run("carla_log.py", &[], &["texts", "replay", "part", "damaged"]);
+    stage.end();
+}

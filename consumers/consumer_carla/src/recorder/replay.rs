@@ -2,7 +2,6 @@
 //! their recorded poses.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
 
 use consumer_kit::WorldAt;
 use schema_frames::document::PoseText;
@@ -12,17 +11,24 @@ use schema_frames::{
 };
 use schema_types::Pose;
 
-use crate::recorder::file::{Born, Frame, Pedals, Recording};
+use crate::recorder::counterparts::{Counterparts, is_played, is_sensor};
+use crate::recorder::file::Recording;
+use crate::recorder::frame::{Born, Frame, Pedals};
+use crate::recorder::motion::{between, is_somewhere, is_upright, lead};
+use crate::recorder::playback::Playback;
+use crate::recorder::read_error::ReadError;
 use crate::recorder::replay_changes::{bring_about, hold, let_go};
 use crate::spawn::spawn_command;
 use crate::state::commander::Commander;
 use crate::state::known_world::Known;
 use crate::wire::axes::{self, Transform};
-use crate::wire::sensor_kinds;
+use crate::wire::fields::Wrong;
 use crate::wire::structures::LAMPS;
 
 /// Above this factor poses are not interpolated, as in CARLA.
 const MAX_SMOOTH_FACTOR: f64 = 2.0;
+/// Frames of CARLA's files may have the same time; they count as this far apart, seconds.
+const SHORTEST_SECS: f64 = 1e-9;
 /// Actors are spawned this far above their place, one above the other, and moved there afterwards:
 /// other actors may still stand in the way at the place itself.
 const MAKE_ABOVE_M: f64 = 200.0;
@@ -57,7 +63,7 @@ pub struct Wish {
 /// A running replay.
 #[derive(Debug)]
 pub struct Replay {
-    recording: Arc<Recording>,
+    playback: Playback,
     wish: Wish,
     /// Settings, which may change while the replay runs.
     pub settings: Settings,
@@ -65,6 +71,10 @@ pub struct Replay {
     ids: BTreeMap<u32, u32>,
     /// Recorded ids of heroes.
     heroes: BTreeSet<u32>,
+    /// Recorded ids of actors that cannot be spawned.
+    unknown: BTreeSet<u32>,
+    /// Recorded ids of actors that the replay has attached to others.
+    attached: BTreeSet<u32>,
     /// Ids (of this run) of actors that the replay spawned, in that order.
     made: Vec<u32>,
     /// Vehicles whose physics the replay has switched off.
@@ -78,32 +88,22 @@ pub struct Replay {
     recorded_spectator: Option<u32>,
     at_secs: f64,
     end_secs: f64,
-    next_event: usize,
     n_made: usize,
-}
-
-/// Whether a replay moves actors of this type.
-fn is_played(type_id: &str) -> bool {
-    ["vehicle.", "walker.", "static.prop."]
-        .iter()
-        .any(|family| type_id.starts_with(family))
-}
-
-/// Whether this type is a sensor that the gateway can spawn.
-fn is_sensor(type_id: &str) -> bool {
-    sensor_kinds::kind(type_id).is_some() || sensor_kinds::CLIENT_SIDE.contains(&type_id)
 }
 
 impl Replay {
     /// Prepares a replay: finds out which recorded actors exist already. Also returns CARLA's text
-    /// about the replay.
+    /// about the replay, and sentences about what cannot be replayed.
+    ///
+    /// # Errors
+    /// If the file was changed meanwhile and is no recording any more.
     pub fn begin(
         recording: Recording,
         wish: Wish,
         settings: Settings,
         known: &Known,
-    ) -> (Replay, String) {
-        let total_secs = recording.duration_secs();
+    ) -> Result<(Replay, String), ReadError> {
+        let total_secs = recording.duration_secs;
         let from = if wish.start_secs < 0.0 {
             total_secs + wish.start_secs
         } else {
@@ -115,37 +115,15 @@ impl Replay {
         } else {
             total_secs
         };
-        let factor = settings.time_factor;
-        let text = format!(
-            "Total time recorded: {total_secs:.3}\nReplaying from {at_secs:.3} s - {end_secs:.3} s ({:.3} s) at {factor:.1}x\n",
-            end_secs - at_secs
+        let found = Counterparts::find(&recording.cast, known);
+        let mut text = format!(
+            "Total time recorded: {total_secs:.3}\nReplaying from {at_secs:.3} s - {end_secs:.3} s ({:.3} s) at {:.1}x\n{}",
+            end_secs - at_secs,
+            settings.time_factor,
+            found.missing
         );
-        let mut ids = BTreeMap::new();
-        let mut lights = BTreeMap::new();
-        let (mut recorded_spectator, mut heroes) = (None, BTreeSet::new());
-        let snapshot = known.snapshot.clone();
-        for (id, description) in recording.names() {
-            if description.attribute("role_name") == Some("hero") {
-                heroes.insert(id);
-            }
-            if is_played(&description.type_id)
-                && known
-                    .actors
-                    .get(&id)
-                    .is_some_and(|actor| actor.type_id == description.type_id)
-            {
-                ids.insert(id, id);
-            } else if description.type_id == "spectator" {
-                recorded_spectator = Some(id);
-            } else if let Some(signal) = description.attribute("opendrive_id") {
-                let of_signal =
-                    |part: schema_frames::TrafficLightPart| part.opendrive_id() == signal;
-                let now = snapshot
-                    .iter()
-                    .flat_map(|at| &at.records)
-                    .find(|record| record.traffic_light().is_some_and(of_signal));
-                lights.extend(now.map(|record| (id, record.id)));
-            }
+        if recording.is_cut {
+            text.push_str("The file ends within a frame, which is left out\n");
         }
         let spectator = known
             .actors
@@ -153,43 +131,47 @@ impl Replay {
             .find(|actor| actor.kind == "spectator")
             .map(|actor| actor.id);
         let replay = Replay {
-            recording: Arc::new(recording),
+            playback: Playback::begin(recording.reader)?,
             wish,
             settings,
-            ids,
-            heroes,
+            ids: found.ids,
+            heroes: found.heroes,
+            unknown: found.unknown,
+            attached: BTreeSet::new(),
             made: Vec::new(),
             held: BTreeSet::new(),
             led: BTreeSet::new(),
             posed: BTreeSet::new(),
-            lights,
+            lights: found.lights,
             spectator,
-            recorded_spectator,
+            recorded_spectator: found.spectator,
             at_secs,
             end_secs,
-            next_event: 0,
             n_made: 0,
         };
-        (replay, text)
+        Ok((replay, text))
     }
 
     /// Moves everything to its pose at the replay's current time and advances that time by a tick.
     /// Returns false once the end was shown.
     pub fn step(&mut self, snapshot: &WorldAt, commander: &Commander) -> bool {
-        let recording = self.recording.clone();
-        let frame_idx = recording
-            .frames
-            .partition_point(|frame| frame.elapsed_secs <= self.at_secs)
-            .saturating_sub(1);
-        for idx in self.next_event..=frame_idx {
-            self.run_events(&recording.frames[idx], commander);
+        loop {
+            match self.playback.reach(self.at_secs) {
+                Ok(Some(frame)) => self.run_events(&frame, commander),
+                Ok(None) => break,
+                Err(error) => {
+                    tracing::warn!(%error, "the replay ends here: its file has changed");
+                    return false;
+                }
+            }
         }
-        self.next_event = self.next_event.max(frame_idx + 1);
-        let frame = &recording.frames[frame_idx];
+        let (Some(frame), next) = self.playback.around() else {
+            return false;
+        };
         let smooth = self.settings.time_factor <= MAX_SMOOTH_FACTOR;
-        let next = recording.frames.get(frame_idx + 1).filter(|_| smooth);
-        self.put_actors(frame, next, snapshot, commander);
-        self.put_lights(frame, snapshot, commander);
+        let next = next.filter(|_| smooth);
+        self.put_actors(&frame, next.as_deref(), snapshot, commander);
+        self.put_lights(&frame, snapshot, commander);
         let is_end = self.at_secs >= self.end_secs;
         let tick_secs = snapshot.header.period_nanos as f64 * 1e-9;
         self.at_secs = (self.at_secs + tick_secs * self.settings.time_factor).min(self.end_secs);
@@ -202,14 +184,23 @@ impl Replay {
 
     /// Spawns actors that appear in a frame, destroys those that disappear, and applies changes.
     fn run_events(&mut self, frame: &Frame, commander: &Commander) {
-        for born in &frame.born {
+        let is_wanted = |born: &Born| {
             let type_id = born.description.type_id.as_str();
-            let is_wanted = is_played(type_id) || self.wish.with_sensors && is_sensor(type_id);
-            if is_wanted && !self.ids.contains_key(&born.id) && !self.is_ignored(born.id) {
-                self.make(born, frame, commander);
-            }
-        }
+            is_played(type_id) || self.wish.with_sensors && is_sensor(type_id)
+        };
+        let is_missing = |id: u32| {
+            !(self.ids.contains_key(&id) || self.unknown.contains(&id) || self.is_ignored(id))
+        };
+        let missing = frame
+            .born
+            .iter()
+            .filter(|born| is_wanted(born) && is_missing(born.id));
+        // Attached actors need the ids of those that they are attached to.
+        let (free, carried): (Vec<&Born>, Vec<&Born>) = missing.partition(|born| born.parent == 0);
+        self.make(&free, frame, commander);
+        self.make(&carried, frame, commander);
         for id in &frame.gone {
+            self.attached.remove(id);
             if let Some(now) = self.ids.remove(id)
                 && let Some(at) = self.made.iter().position(|made| *made == now)
             {
@@ -224,39 +215,67 @@ impl Replay {
         bring_about(&frame.changes, now_of, commander);
     }
 
-    /// Spawns a recorded actor: high above its place, or attached to its parent.
-    fn make(&mut self, born: &Born, frame: &Frame, commander: &Commander) {
+    /// Spawns recorded actors with one request: high above their places, or attached to their
+    /// parents.
+    fn make(&mut self, all: &[&Born], frame: &Frame, commander: &Commander) {
+        let mut asked: Vec<&Born> = Vec::new();
+        let mut commands = Vec::new();
+        for born in all {
+            match self.spawning(born, frame) {
+                Ok(command) => {
+                    commands.extend(command);
+                    asked.resize(commands.len(), *born);
+                }
+                Err(error) => not_made(born, &error.to_string()),
+            }
+        }
+        if commands.is_empty() {
+            return;
+        }
+        let replies = match commander.ask(commands) {
+            Ok(answer) => answer.replies,
+            Err(error) => {
+                return tracing::warn!(%error, n_actors = asked.len(), "the replay goes on without actors");
+            }
+        };
+        for (born, reply) in asked.into_iter().zip(replies) {
+            match reply {
+                CommandReply::Spawned { actor_id, .. } => {
+                    self.ids.insert(born.id, actor_id);
+                    self.made.push(actor_id);
+                    if born.parent != 0 {
+                        self.attached.insert(born.id);
+                    }
+                }
+                CommandReply::Refused { error } => not_made(born, &error),
+                other => tracing::warn!(?other, "no answer to a spawn of the replay"),
+            }
+        }
+    }
+
+    /// The command that spawns a recorded actor; `None` if what it is attached to is not there, or
+    /// its place is none.
+    fn spawning(&mut self, born: &Born, frame: &Frame) -> Result<Option<Command>, Wrong> {
         let (mut at, mut parent) = (born.at, None);
+        if !is_somewhere(&at) {
+            return Ok(None);
+        }
         if born.parent != 0 {
-            let (Some(now), Some(carrier)) =
-                (self.ids.get(&born.parent), frame.poses.get(&born.parent))
+            let (Some(now), Some(carrier)) = (self.ids.get(&born.parent), frame.place(born.parent))
             else {
-                return;
+                return Ok(None);
             };
-            at = axes::transform(&Pose::from(
-                axes::pose(carrier).isometry().inverse() * axes::pose(&born.at).isometry(),
-            ));
+            if !born.on_parent {
+                at = axes::transform(&Pose::from(
+                    axes::pose(carrier).isometry().inverse() * axes::pose(&born.at).isometry(),
+                ));
+            }
             parent = Some(*now);
         } else if is_played(&born.description.type_id) {
             at.location_m[2] += MAKE_ABOVE_M + MAKE_APART_M * (self.n_made % 500) as f64;
             self.n_made += 1;
         }
-        let spawn = || -> anyhow::Result<CommandReply> {
-            let command = spawn_command(&born.description, &at, parent, Attachment::Rigid)?;
-            Ok(commander.ask_one(command)?.0)
-        };
-        match spawn() {
-            Ok(CommandReply::Spawned { actor_id, .. }) => {
-                self.ids.insert(born.id, actor_id);
-                self.made.push(actor_id);
-            }
-            Ok(other) => tracing::warn!(?other, "no answer to a spawn of the replay"),
-            Err(error) => tracing::warn!(
-                type_id = born.description.type_id,
-                %error,
-                "the replay goes on without an actor"
-            ),
-        }
+        spawn_command(&born.description, &at, parent, Attachment::Rigid).map(Some)
     }
 
     fn put_actors(
@@ -267,18 +286,22 @@ impl Replay {
         commander: &Commander,
     ) {
         let share = next.map_or(0.0, |next| {
-            (self.at_secs - frame.elapsed_secs) / (next.elapsed_secs - frame.elapsed_secs)
+            let length_secs = (next.elapsed_secs - frame.elapsed_secs).max(SHORTEST_SECS);
+            ((self.at_secs - frame.elapsed_secs) / length_secs).clamp(0.0, 1.0)
         });
-        let share = share.clamp(0.0, 1.0);
         let place = |id: &u32| {
             let now = frame.poses.get(id)?;
             let then = next.and_then(|next| next.poses.get(id)).unwrap_or(now);
-            Some(between(now, then, share))
+            // A damaged file may have poses that are no numbers.
+            Some(between(now, then, share)).filter(is_somewhere)
         };
         let mut controls = Vec::new();
         for (id, now) in self.ids.clone() {
             if self.is_ignored(id) {
                 self.release(now, commander);
+                continue;
+            }
+            if self.attached.contains(&id) {
                 continue;
             }
             let Some(at) = place(&id) else { continue };
@@ -433,49 +456,10 @@ fn control(pedals: &Pedals) -> VehicleControl {
     }
 }
 
-/// Whether a walker stands: then it is led to its place. One that lies was knocked over.
-fn is_upright(at: &Transform) -> bool {
-    const TILT_DEG: f64 = 1.0;
-    let [pitch, _, roll] = at.rotation_deg;
-    pitch.abs() < TILT_DEG && roll.abs() < TILT_DEG
-}
-
-fn lead(actor_id: u32, at: &Transform, speed_mps: f64) -> Command {
-    Command::LeadWalker {
-        actor_id,
-        ground_point_m: axes::mirror(at.location_m),
-        yaw_rad: axes::pose(at).yaw_rad(),
-        speed_mps,
-    }
-}
-
-/// Interpolates two poses: along a straight line, and turning the short way round.
-fn between(a: &Transform, b: &Transform, share: f64) -> Transform {
-    let turn = |a: f64, b: f64| {
-        let by = (b - a + 180.0).rem_euclid(360.0) - 180.0;
-        a + by * share
-    };
-    Transform {
-        location_m: std::array::from_fn(|i| {
-            a.location_m[i] + (b.location_m[i] - a.location_m[i]) * share
-        }),
-        rotation_deg: std::array::from_fn(|i| turn(a.rotation_deg[i], b.rotation_deg[i])),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn halfway_is_halfway_the_short_way_round() {
-        let at = |x: f64, yaw: f64| Transform {
-            location_m: [x, 0.0, 1.0],
-            rotation_deg: [0.0, yaw, 0.0],
-        };
-        let half = between(&at(1.0, 170.0), &at(3.0, -170.0), 0.5);
-        assert_eq!(half.location_m, [2.0, 0.0, 1.0]);
-        assert!((half.rotation_deg[1] - 180.0).abs() < 1e-9);
-        assert_eq!(between(&at(1.0, 5.0), &at(3.0, 9.0), 0.0), at(1.0, 5.0));
-    }
+fn not_made(born: &Born, error: &str) {
+    tracing::warn!(
+        type_id = born.description.type_id,
+        error,
+        "the replay goes on without an actor"
+    );
 }

@@ -1,166 +1,195 @@
-//! Reports about recordings, in the form of CARLA's texts.
+//! Reports about recordings, in the form of CARLA's texts. A recording is read frame by frame.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
+use std::io::BufRead;
 
-use crate::recorder::file::Recording;
+use crate::recorder::file::{Cast, Reader};
+use crate::recorder::frame::{Frame, Head, Origin};
+use crate::recorder::read_error::ReadError;
 use crate::recorder::report_details::details;
-use crate::recorder::text::{ROOM, centimetres, round};
-use crate::wire::description::Description;
+use crate::recorder::text::{ROOM, centimetres, seconds};
 
-fn opening(recording: &Recording) -> String {
+/// Longest text, bytes. Clients get it in one message.
+const MAX_TEXT: usize = 512 << 20;
+/// Room that the report about actors that stood still needs for each.
+const ROW_BYTES: usize = 96;
+
+fn opening(head: &Head) -> String {
     format!(
         "Version: {}\nMap: {}\nDate: {}\n\n",
-        recording.head.version, recording.head.map, recording.head.date
+        head.version, head.map, head.date
     )
 }
 
-fn closing(out: &mut String, recording: &Recording) {
-    write!(
-        out,
-        "\nFrames: {}\nDuration: {} seconds\n",
-        recording.frames.len(),
-        round(recording.duration_secs())
-    )
-    .expect(ROOM);
-}
-
-/// CARLA's number of a family of actors.
-fn family(type_id: &str) -> u8 {
-    match type_id {
-        "traffic.traffic_light" => 3,
-        _ if type_id.starts_with("vehicle.") => 1,
-        _ if type_id.starts_with("walker.") => 2,
-        _ => 0,
+/// The end of a report, for the last frame.
+fn closing<R: BufRead>(out: &mut String, reader: &Reader<R>, (number, secs): (u64, f64)) {
+    let secs = seconds(reader.head().origin, secs);
+    write!(out, "\nFrames: {number}\nDuration: {secs} seconds\n").expect(ROOM);
+    if reader.is_cut() {
+        out.push_str("The file ends within a frame, which is left out.\n");
     }
+}
+
+fn within_limit(n_bytes: usize) -> Result<(), ReadError> {
+    if n_bytes > MAX_TEXT {
+        return Err(ReadError::LongText { max: MAX_TEXT });
+    }
+    Ok(())
 }
 
 /// `show_recorder_file_info`: frames in which actors appear, disappear or touch; with `all` every
 /// frame and all its packets.
-pub fn info(recording: &Recording, all: bool) -> String {
-    let (mut out, names) = (opening(recording), recording.names());
-    let mut n_collisions = 0;
-    for (idx, frame) in recording.frames.iter().enumerate() {
-        let has_events =
-            !(frame.born.is_empty() && frame.gone.is_empty() && frame.collisions.is_empty());
-        if !has_events && !all && idx != 0 {
-            continue;
-        }
-        writeln!(
-            out,
-            "Frame {} at {} seconds",
-            idx + 1,
-            round(frame.elapsed_secs)
-        )
-        .expect(ROOM);
-        for born in &frame.born {
-            let type_id = born.description.type_id.as_str();
-            writeln!(
-                out,
-                " Create {}: {type_id} ({}) at {}",
-                born.id,
-                family(type_id),
-                centimetres(born.at.location_m)
-            )
-            .expect(ROOM);
-            for attribute in &born.description.attributes {
-                writeln!(out, "  {} = {}", attribute.name, attribute.value).expect(ROOM);
+///
+/// # Errors
+/// If the file is damaged or the text would be too long.
+pub fn info<R: BufRead>(reader: &mut Reader<R>, all: bool) -> Result<String, ReadError> {
+    let head = reader.head().clone();
+    let (mut out, mut cast, mut last) = (opening(&head), Cast::default(), (0, 0.0));
+    while let Some(frame) = reader.next_frame()? {
+        cast.note(&frame)?;
+        let has_events = !(frame.born.is_empty()
+            && frame.gone.is_empty()
+            && frame.attached.is_empty()
+            && frame.collisions.is_empty());
+        if has_events || all || last.0 == 0 {
+            let secs = seconds(head.origin, frame.elapsed_secs);
+            writeln!(out, "Frame {} at {secs} seconds", frame.number).expect(ROOM);
+            events(&mut out, &frame, &cast);
+            if all {
+                details(&mut out, &frame, head.origin);
             }
         }
-        frame
-            .gone
-            .iter()
-            .for_each(|id| writeln!(out, " Destroy {id}").expect(ROOM));
-        for born in frame.born.iter().filter(|born| born.parent != 0) {
-            writeln!(out, " Parenting {} with {} (parent)", born.id, born.parent).expect(ROOM);
-        }
-        let hero = |id: &u32| if is_hero(&names, *id) { " (hero) " } else { "" };
-        for (a, b) in &frame.collisions {
-            writeln!(
-                out,
-                " Collision id {n_collisions} between {a}{} with {b}{}",
-                hero(a),
-                hero(b)
-            )
-            .expect(ROOM);
-            n_collisions += 1;
-        }
-        if all {
-            details(&mut out, frame);
+        last = (frame.number, frame.elapsed_secs);
+        within_limit(out.len())?;
+    }
+    closing(&mut out, reader, last);
+    Ok(out)
+}
+
+/// Appends actors that appear and disappear, and collisions.
+fn events(out: &mut String, frame: &Frame, cast: &Cast) {
+    for born in &frame.born {
+        writeln!(
+            out,
+            " Create {}: {} ({}) at {}",
+            born.id,
+            born.description.type_id,
+            born.family,
+            centimetres(born.at.location_m)
+        )
+        .expect(ROOM);
+        for attribute in &born.description.attributes {
+            writeln!(out, "  {} = {}", attribute.name, attribute.value).expect(ROOM);
         }
     }
-    closing(&mut out, recording);
-    out
+    for id in &frame.gone {
+        writeln!(out, " Destroy {id}").expect(ROOM);
+    }
+    let with_parent = frame.born.iter().filter(|born| born.parent != 0);
+    let attached = with_parent.map(|born| (born.id, born.parent));
+    for (id, parent) in attached.chain(frame.attached.iter().copied()) {
+        writeln!(out, " Parenting {id} with {parent} (parent)").expect(ROOM);
+    }
+    let hero = |id: u32| if cast.is_hero(id) { " (hero) " } else { "" };
+    for collision in &frame.collisions {
+        let (number, (a, b)) = (collision.number, collision.actors);
+        let (hero_a, hero_b) = (hero(a), hero(b));
+        writeln!(
+            out,
+            " Collision id {number} between {a}{hero_a} with {b}{hero_b}"
+        )
+        .expect(ROOM);
+    }
 }
 
 /// CARLA's letter of an actor's kind: vehicle, walker, traffic light, other.
-fn letter(names: &BTreeMap<u32, &Description>, id: u32) -> char {
-    ['o', 'v', 'w', 't'][usize::from(names.get(&id).map_or(0, |who| family(&who.type_id)))]
-}
-
-fn is_hero(names: &BTreeMap<u32, &Description>, id: u32) -> bool {
-    names
-        .get(&id)
-        .is_some_and(|who| who.attribute("role_name") == Some("hero"))
+fn letter(cast: &Cast, id: u32) -> char {
+    match cast.get(id).map(|born| born.family) {
+        Some(1) => 'v',
+        Some(2) => 'w',
+        Some(3) => 't',
+        _ => 'o',
+    }
 }
 
 /// Whether an actor is of the kind that a letter asks for; `h` is a hero, `a` is any actor.
-fn is_of(names: &BTreeMap<u32, &Description>, id: u32, asked: char) -> bool {
-    asked == 'a' || letter(names, id) == asked || asked == 'h' && is_hero(names, id)
+fn is_of(cast: &Cast, id: u32, asked: char) -> bool {
+    asked == 'a' || letter(cast, id) == asked || asked == 'h' && cast.is_hero(id)
 }
 
-/// `show_recorder_collisions`: collisions between actors of two kinds, in either order.
-pub fn collisions(recording: &Recording, first: char, second: char) -> String {
-    let names = recording.names();
-    let name = |id: u32| names.get(&id).map_or("", |who| who.type_id.as_str());
-    let mut out = opening(recording);
+/// `show_recorder_collisions`: collisions between actors of two kinds. In CARLA's recordings the
+/// first of two is the one whose sensor noticed it; in Gantry's they are in no order.
+///
+/// # Errors
+/// If the file is damaged or the text would be too long.
+pub fn collisions<R: BufRead>(
+    reader: &mut Reader<R>,
+    first: char,
+    second: char,
+) -> Result<String, ReadError> {
+    let head = reader.head().clone();
+    let (mut out, mut cast, mut last) = (opening(&head), Cast::default(), (0, 0.0));
+    let mut before: BTreeSet<(u32, u32)> = BTreeSet::new();
     writeln!(
         out,
         "{:>8}  {:5} {:>6} {:35} {:>6} {:35}",
         "Time", "Types", "Id", "Actor 1", "Id", "Actor 2"
     )
     .expect(ROOM);
-    for frame in &recording.frames {
-        for (a, b) in &frame.collisions {
-            let fits = |x: u32, y: u32| is_of(&names, x, first) && is_of(&names, y, second);
-            let (a, b) = match (fits(*a, *b), fits(*b, *a)) {
-                (true, _) => (*a, *b),
-                (false, true) => (*b, *a),
+    while let Some(frame) = reader.next_frame()? {
+        cast.note(&frame)?;
+        let mut touching = BTreeSet::new();
+        for collision in &frame.collisions {
+            let (a, b) = collision.actors;
+            let is_asked = |x: u32, y: u32| is_of(&cast, x, first) && is_of(&cast, y, second);
+            let (a, b) = match (is_asked(a, b), is_asked(b, a)) {
+                (true, _) => (a, b),
+                (false, true) if head.origin == Origin::Gantry => (b, a),
                 _ => continue,
             };
-            let kinds = format!(" {} {} ", letter(&names, a), letter(&names, b));
+            // CARLA repeats a collision in every frame in which the two touch, and in one frame.
+            if !touching.insert((a, b)) || before.contains(&(a, b)) {
+                continue;
+            }
+            let kinds = format!(" {} {} ", letter(&cast, a), letter(&cast, b));
             writeln!(
                 out,
                 "{:>8.0}  {kinds:5} {a:>6} {:35} {b:>6} {:35}",
                 frame.elapsed_secs,
-                name(a),
-                name(b)
+                cast.type_of(a),
+                cast.type_of(b)
             )
             .expect(ROOM);
         }
+        before = touching;
+        last = (frame.number, frame.elapsed_secs);
+        within_limit(out.len())?;
     }
-    closing(&mut out, recording);
-    out
+    closing(&mut out, reader, last);
+    Ok(out)
 }
 
 /// `show_recorder_actors_blocked`: vehicles and walkers that moved less than `min_distance` cm for
 /// at least `min_secs`.
-pub fn blocked(recording: &Recording, min_secs: f64, min_distance_cm: f64) -> String {
-    let names = recording.names();
-    let mut out = opening(recording);
-    writeln!(
-        out,
-        "{:>8} {:>6} {:35} {:>10}",
-        "Time", "Id", "Actor", "Duration"
-    )
-    .expect(ROOM);
+///
+/// # Errors
+/// If the file is damaged or the text would be too long.
+pub fn blocked<R: BufRead>(
+    reader: &mut Reader<R>,
+    min_secs: f64,
+    min_distance_cm: f64,
+) -> Result<String, ReadError> {
+    let (mut cast, mut last) = (Cast::default(), (0, 0.0));
     let mut found: Vec<(f64, u32, f64)> = Vec::new();
     let mut since: BTreeMap<u32, (f64, [f64; 3])> = BTreeMap::new();
-    for frame in &recording.frames {
+    let is_long = |(_, _, length): &(f64, u32, f64)| *length >= min_secs;
+    while let Some(frame) = reader.next_frame()? {
+        cast.note(&frame)?;
         for (id, at) in frame
             .poses
             .iter()
-            .filter(|(id, _)| matches!(letter(&names, **id), 'v' | 'w'))
+            .filter(|(id, _)| matches!(letter(&cast, **id), 'v' | 'w'))
         {
             let (start, place) = *since
                 .entry(*id)
@@ -170,34 +199,34 @@ pub fn blocked(recording: &Recording, min_secs: f64, min_distance_cm: f64) -> St
                 .sum::<f64>()
                 .sqrt();
             if moved_m * 100.0 >= min_distance_cm {
-                found.extend(
-                    Some((start, *id, frame.elapsed_secs - start))
-                        .filter(|(_, _, length)| *length >= min_secs),
-                );
+                found.extend(Some((start, *id, frame.elapsed_secs - start)).filter(is_long));
                 since.insert(*id, (frame.elapsed_secs, at.location_m));
             }
         }
         for id in &frame.gone {
             if let Some((start, _)) = since.remove(id) {
-                found.extend(
-                    Some((start, *id, frame.elapsed_secs - start))
-                        .filter(|(_, _, length)| *length >= min_secs),
-                );
+                found.extend(Some((start, *id, frame.elapsed_secs - start)).filter(is_long));
             }
         }
+        last = (frame.number, frame.elapsed_secs);
+        within_limit(found.len() * ROW_BYTES)?;
     }
-    let end = recording.duration_secs();
-    found.extend(
-        since
-            .into_iter()
-            .map(|(id, (start, _))| (start, id, end - start))
-            .filter(|(_, _, length)| *length >= min_secs),
-    );
+    let to_the_end = since
+        .into_iter()
+        .map(|(id, (start, _))| (start, id, last.1 - start));
+    found.extend(to_the_end.filter(is_long));
     found.sort_by(|a, b| b.2.total_cmp(&a.2).then(a.1.cmp(&b.1)));
+    let mut out = opening(reader.head());
+    writeln!(
+        out,
+        "{:>8} {:>6} {:35} {:>10}",
+        "Time", "Id", "Actor", "Duration"
+    )
+    .expect(ROOM);
     for (start, id, length) in found {
-        let name = names.get(&id).map_or("", |who| who.type_id.as_str());
+        let name = cast.type_of(id);
         writeln!(out, "{start:>8.0} {id:>6} {name:35} {length:>10.0}").expect(ROOM);
     }
-    closing(&mut out, recording);
-    out
+    closing(&mut out, reader, last);
+    Ok(out)
 }

@@ -11,7 +11,9 @@ use schema_frames::scenery::LampChange;
 use schema_frames::{ActorKind, ActorRecord};
 
 use crate::recorder::changes::{Changes, StreetLight};
-use crate::recorder::file::{Born, Frame, Head, Light, Pedals, VERSION};
+use crate::recorder::frame::{Born, Collision, Frame, Head, Light, Origin, Pedals, family};
+use crate::recorder::own_file::VERSION;
+use crate::recorder::text;
 use crate::recorder::watch::{Wanted, Watch};
 use crate::state::blueprints;
 use crate::state::known_world::Known;
@@ -83,6 +85,7 @@ impl Writer {
         let mut file = BufWriter::new(File::create(path).map_err(cannot)?);
         let mut head = Vec::new();
         Head {
+            origin: Origin::Gantry,
             version: VERSION,
             map,
             date: date(SystemTime::now()),
@@ -206,11 +209,14 @@ impl Writer {
         for record in records() {
             let at = axes::transform(&record.world_from_actor);
             if !self.alive.contains(&record.id) {
+                let description = described(known, record);
                 frame.born.push(Born {
                     id: record.id,
                     parent: record.parent_id,
-                    description: described(known, record),
+                    family: family(&description.type_id),
+                    description,
                     at,
+                    on_parent: false,
                 });
             }
             if can_move(record) {
@@ -253,7 +259,14 @@ impl Writer {
             }
         }
         let touching = touching(snapshot);
-        frame.collisions = touching.difference(&self.touching).copied().collect();
+        let began = touching.difference(&self.touching);
+        frame.collisions = began
+            .map(|actors| Collision {
+                // Readers number them.
+                number: 0,
+                actors: *actors,
+            })
+            .collect();
         frame.extra.platform_secs = self.with_motion.then(|| self.began.elapsed().as_secs_f64());
         (self.alive, self.touching) = (now, touching);
         frame
@@ -359,30 +372,9 @@ fn are_close(a: &ActorRecord, b: &ActorRecord) -> bool {
 fn date(time: SystemTime) -> String {
     let secs = time
         .duration_since(UNIX_EPOCH)
-        .map_or(0, |since| since.as_secs());
-    let (days, second) = ((secs / 86_400) as i64, secs % 86_400);
-    // The civil date from whole 400-year cycles that begin in March.
-    let shifted = days + 719_468;
-    let cycle = shifted.div_euclid(146_097);
-    let day_of_cycle = shifted.rem_euclid(146_097);
-    let year_of_cycle =
-        (day_of_cycle - day_of_cycle / 1460 + day_of_cycle / 36_524 - day_of_cycle / 146_096) / 365;
-    let day_of_year =
-        day_of_cycle - (365 * year_of_cycle + year_of_cycle / 4 - year_of_cycle / 100);
-    let month_from_march = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
-    let month = if month_from_march < 10 {
-        month_from_march + 3
-    } else {
-        month_from_march - 9
-    };
-    let year = year_of_cycle + cycle * 400 + i64::from(month <= 2);
-    format!(
-        "{year:04}-{month:02}-{day:02} {:02}:{:02}:{:02}",
-        second / 3600,
-        second / 60 % 60,
-        second % 60
-    )
+        .map_or(0, |since| since.as_secs() as i64);
+    let ([year, month, day], time) = text::date(secs);
+    format!("{year:04}-{month:02}-{day:02} {time}")
 }
 
 #[cfg(test)]

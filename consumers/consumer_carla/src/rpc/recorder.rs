@@ -1,14 +1,18 @@
 //! Calls of the recorder and the replayer.
 
+use std::fs::File;
+use std::io::BufReader;
 use std::time::Duration;
 
 use schema_frames::Command;
 
 use crate::gateway::Gateway;
-use crate::recorder::file::Recording;
+use crate::recorder::file::{Reader, Recording};
+use crate::recorder::read_error::{OpenError, ReadError};
 use crate::recorder::replay::{Replay, Wish};
 use crate::recorder::report;
 use crate::rpc::call::{Call, Calls};
+use crate::rpc::maps::own_map;
 use crate::wire::requests::{Answer, Failure, Outcome};
 
 /// Longest wait for the new episode after loading a recording's map.
@@ -24,18 +28,18 @@ pub(crate) const CALLS: Calls = &[
     }),
     ("show_recorder_file_info", |gateway, call| {
         let (name, all) = (call.text()?, call.bool()?);
-        about(gateway, name, |recording| report::info(recording, all))
+        about(gateway, name, |reader| report::info(reader, all))
     }),
     ("show_recorder_collisions", |gateway, call| {
         let (name, first, second) = (call.text()?, letter(call)?, letter(call)?);
-        about(gateway, name, |recording| {
-            report::collisions(recording, first, second)
+        about(gateway, name, |reader| {
+            report::collisions(reader, first, second)
         })
     }),
     ("show_recorder_actors_blocked", |gateway, call| {
         let (name, min_secs, min_distance_cm) = (call.text()?, call.f64()?, call.f64()?);
-        about(gateway, name, |recording| {
-            report::blocked(recording, min_secs, min_distance_cm)
+        about(gateway, name, |reader| {
+            report::blocked(reader, min_secs, min_distance_cm)
         })
     }),
     ("replay_file", replay_file),
@@ -100,12 +104,17 @@ fn start_recorder(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
 
 /// A report about a recording. For a file that cannot be read, CARLA answers with a text, not with
 /// an error.
-fn about(gateway: &Gateway, name: &str, tell: impl FnOnce(&Recording) -> String) -> Outcome {
-    let text = gateway
-        .recorder
-        .path(name)
-        .and_then(|path| Recording::open(&path).map_err(|error| error.to_string()))
-        .map_or_else(|error| format!("{error}\n"), |it| tell(&it));
+fn about(
+    gateway: &Gateway,
+    name: &str,
+    tell: impl FnOnce(&mut Reader<BufReader<File>>) -> Result<String, ReadError>,
+) -> Outcome {
+    let text = gateway.recorder.path(name).and_then(|path| {
+        Reader::open(&path)
+            .and_then(|mut reader| tell(&mut reader).map_err(|cause| OpenError::of(&path, cause)))
+            .map_err(|error| error.to_string())
+    });
+    let text = text.unwrap_or_else(|error| format!("{error}\n"));
     Ok(Answer::Value(text.into()))
 }
 
@@ -125,10 +134,16 @@ fn replay_file(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     };
     let opening = format!("Replaying File: {}\n\n", path.display());
     let info = gateway.info()?;
-    if recording.head.map != info.map {
-        gateway.commander.ask_one(Command::LoadMap {
-            map: recording.head.map.clone(),
-        })?;
+    let map = own_map(&recording.reader.head().map);
+    if map != info.map {
+        let load = Command::LoadMap {
+            map: map.to_owned(),
+        };
+        // CARLA answers with a text, too.
+        if let Err(error) = gateway.commander.ask_one(load) {
+            let text = format!("{opening}Could not load mapfile {map}: {error}\n");
+            return Ok(Answer::Value(text.into()));
+        }
         let begun = gateway.world.wait_for(SETTLE, |known| {
             known
                 .info
@@ -149,12 +164,19 @@ fn replay_file(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
         offset,
         with_sensors: replay_sensors,
     };
-    let (replay, text) = Replay::begin(
+    let begun = Replay::begin(
         recording,
         wish,
         gateway.recorder.settings(),
         &gateway.world.known(),
     );
+    let (replay, text) = match begun {
+        Ok(begun) => begun,
+        Err(cause) => {
+            let error = OpenError::of(&path, cause);
+            return Ok(Answer::Value(format!("{error}\n").into()));
+        }
+    };
     gateway
         .recorder
         .play(replay, &gateway.world, &gateway.commander);
