@@ -110,9 +110,9 @@ impl Payload<'_> {
 
 fn decode(
     codec: &str,
-    _header: &FrameHeader,
-    _coded: &[u8],
-    _out: &mut [u8],
+    header: &FrameHeader,
+    coded: &[u8],
+    out: &mut [u8],
 ) -> Result<(), String> {
-    Err(format!("this version knows no codec {codec:?}"))
+    crate::codec::decode(codec, header, coded, out).map_err(|error| error.to_string())
 }
