@@ -5,8 +5,11 @@ mod dsec;
 mod evt3;
 mod family;
 mod kitti;
+mod kitti360;
+mod nuscenes;
 mod objects;
 mod rosbag;
+mod semantickitti;
 mod trajectory;
 mod yolo;
 
@@ -64,12 +67,14 @@ impl Format {
     pub fn exporter(self, options: &Options) -> anyhow::Result<Box<dyn Exporter>> {
         Ok(match self {
             Format::Kitti => Box::new(kitti::Kitti::new(options)),
+            Format::SemanticKitti => Box::new(semantickitti::SemanticKitti::new(options)),
+            Format::Nuscenes => Box::new(nuscenes::NuScenes::new(options)),
+            Format::Kitti360 => Box::new(kitti360::Kitti360::new(options)),
             Format::Coco => Box::new(coco::Coco::new(options)),
             Format::Yolo => Box::new(yolo::Yolo::new(options)),
             Format::Dsec => Box::new(dsec::Dsec::new(options)?),
             Format::Evt3 => Box::new(evt3::Evt3::new(options)),
             Format::Ros2Bag => Box::new(rosbag::Ros2Bag::new(options)),
-            _ => anyhow::bail!("{} cannot be written by this build", self.name()),
         })
     }
 }
@@ -108,6 +113,11 @@ pub trait Exporter {
     /// Topics that a tick must have frames of to be a keyframe; `--every` counts keyframes. Empty:
     /// every tick is one.
     fn keys(&self, scenario: &Scenario) -> Vec<std::sync::Arc<str>>;
+
+    /// Least time between keyframes, nanoseconds of simulated time.
+    fn key_period_nanos(&self) -> u64 {
+        0
+    }
 
     /// A scenario begins; `done` are those before it.
     ///

@@ -237,6 +237,8 @@ fn one(
     let mut keyframes = Keyframes {
         keys,
         every: options.every,
+        period_nanos: exporter.key_period_nanos(),
+        last_nanos: None,
         n_found: 0,
         n_kept: 0,
     };
@@ -287,6 +289,8 @@ fn one(
 struct Keyframes {
     keys: Vec<Arc<str>>,
     every: u64,
+    period_nanos: u64,
+    last_nanos: Option<u64>,
     n_found: u64,
     n_kept: u64,
 }
@@ -295,9 +299,11 @@ impl Keyframes {
     fn number(&mut self, set: &mut TickSet) {
         let has = |topic: &Arc<str>| set.frames.iter().any(|frame| frame.topic == *topic);
         let complete = set.world.is_some() && self.keys.iter().all(has);
-        if !complete {
+        let is_soon = |last: u64| set.sim_nanos < last.saturating_add(self.period_nanos);
+        if !complete || self.last_nanos.is_some_and(is_soon) {
             return;
         }
+        self.last_nanos = Some(set.sim_nanos);
         if self.n_found % self.every == 0 {
             set.key = Some(self.n_kept);
             self.n_kept += 1;

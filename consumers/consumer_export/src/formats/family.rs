@@ -6,6 +6,10 @@ use std::fmt::Write as _;
 use nalgebra::{Isometry3, Matrix4};
 use schema_frames::{ImuSample, LidarPoint, Modality, SemanticLidarPoint};
 
+use launch_cli::wrong_usage;
+
+use crate::formats::{Format, missing};
+use crate::options::Options;
 use crate::scenario::{Scenario, Sensor, Topic};
 use crate::ticks::{TickFrame, TickSet, World};
 
@@ -66,6 +70,26 @@ impl Cloud {
     }
 }
 
+/// A semantic cloud with the intensities of a plain lidar that has exactly the same points in the
+/// same tick; the cloud as it is if there is none.
+pub fn with_intensities(mut cloud: Cloud, frame: &TickFrame, tick: &TickSet) -> Cloud {
+    if frame.modality != Modality::SemanticLidar {
+        return cloud;
+    }
+    let plain = tick
+        .frames
+        .iter()
+        .filter(|other| other.modality == Modality::Lidar);
+    for other in plain.filter(|other| other.header.width == frame.header.width) {
+        let other = Cloud::of(other);
+        if other.points_m == cloud.points_m {
+            cloud.intensities = other.intensities;
+            break;
+        }
+    }
+    cloud
+}
+
 /// The first topic of these modalities, earlier ones first, sensors by name.
 pub fn first_topic<'a>(
     scenario: &'a Scenario,
@@ -75,6 +99,57 @@ pub fn first_topic<'a>(
         let sensor = scenario.with(*modality).next()?;
         Some((sensor, sensor.topic(*modality)?))
     })
+}
+
+/// The colour camera that is the left one, and if there is one with parallel axes that fires with it,
+/// the right one: those that were asked for, else `front` or the first by name.
+///
+/// # Errors
+/// A sentence if there is none, or the cameras that were asked for are no pair.
+pub fn camera_pair<'a>(
+    format: Format,
+    scenario: &'a Scenario,
+    options: &Options,
+) -> anyhow::Result<Vec<&'a Sensor>> {
+    let name = format.name();
+    let asked = !options.cameras.is_empty();
+    let has_colour = |camera: &&Sensor| camera.has(Modality::Rgb);
+    let cameras = scenario.cameras(&options.cameras)?;
+    if let Some(other) = cameras.iter().find(|camera| asked && !has_colour(camera)) {
+        return Err(wrong_usage(format!(
+            "{name} needs colour images, and camera {:?} of {} has none",
+            other.name, scenario.name
+        )));
+    }
+    let mut cameras: Vec<&Sensor> = cameras.into_iter().filter(has_colour).collect();
+    if !asked {
+        cameras.sort_by_key(|camera| camera.name != "front");
+    }
+    let Some(first) = cameras.first().copied() else {
+        let any = [Modality::Rgb];
+        return Err(missing(format, scenario, "a colour camera", &any));
+    };
+    let parallel = |camera: &&Sensor| {
+        let turn = &first.carrier_from_sensor.rotation;
+        turn.angle_to(&camera.carrier_from_sensor.rotation) < 1e-6
+    };
+    if asked && cameras.len() > 2 {
+        return Err(wrong_usage(format!(
+            "{name} holds one camera or a pair, --cameras names {}",
+            cameras.len()
+        )));
+    }
+    if let Some(other) = cameras.iter().find(|camera| asked && !parallel(camera)) {
+        return Err(wrong_usage(format!(
+            "the pair of {name} has parallel axes, and {:?} looks elsewhere than {:?}; export it on its own",
+            other.name, first.name
+        )));
+    }
+    let fires = |camera: &&Sensor| camera.first().sim_nanos == first.first().sim_nanos;
+    cameras.retain(|camera| asked || (parallel(camera) && fires(camera)));
+    // Of several parallel ones nobody can tell which is the right one.
+    cameras.truncate(if asked || cameras.len() == 2 { 2 } else { 1 });
+    Ok(cameras)
 }
 
 /// A 3 × 4 matrix, row after row, as numbers between blanks.

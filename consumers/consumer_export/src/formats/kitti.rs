@@ -11,12 +11,11 @@ use std::io::Write as _;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use launch_cli::wrong_usage;
 use schema_frames::{FrameHeader, Modality};
 use serde_json::{Value, json};
 
-use super::family::{Cloud, Motion, first_topic};
-use crate::formats::{DoneScenario, Exporter, Format, missing};
+use super::family::{Cloud, Motion, camera_pair, first_topic};
+use crate::formats::{DoneScenario, Exporter, Format};
 use crate::options::Options;
 use crate::picture;
 use crate::scenario::{Scenario, Sensor, Topic};
@@ -69,63 +68,9 @@ impl Kitti {
     }
 
     fn choose<'a>(&self, scenario: &'a Scenario) -> anyhow::Result<Chosen<'a>> {
-        let asked = !self.options.cameras.is_empty();
-        let cameras = scenario.cameras(&self.options.cameras)?;
-        if let Some(other) = cameras
-            .iter()
-            .find(|camera| asked && !camera.has(Modality::Rgb))
-        {
-            return Err(wrong_usage(format!(
-                "kitti needs colour images, and camera {:?} of {} has none",
-                other.name, scenario.name
-            )));
-        }
-        let mut cameras: Vec<_> = cameras
-            .into_iter()
-            .filter(|c| c.has(Modality::Rgb))
-            .collect();
-        if !asked {
-            // `front` is what KITTI's left camera is, wherever it stands in the alphabet.
-            cameras.sort_by_key(|camera| camera.name != "front");
-        }
-        let Some(first) = cameras.first().copied() else {
-            return Err(missing(
-                Format::Kitti,
-                scenario,
-                "a colour camera",
-                &[Modality::Rgb],
-            ));
-        };
-        let parallel = |camera: &&Sensor| {
-            let turn = first
-                .carrier_from_sensor
-                .rotation
-                .angle_to(&camera.carrier_from_sensor.rotation);
-            turn < 1e-6
-        };
-        if asked && cameras.len() > 2 {
-            return Err(wrong_usage(format!(
-                "kitti holds one camera or a pair, --cameras names {}",
-                cameras.len()
-            )));
-        }
-        if let Some(other) = cameras.iter().find(|camera| asked && !parallel(camera)) {
-            return Err(wrong_usage(format!(
-                "kitti's pair has parallel axes, and {:?} looks elsewhere than {:?}; export it on its own",
-                other.name, first.name
-            )));
-        }
-        let fires = |camera: &&Sensor| camera.first().sim_nanos == first.first().sim_nanos;
-        let mut pair: Vec<&Sensor> = cameras
-            .iter()
-            .copied()
-            .filter(|c| asked || parallel(c) && fires(c))
-            .collect();
-        pair.truncate(if asked || pair.len() == 2 { 2 } else { 1 });
-        let lidar = first_topic(scenario, &[Modality::Lidar, Modality::SemanticLidar]);
         Ok(Chosen {
-            cameras: pair,
-            lidar,
+            cameras: camera_pair(Format::Kitti, scenario, &self.options)?,
+            lidar: first_topic(scenario, &[Modality::Lidar, Modality::SemanticLidar]),
         })
     }
 }
