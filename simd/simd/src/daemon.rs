@@ -34,7 +34,7 @@ pub struct Daemon {
     pub sensors: Sensors,
     pub ports: Ports,
     /// The right to publish the domain's world.
-    pub claim: Claim,
+    pub _claim: Claim,
     pub bus: Bus,
     pub world: World,
     pub maps: Maps,

@@ -131,7 +131,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         settings,
         sensors,
         ports,
-        claim,
+        _claim: claim,
         bus,
         world,
         maps,
@@ -182,13 +182,17 @@ fn open_sensors(
     added: &[String],
 ) -> anyhow::Result<Vec<Sensor>> {
     let mut sensors: Vec<Sensor> = Vec::new();
-    for placed in launch.placed_sensors() {
+    // Added sensors come last, in the order in which they are named.
+    let place_of = |name: &str| added.iter().position(|other| other == name);
+    let mut all = launch.placed_sensors();
+    all.sort_by_key(|placed| place_of(placed.name));
+    for placed in all {
         let launch_rig = launch
             .rigs
             .get(placed.rig)
             .expect("a checked launch file has every rig it names");
         let rig = shared_rig(&sensors, context.bus, placed.rig)?;
-        let is_added = added.iter().any(|name| name == placed.name);
+        let is_added = place_of(placed.name).is_some();
         let actor = episode::spawn_sensor(
             world,
             scenario,

@@ -54,6 +54,13 @@ pub struct Mark {
     waiting: VecDeque<Waiting>,
 }
 
+impl Mark {
+    /// The place; of the sample that comes next or, between two chunks, before it.
+    pub fn place(&self) -> Place {
+        self.place
+    }
+}
+
 /// What a sample is. Headers have been checked against what is there.
 #[derive(Debug)]
 pub enum What<'a> {

@@ -1,0 +1,464 @@
+//! A replay from start to end: reads the next tick into its slots, waits until it is due and all
+//! participants are ready, sends it, and serves commands in between.
+
+use std::time::Duration;
+
+use launch_cli::{Shutdown, wrong_usage};
+use schema_bus::{Bus, Claim, Complaints, Gate, Look, mono_now};
+use schema_frames::StepMode;
+use schema_recording::read::RecordingFile;
+
+use crate::commands;
+use crate::keys::Keys;
+use crate::options::{Options, Rate};
+use crate::pace::Pace;
+use crate::plan::Plan;
+use crate::ports::Ports;
+use crate::tape::Tape;
+use crate::world::State;
+
+/// Longest time without a look at shutdown, participants and keys.
+const LOOK_AROUND: Duration = Duration::from_millis(50);
+/// The last stretch before a tick is due is slept by the clock, because events wake too coarsely.
+const LAST_STRETCH: Duration = Duration::from_micros(1500);
+/// How long a participant may take to come back after a jump.
+const COME_BACK_NANOS: u64 = 3_000_000_000;
+/// How often processes that were killed are looked for.
+const CLEAN_NANOS: u64 = 1_000_000_000;
+
+/// What the documents say about the replay; a macro, because it borrows single fields.
+macro_rules! state {
+    ($session:expr) => {
+        State {
+            epoch: $session.epoch,
+            tick: $session.tick,
+            gate: &$session.gate,
+            mode: $session.mode,
+        }
+    };
+}
+/// The outcome of a replay.
+#[derive(Clone, Debug, Default)]
+pub struct Report {
+    /// Ticks that were sent, in all rounds.
+    pub n_ticks: u64,
+    /// Frames that were sent to at least one reader's topic.
+    pub n_frames: u64,
+    /// Bytes of their payloads.
+    pub payload_bytes: u64,
+    /// Results that were sent.
+    pub n_results: u64,
+    /// Frames and results that could not be sent, for want of a slot or of memory.
+    pub n_dropped: u64,
+    /// What could not be read, a sentence each for the first few, and how much in all.
+    pub damage: (Vec<String>, u64),
+    /// Ticks that began more than a millisecond late.
+    pub n_late: u64,
+}
+
+/// Replays until the end, or until `shutdown` says so.
+///
+/// # Errors
+/// If the file cannot be replayed, the domain has a simulator or another replay, or memory is short.
+pub fn replay(options: &Options, shutdown: &Shutdown) -> anyhow::Result<Report> {
+    let file = RecordingFile::open(&options.file)?;
+    if let Some(why) = file.walked_because() {
+        tracing::warn!(
+            "{}: {why}; its records were looked for one by one",
+            options.file.display()
+        );
+    }
+    let plan = Plan::of(&file, options)?;
+    for (topic, why) in &plan.left_out {
+        tracing::warn!("{topic} is not replayed: {why}");
+    }
+    let bus = Bus::open_with(&options.domain, "gantry-replay", &options.bus)?;
+    let claim = bus.claim_world()?;
+    let (Some(claim), false) = (claim, bus.daemon_alive()?) else {
+        return Err(wrong_usage(format!(
+            "domain {0:?} already has a simulator or a replay; stop it, or choose another name with --domain",
+            options.domain
+        )));
+    };
+    plan.check_memory()?;
+    let ports = Ports::open(&bus, &plan)?;
+    let mut session = Session::new(options, file, &plan, ports, bus, claim)?;
+    let outcome = session.run(shutdown);
+    let report = session.report();
+    outcome.map(|()| report)
+}
+
+/// All state, in the order in which it must be dropped.
+pub(crate) struct Session {
+    pub tape: Tape,
+    pub ports: Ports,
+    pub bus: Bus,
+    _claim: Claim,
+    pub options: Options,
+    pub gate: Gate,
+    pub mode: StepMode,
+    /// Ticks that stepped mode may still begin.
+    pub cues: u64,
+    pub pace: Pace,
+    pub epoch: u64,
+    /// The last tick that was begun.
+    pub tick: u64,
+    /// Simulated time of that tick.
+    pub sim_nanos: u64,
+    /// Whether a tick has begun in this epoch.
+    has_begun: bool,
+    /// Whether the first snapshot of this epoch was sent before its tick.
+    is_announced: bool,
+    /// Participants of the epoch before, which this one waits for.
+    come_back: Vec<String>,
+    epoch_began_nanos: u64,
+    tick_began_nanos: u64,
+    last_cleaned_nanos: u64,
+    pub complaints: Complaints,
+    unreadable_said: bool,
+    keys: Option<Keys>,
+    /// Whether the user has asked to end.
+    pub quit: bool,
+}
+
+impl Session {
+    fn new(
+        options: &Options,
+        file: RecordingFile,
+        plan: &Plan,
+        mut ports: Ports,
+        bus: Bus,
+        claim: Claim,
+    ) -> anyhow::Result<Session> {
+        let tape = Tape::new(file, plan, options);
+        if let Some(map) = tape.attached_map() {
+            ports.documents.set_map(&map);
+        }
+        let mode = match options.paused {
+            true => StepMode::Stepped,
+            false => StepMode::FreeRunning,
+        };
+        let keys = options.keys.then(Keys::open).flatten();
+        let mut session = Session {
+            tape,
+            ports,
+            bus,
+            _claim: claim,
+            options: options.clone(),
+            gate: Gate::new(StepMode::FreeRunning),
+            mode,
+            cues: 0,
+            pace: Pace::new(match options.rate {
+                Rate::Ratio(ratio) => Some(ratio),
+                Rate::Max => None,
+            }),
+            epoch: 0,
+            tick: 0,
+            sim_nanos: 0,
+            has_begun: false,
+            is_announced: false,
+            come_back: Vec::new(),
+            epoch_began_nanos: 0,
+            tick_began_nanos: 0,
+            last_cleaned_nanos: mono_now().0,
+            complaints: Complaints::default(),
+            unreadable_said: false,
+            keys,
+            quit: false,
+        };
+        session.begin_epoch(session.tape.start_nanos())?;
+        let (first, last) = session.tape.span();
+        tracing::info!(
+            file = %options.file.display(),
+            domain = options.domain,
+            from = first as f64 * 1e-9,
+            to = last as f64 * 1e-9,
+            topics = plan.frames.len() + plan.results.len(),
+            "ready"
+        );
+        Ok(session)
+    }
+
+    fn run(&mut self, shutdown: &Shutdown) -> anyhow::Result<()> {
+        while !shutdown.requested() && !self.quit {
+            self.ports.greet();
+            self.take_acks();
+            self.take_keys()?;
+            if !self.tape.load(&mut self.ports)? {
+                if self.at_the_end()? {
+                    return Ok(());
+                }
+                continue;
+            }
+            if self.tape.begins_run() {
+                // The file goes back in time: another run begins.
+                self.new_epoch()?;
+            }
+            self.announce()?;
+            if !self.may_start() {
+                self.look_around(LOOK_AROUND)?;
+                continue;
+            }
+            if self.is_early()? {
+                continue;
+            }
+            let epoch = self.epoch;
+            commands::serve(self)?;
+            // After a jump the next tick may be another, which is not due.
+            if self.epoch == epoch && self.may_start() {
+                self.run_tick()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits a little, and serves what came meanwhile.
+    fn look_around(&mut self, wait: Duration) -> anyhow::Result<()> {
+        self.ports.wake.wait(wait)?;
+        self.take_acks();
+        commands::serve(self)?;
+        self.look_after_participants();
+        self.clean();
+        Ok(())
+    }
+
+    /// Waits until the next tick is due. Returns whether it is not yet.
+    fn is_early(&mut self) -> anyhow::Result<bool> {
+        if self.mode == StepMode::Stepped {
+            return Ok(false);
+        }
+        let now = mono_now().0;
+        let Some(next_nanos) = self.tape.next_nanos() else {
+            return Ok(false);
+        };
+        let due = self.pace.due_nanos(next_nanos, now);
+        let wait = Duration::from_nanos(due.saturating_sub(now));
+        if wait > LAST_STRETCH {
+            self.clean();
+            self.show_status();
+            if self
+                .ports
+                .wake
+                .wait((wait - LAST_STRETCH).min(LOOK_AROUND))?
+            {
+                commands::serve(self)?;
+            }
+            return Ok(true);
+        }
+        // The kernel wakes a sleeper some fifty microseconds late.
+        if !wait.is_zero() {
+            std::thread::sleep(wait);
+        }
+        Ok(false)
+    }
+
+    fn run_tick(&mut self) -> anyhow::Result<()> {
+        let now = mono_now().0;
+        // A reader that came while the tick waited gets its frames, too.
+        if self.tape.lacks_readers(&self.ports) {
+            self.tape.read_again(&mut self.ports)?;
+        }
+        let Some(group) = self.tape.take() else {
+            return Ok(());
+        };
+        self.pace.start_tick(group.sim_nanos, now);
+        self.tick_began_nanos = now;
+        (self.tick, self.sim_nanos) = (group.tick, group.sim_nanos);
+        (self.has_begun, self.cues) = (true, self.cues.saturating_sub(1));
+        let announced = std::mem::take(&mut self.is_announced);
+        let ports = &mut self.ports;
+        let documents = self.tape.send(group, ports, self.epoch, announced)?;
+        let state = state!(self);
+        for document in &documents {
+            self.ports.documents.send(document, &state)?;
+        }
+        Ok(())
+    }
+
+    /// What happens once everything was sent. Returns whether the replay ends.
+    fn at_the_end(&mut self) -> anyhow::Result<bool> {
+        if self.gate.missing(self.tick).next().is_some() {
+            self.look_around(LOOK_AROUND)?;
+            return Ok(false);
+        }
+        if self.options.again && self.has_begun {
+            self.jump(self.tape.start_nanos())?;
+            return Ok(false);
+        }
+        if !self.options.hold && self.mode == StepMode::FreeRunning {
+            return Ok(true);
+        }
+        self.show_status();
+        self.look_around(LOOK_AROUND)?;
+        Ok(false)
+    }
+
+    /// Goes on at a simulated time, in a new epoch.
+    pub fn jump(&mut self, nanos: u64) -> anyhow::Result<()> {
+        self.tape.skip_to(nanos);
+        self.begin_epoch(nanos)
+    }
+
+    /// Begins an epoch whose first tick is the first at `nanos` or later.
+    fn begin_epoch(&mut self, nanos: u64) -> anyhow::Result<()> {
+        self.sim_nanos = nanos;
+        self.tape.load(&mut self.ports)?;
+        self.new_epoch()
+    }
+
+    fn new_epoch(&mut self) -> anyhow::Result<()> {
+        let nanos = self.tape.next_nanos().unwrap_or(self.sim_nanos);
+        self.epoch = new_epoch();
+        self.tick = self
+            .tape
+            .next_tick()
+            .map_or(self.tick, |tick| tick.saturating_sub(1));
+        self.sim_nanos = nanos;
+        (self.has_begun, self.is_announced) = (false, false);
+        (self.epoch_began_nanos, self.tick_began_nanos) = (mono_now().0, mono_now().0);
+        self.pace.restart();
+        let before: Vec<_> = self.gate.participants().to_vec();
+        for participant in before {
+            self.gate.leave(participant.number);
+            if !self.come_back.contains(&participant.name) {
+                self.come_back.push(participant.name);
+            }
+        }
+        let documents = self.tape.documents_at(nanos)?;
+        let state = state!(self);
+        self.ports.documents.begin(&documents, &state)?;
+        self.announce()
+    }
+
+    /// Shows the world of an epoch before its first tick begins.
+    fn announce(&mut self) -> anyhow::Result<()> {
+        if !self.has_begun && !self.is_announced {
+            self.is_announced = self.tape.announce(&self.ports, self.epoch)?;
+        }
+        Ok(())
+    }
+
+    fn may_start(&self) -> bool {
+        let is_cued = self.mode == StepMode::FreeRunning || self.cues > 0;
+        let all_done = self.gate.missing(self.tick).next().is_none();
+        is_cued && all_done && (self.has_begun || !self.is_awaiting())
+    }
+
+    /// Whether participants are missing that the first tick of an epoch waits for.
+    fn is_awaiting(&self) -> bool {
+        let participants = self.gate.participants();
+        let has_joined = |name: &String| participants.iter().any(|of| of.name == *name);
+        participants.len() < self.options.n_awaited
+            || !self.options.awaited.iter().all(has_joined)
+            || !self.come_back.iter().all(has_joined)
+    }
+
+    fn take_acks(&mut self) {
+        match self.ports.acks.drain() {
+            Ok(acks) => self
+                .gate
+                .note(acks, self.epoch, self.tick, &mut self.complaints),
+            Err(error) if !std::mem::replace(&mut self.unreadable_said, true) => {
+                tracing::warn!(%error, "acknowledgements could not be read; trying again");
+            }
+            Err(_) => {}
+        }
+    }
+
+    fn look_after_participants(&mut self) {
+        let look = Look {
+            tick: self.tick,
+            before_first: !self.has_begun && self.is_awaiting(),
+            idle_nanos: mono_now().0.saturating_sub(self.tick_began_nanos),
+            timeout_nanos: self.options.lockstep_timeout_nanos,
+        };
+        let n_removed = self.gate.look_after(&self.bus, &self.ports.acks, &look);
+        self.look_after_late_ones();
+        if n_removed > 0
+            && let Err(error) = self.publish_info()
+        {
+            tracing::warn!(%error, "cannot say who is left in the lockstep");
+        }
+    }
+
+    /// Notes that a participant of the epoch before has come back.
+    pub fn has_come_back(&mut self, name: &str) {
+        self.come_back.retain(|other| other != name);
+    }
+
+    /// Gives up participants of the epoch before that do not come back.
+    fn look_after_late_ones(&mut self) {
+        let waited = mono_now().0.saturating_sub(self.epoch_began_nanos);
+        if self.come_back.is_empty() || waited < COME_BACK_NANOS {
+            return;
+        }
+        let writers = self.ports.acks.writers();
+        let gate = &self.gate;
+        self.come_back.retain(|name| {
+            let has_joined = gate.participants().iter().any(|of| of.name == *name);
+            let lives = writers.iter().any(|writer| writer.port == *name);
+            if !has_joined && !lives {
+                tracing::warn!(
+                    name,
+                    "lockstep participant has not come back after the jump; going on without it"
+                );
+            }
+            has_joined || lives
+        });
+    }
+
+    /// Says what `world/info` says about the replay, if that changed.
+    ///
+    /// # Errors
+    /// [`schema_bus::BusError`].
+    pub fn publish_info(&mut self) -> anyhow::Result<()> {
+        let state = state!(self);
+        self.ports.documents.publish_info(&state)
+    }
+
+    fn clean(&mut self) {
+        let now = mono_now().0;
+        if now.saturating_sub(self.last_cleaned_nanos) > CLEAN_NANOS {
+            self.last_cleaned_nanos = now;
+            self.bus.clean_dead_nodes();
+        }
+    }
+
+    fn take_keys(&mut self) -> anyhow::Result<()> {
+        while let Some(key) = self.keys.as_ref().and_then(Keys::next) {
+            commands::press(self, key)?;
+        }
+        self.show_status();
+        Ok(())
+    }
+
+    fn show_status(&mut self) {
+        let (_, last) = self.tape.span();
+        let (mode, ratio) = (self.mode, self.pace.ratio());
+        if let Some(keys) = &mut self.keys {
+            keys.show(self.sim_nanos, last, mode, ratio);
+        }
+    }
+
+    fn report(&self) -> Report {
+        let damage = self.tape.damage();
+        let counts = self.tape.counts();
+        Report {
+            n_ticks: counts.n_ticks,
+            n_frames: self.ports.frames.iter().map(|port| port.n_sent).sum(),
+            payload_bytes: counts.payload_bytes,
+            n_results: counts.n_results,
+            n_dropped: counts.n_dropped,
+            damage: (damage.sentences().to_vec(), damage.total()),
+            n_late: self.pace.n_late(),
+        }
+    }
+}
+
+/// Tells one epoch from another.
+fn new_epoch() -> u64 {
+    let wall = std::time::SystemTime::now()
+        .duration_since(std::time::UNIX_EPOCH)
+        .map_or(0, |since| since.as_nanos() as u64);
+    schema_types::noise::mix(wall ^ schema_types::noise::mix(std::process::id() as u64))
+}
