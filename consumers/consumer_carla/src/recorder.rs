@@ -68,6 +68,21 @@ impl Default for State {
     }
 }
 
+/// The last part of a path of either kind of system.
+fn plain(name: &str) -> &str {
+    name.rsplit(['/', '\\']).next().unwrap_or(name)
+}
+
+fn no_link(path: PathBuf) -> Result<PathBuf, String> {
+    if path.is_symlink() {
+        let name = path.file_name().unwrap_or_default();
+        return Err(format!(
+            "{name:?} is a link; recordings are only read and written in their folder itself"
+        ));
+    }
+    Ok(path)
+}
+
 impl Recorder {
     /// Sets the data folder that recordings are kept in, instead of the user's.
     pub fn keep_in(&self, data: PathBuf) {
@@ -75,21 +90,29 @@ impl Recorder {
         let _ = self.data.set(data);
     }
 
-    /// The file of a recording's name. Only the last part of a path counts, so that scripts'
-    /// `/tmp/x.log` works and stays in the folder.
+    /// The file that a recording of this name is written to. Only the last part of a path counts, so
+    /// that scripts' `/tmp/x.log` works and stays in the folder.
     ///
     /// # Errors
     /// If the name cannot be a file's.
     pub fn path(&self, name: &str) -> Result<PathBuf, String> {
         let data =
             data_dir(self.data.get().map(PathBuf::as_path)).map_err(|error| error.to_string())?;
-        let plain = name.rsplit(['/', '\\']).next().unwrap_or(name);
-        let path = file_in(&data.join("recordings").join("carla"), plain, KIND)
+        let path = file_in(&data.join("recordings").join("carla"), plain(name), KIND)
             .map_err(|error| error.to_string())?;
-        if path.is_symlink() {
-            return Err(format!(
-                "{plain:?} is a link; recordings are only read and written in their folder itself"
-            ));
+        no_link(path)
+    }
+
+    /// The file of a recording that is to be read: that of [`Recorder::path`], or else one that has
+    /// the very name, as scripts also call recordings of CARLA `x.rec`.
+    ///
+    /// # Errors
+    /// As [`Recorder::path`].
+    pub fn existing(&self, name: &str) -> Result<PathBuf, String> {
+        let path = self.path(name)?;
+        let same = path.with_file_name(plain(name));
+        if !path.exists() && same.exists() {
+            return no_link(same);
         }
         Ok(path)
     }

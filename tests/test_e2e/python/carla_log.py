@@ -244,6 +244,11 @@ def check_damaged(client, world, folder, scene):
     ticks(world, N_FRAMES)
     client.stop_replayer(False)
     ticks(world, 2)
+    os.mkfifo(os.path.join(folder, "pipe.log"))
+    assert "not a file" in client.show_recorder_file_info("pipe.log", False)
+    # Scripts of CARLA also call recordings so.
+    os.rename(os.path.join(folder, "theirs.log"), os.path.join(folder, "theirs.rec"))
+    assert f"Frames: {N_FRAMES}" in client.show_recorder_file_info("/some/folder/theirs.rec", False)
     write_log(os.path.join(folder, "elsewhere.log"), scene, "Carla/Maps/Town99")
     said = client.replay_file("elsewhere.log", 0.0, 0.0, 0, False)
     assert "Could not load mapfile Town99" in said and client.get_world().get_map().name.endswith("Town10HD"), said

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::io::{self, BufRead, BufReader};
 use std::path::Path;
 
 use crate::recorder::carla_file::{self, CarlaFile};
@@ -43,11 +43,18 @@ impl Reader<BufReader<File>> {
     /// If there is no such file or it does not begin as a recording.
     pub fn open(path: &Path) -> Result<Self, OpenError> {
         let name = name(path);
-        let file = match File::open(path) {
-            Ok(file) => file,
+        // A pipe would be waited for without end.
+        let opened = std::fs::metadata(path).and_then(|about| {
+            if about.is_file() {
+                Ok((File::open(path)?, about.len()))
+            } else {
+                Err(io::Error::other("it is not a file"))
+            }
+        });
+        let (file, n_bytes) = match opened {
+            Ok(opened) => opened,
             Err(cause) => return Err(OpenError::NotFound { name, cause }),
         };
-        let n_bytes = file.metadata().map_or(0, |about| about.len());
         if n_bytes > MAX_BYTES {
             let max = MAX_BYTES;
             return Err(OpenError::TooLarge { name, n_bytes, max });

@@ -109,7 +109,7 @@ fn about(
     name: &str,
     tell: impl FnOnce(&mut Reader<BufReader<File>>) -> Result<String, ReadError>,
 ) -> Outcome {
-    let text = gateway.recorder.path(name).and_then(|path| {
+    let text = gateway.recorder.existing(name).and_then(|path| {
         Reader::open(&path)
             .and_then(|mut reader| tell(&mut reader).map_err(|cause| OpenError::of(&path, cause)))
             .map_err(|error| error.to_string())
@@ -127,7 +127,7 @@ fn replay_file(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     } else {
         call.transform()?
     };
-    let path = gateway.recorder.path(name)?;
+    let path = gateway.recorder.existing(name)?;
     let recording = match Recording::open(&path) {
         Ok(recording) => recording,
         Err(error) => return Ok(Answer::Value(format!("{error}\n").into())),
