@@ -123,7 +123,8 @@ fn timed_command(text: &str) -> Result<TimedCommand, String> {
 }
 
 const EXAMPLES: &str =
-    "Exit code 0: every frame is equal. 1: the runs differ, or the run could not be made.
+    "Exit code 0: every frame is equal. 1: the runs differ, or the run could not be made or was broken off.
+3: what is left of a damaged recording is equal.
 
 Examples:
   gantry rerun drive.mcap

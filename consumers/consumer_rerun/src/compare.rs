@@ -99,8 +99,10 @@ pub fn snapshots(
     now: (&SnapshotHeader, &[ActorRecord]),
     has_added: bool,
 ) -> Option<Difference> {
+    let last = before.1.last().map_or(0, |record| record.id);
+    let is_new = |record: &ActorRecord| record.id >= FIRST_ADDED_ID && record.id > last;
     let n_own = match has_added {
-        true => now.1.partition_point(|record| record.id < FIRST_ADDED_ID),
+        true => now.1.partition_point(|record| !is_new(record)),
         false => now.1.len(),
     };
     let header = SnapshotHeader {

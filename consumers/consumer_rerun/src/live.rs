@@ -146,12 +146,7 @@ impl Live {
                 return Ok(None);
             }
             simulator.must_run(&format!("after tick {tick}, before the run was complete"))?;
-            while let Some(snapshot) = self.snapshots.next()? {
-                self.held.push_back(snapshot);
-                if self.held.len() > 3 {
-                    self.held.pop_front();
-                }
-            }
+            self.take_snapshots()?;
             let newest = self
                 .held
                 .back()
@@ -164,6 +159,33 @@ impl Live {
                 }
                 continue;
             }
+            self.wake.wait(LOOK_EVERY)?;
+        }
+    }
+
+    fn take_snapshots(&mut self) -> anyhow::Result<()> {
+        while let Some(snapshot) = self.snapshots.next()? {
+            self.held.push_back(snapshot);
+            // A reader may hold four, one of which is the next.
+            if self.held.len() > 3 {
+                self.held.pop_front();
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits for the snapshot of the world before its first tick.
+    pub fn await_world(
+        &mut self,
+        simulator: &mut Running,
+        shutdown: &Shutdown,
+    ) -> anyhow::Result<()> {
+        loop {
+            self.take_snapshots()?;
+            if !self.held.is_empty() || shutdown.requested() {
+                return Ok(());
+            }
+            simulator.must_run("before the run began")?;
             self.wake.wait(LOOK_EVERY)?;
         }
     }

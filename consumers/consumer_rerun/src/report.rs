@@ -70,6 +70,8 @@ pub struct Report {
     pub notes: Vec<String>,
     /// Whether everything that was compared is equal.
     pub is_equal: bool,
+    /// Whether the recording could be read as a whole.
+    pub is_undamaged: bool,
 }
 
 impl Report {

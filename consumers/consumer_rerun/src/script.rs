@@ -49,10 +49,13 @@ pub fn read(
         .and_then(|mut run| run.remove("rerun"))
         .filter(|said| said.starts_with("cannot"));
     if !file.topics().iter().any(|t| t.kind == TopicKind::Journal) {
-        let why = said.map_or_else(
-            || "it holds no journal, so it is of an older Gantry, of a replay or of another program; gantry replay plays it".to_owned(),
-            |said| said.trim_start_matches("cannot be run again: ").to_owned(),
-        );
+        let why = match said {
+            Some(said) => said.trim_start_matches("cannot be run again: ").to_owned(),
+            None if !file.is_complete() => {
+                "it is cut off or damaged, and what is left holds no journal".to_owned()
+            }
+            None => "it holds no journal, so it is of an older Gantry, of a replay or of another program; gantry replay plays it".to_owned(),
+        };
         bail!("{name} cannot be run again: {why}");
     }
     let mut added = edges_of(file, commands)?;

@@ -85,8 +85,9 @@ pub fn run(args: &Args, shutdown: &Shutdown) -> anyhow::Result<Exit> {
     let mut pair = Pair {
         script: &script,
         until_nanos,
-        has_added: !sensors.is_empty() || !script.head.added_sensors.is_empty(),
+        has_added: !sensors.is_empty(),
         reader: Reader::new(&file),
+        is_complete: file.is_complete(),
         report,
     };
     let is_whole = pair.run(&mut live, &mut simulator, &mut recorder, shutdown)?;
@@ -104,8 +105,10 @@ pub fn run(args: &Args, shutdown: &Shutdown) -> anyhow::Result<Exit> {
     drop(live);
     simulator.stop();
     Ok(match report.is_equal {
-        true => Exit::Done,
-        false => Exit::Failed,
+        // A run that was broken off shows nothing about the rest.
+        true if is_whole && report.is_undamaged => Exit::Done,
+        true if is_whole => Exit::DataLost,
+        _ => Exit::Failed,
     })
 }
 
@@ -115,6 +118,7 @@ struct Pair<'a> {
     until_nanos: u64,
     has_added: bool,
     reader: Reader,
+    is_complete: bool,
     report: Report,
 }
 
@@ -128,6 +132,7 @@ impl Pair<'_> {
         shutdown: &Shutdown,
     ) -> anyhow::Result<bool> {
         let mut tick = 0;
+        live.await_world(simulator, shutdown)?;
         self.compare(live, tick)?;
         self.await_topics(live, simulator, tick)?;
         live.acknowledge(tick)?;
@@ -193,12 +198,13 @@ impl Pair<'_> {
                     let payload = match payload {
                         Ok(payload) => payload,
                         Err(error) => {
-                            tracing::debug!(
-                                topic,
-                                tick = header.tick,
-                                error,
-                                "a frame of the file cannot be read"
-                            );
+                            if of_topic.damaged == 0 {
+                                tracing::warn!(
+                                    topic,
+                                    tick = header.tick,
+                                    "a recorded frame cannot be compared: {error}; further ones are only counted"
+                                );
+                            }
                             of_topic.damaged += 1;
                             return Ok(());
                         }
@@ -226,7 +232,11 @@ impl Pair<'_> {
 
     fn finish(self) -> Report {
         let mut report = self.report;
-        for sentence in self.reader.damage() {
+        let damage = self.reader.damage();
+        report.is_undamaged = self.is_complete
+            && damage.is_empty()
+            && report.topics.values().all(|topic| topic.damaged == 0);
+        for sentence in damage {
             note(&mut report, format!("the recording is damaged: {sentence}"));
         }
         report
@@ -281,11 +291,12 @@ fn simulator_args(
         Then::Stop | Then::Live => "free_running",
     };
     let mut set = vec![format!("scenario.mode=\"{mode}\"")];
-    for (name, spec) in sensors {
-        set.push(format!("sensor.{name}={spec}"));
+    // Those of the recorded run come first, so that they keep their ids.
+    for name in &head.added_sensors {
         all.extend(["--added-sensor".into(), name.clone()]);
     }
-    for name in &head.added_sensors {
+    for (name, spec) in sensors {
+        set.push(format!("sensor.{name}={spec}"));
         all.extend(["--added-sensor".into(), name.clone()]);
     }
     set.extend(args.set.iter().cloned());

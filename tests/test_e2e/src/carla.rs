@@ -60,6 +60,13 @@ impl Stage {
         )
     }
 
+    /// Stops both, asserts that they end well, and returns the sandbox with what they left in it.
+    pub fn stop(self) -> Sandbox {
+        self.gateway.stop().expect_code(0);
+        self.daemon.stop().expect_code(0);
+        self.sandbox
+    }
+
     /// Stops both, asserts that they end well and leave nothing, and returns what the gateway said.
     pub fn end(self) -> Ended {
         let said = self.gateway.stop().expect_code(0);
