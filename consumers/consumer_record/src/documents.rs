@@ -9,11 +9,12 @@ use crate::sink::Sink;
 use crate::snapshots::{SnapshotConverter, document};
 
 /// The documents that are recorded.
-const DOCUMENTS: [&str; 4] = [
+const DOCUMENTS: [&str; 5] = [
     names::WORLD_INFO,
     names::WORLD_ACTORS,
     names::WORLD_CATALOGUE,
     names::WORLD_MAP,
+    names::WORLD_SPAWN_POINTS,
 ];
 
 /// The run of the simulator that a file is about, and where its clock stands.

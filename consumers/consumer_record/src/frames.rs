@@ -102,25 +102,20 @@ pub fn frame_entries(
         _ => None,
     };
     let payload_elsewhere = matches!(shown, Some((_, true)));
-    let mut entries = vec![frame(
-        name,
-        header,
-        if payload_elsewhere {
-            None
-        } else {
-            Some(payload)
-        },
-        reuse,
-    )];
+    let kept = (!payload_elsewhere).then_some(payload);
+    let mut entries = vec![frame(name, header, kept, payload_elsewhere, "", reuse)];
     entries.extend(shown.map(|(entry, _)| entry));
     entries
 }
 
-/// The lossless message. Without a payload it says which topic's `data` holds it.
-fn frame(
+/// The lossless message: the payload as `codec` has coded it, or the name of the topic whose `data`
+/// holds it.
+pub(crate) fn frame(
     name: &TopicName,
     header: &FrameHeader,
     payload: Option<&[u8]>,
+    is_elsewhere: bool,
+    codec: &str,
     reuse: &mut dyn FnMut(usize) -> Vec<u8>,
 ) -> Entry {
     let mut bytes = reuse(payload.map_or(0, <[u8]>::len) + 512);
@@ -128,9 +123,14 @@ fn frame(
     put_fixed64(&mut bytes, 2, header.sim_nanos);
     put_fixed64(&mut bytes, 3, header.seq);
     put_bytes(&mut bytes, 4, bytemuck::bytes_of(header));
-    match payload {
-        Some(payload) => put_bytes(&mut bytes, 5, payload),
-        None => put_bytes(&mut bytes, 6, name.channel.as_bytes()),
+    if let Some(payload) = payload {
+        put_bytes(&mut bytes, 5, payload);
+    }
+    if is_elsewhere {
+        put_bytes(&mut bytes, 6, name.channel.as_bytes());
+    }
+    if !codec.is_empty() {
+        put_bytes(&mut bytes, 7, codec.as_bytes());
     }
     Entry {
         topic: format!("{}/gantry", name.channel),
@@ -141,7 +141,7 @@ fn frame(
 
 /// A message whose last field is `data`. The field is appended by hand, so that the pixels are
 /// copied only once.
-fn with_data<M: foxglove::Encode>(
+pub(crate) fn with_data<M: foxglove::Encode>(
     head: &M,
     data: &[u8],
     reuse: &mut dyn FnMut(usize) -> Vec<u8>,
@@ -299,7 +299,20 @@ fn cloud(
     payload: &[u8],
     reuse: &mut dyn FnMut(usize) -> Vec<u8>,
 ) -> Entry {
-    let head = fox::PointCloud {
+    Entry {
+        topic: name.channel.clone(),
+        content: Content::PointCloud,
+        bytes: with_data(&cloud_head(name, header, modality), payload, reuse),
+    }
+}
+
+/// Everything of a cloud but its points.
+pub(crate) fn cloud_head(
+    name: &TopicName,
+    header: &FrameHeader,
+    modality: Modality,
+) -> fox::PointCloud {
+    fox::PointCloud {
         timestamp: Some(timestamp(header.sim_nanos)),
         frame_id: name.frame_id.clone(),
         pose: Some(fox::Pose {
@@ -309,11 +322,6 @@ fn cloud(
         point_stride: header.element_bytes,
         fields: point_fields(modality),
         ..Default::default()
-    };
-    Entry {
-        topic: name.channel.clone(),
-        content: Content::PointCloud,
-        bytes: with_data(&head, payload, reuse),
     }
 }
 

@@ -10,7 +10,9 @@ use anyhow::Context;
 use mcap::records::{Record, op};
 use serde::Serialize;
 
+use crate::files::{SET, SET_END};
 use schema_recording::walk::{End, RecordWalk, chunk, for_each_in_chunk, record};
+use schema_recording::wire::bytes_field;
 
 /// What a file holds.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -54,6 +56,10 @@ pub struct ChannelInfo {
     pub n_messages: u64,
     /// Messages per simulated second between its first and last message; 0 with fewer than two.
     pub rate_hz: f64,
+    /// Bytes of its messages, unpacked.
+    pub n_bytes: u64,
+    /// Codecs of its payloads; see `schema_recording::codec`.
+    pub codecs: Vec<String>,
 }
 
 #[derive(Default)]
@@ -141,12 +147,19 @@ impl Tally {
                 };
                 self.channels.entry(channel.id).or_insert((fresh, None));
             }
-            Record::Message { header, .. } => {
+            Record::Message { header, data } => {
                 self.info.n_messages += 1;
                 self.info.start_sim_nanos = self.info.start_sim_nanos.min(header.log_time);
                 self.info.end_sim_nanos = self.info.end_sim_nanos.max(header.log_time);
                 if let Some((channel, span)) = self.channels.get_mut(&header.channel_id) {
                     channel.n_messages += 1;
+                    channel.n_bytes += data.len() as u64;
+                    if channel.schema == "gantry.Frame"
+                        && let Some(codec) = codec(data)
+                        && !channel.codecs.iter().any(|known| known == codec)
+                    {
+                        channel.codecs.push(codec.to_string());
+                    }
                     let (first, last) = span.unwrap_or((header.log_time, header.log_time));
                     *span = Some((first.min(header.log_time), last.max(header.log_time)));
                 }
@@ -185,6 +198,15 @@ impl Tally {
     }
 }
 
+/// The codec of a `gantry.Frame`; the last field.
+fn codec(message: &[u8]) -> Option<&str> {
+    let name = std::str::from_utf8(bytes_field(message, 7)?).ok()?;
+    (name.len() <= MAX_CODEC_BYTES).then_some(name)
+}
+
+/// Longest name of a codec that is told.
+const MAX_CODEC_BYTES: usize = 32;
+
 impl FileInfo {
     /// The report as text for people.
     pub fn text(&self) -> String {
@@ -206,14 +228,34 @@ impl FileInfo {
         );
         let _ = writeln!(
             out,
-            "\n{:<40} {:<28} {:>9} {:>9}",
-            "TOPIC", "SCHEMA", "MESSAGES", "HZ"
+            "\n{:<40} {:<28} {:>9} {:>9} {:>10}  CODEC",
+            "TOPIC", "SCHEMA", "MESSAGES", "HZ", "MB"
         );
         for channel in &self.channels {
             let _ = writeln!(
                 out,
-                "{:<40} {:<28} {:>9} {:>9.2}",
-                channel.topic, channel.schema, channel.n_messages, channel.rate_hz
+                "{:<40} {:<28} {:>9} {:>9.2} {:>10.3}  {}",
+                channel.topic,
+                channel.schema,
+                channel.n_messages,
+                channel.rate_hz,
+                channel.n_bytes as f64 / 1e6,
+                channel.codecs.join(", ")
+            );
+        }
+        if let Some(set) = self.metadata.get(SET) {
+            let of = |record: &str, key: &str| {
+                let pairs = self.metadata.get(record);
+                let name = pairs.and_then(|it| it.get(key)).cloned();
+                name.filter(|it| !it.is_empty())
+            };
+            let _ = writeln!(
+                out,
+                "\nfile {} of the set {}: before it {}, after it {}",
+                set.get("part").map_or("?", String::as_str),
+                set.get("set").map_or("?", String::as_str),
+                of(SET, "previous").as_deref().unwrap_or("none"),
+                of(SET_END, "next").as_deref().unwrap_or("none")
             );
         }
         if !self.attachments.is_empty() {

@@ -7,7 +7,9 @@
 //!
 //! Modules in reading order: [`options`] and [`session`] (a recording from start to end),
 //! [`discover`], [`frames`], [`results`] and [`snapshots`] (conversion to [`schema_recording::messages`]),
-//! [`sink`], [`queue`] and [`writer`] (into the file); [`info`] and [`recover`] (from the file).
+//! [`sink`], [`queue`], [`coder`], [`writer`] and [`files`] (into the file), [`dump`] (a ring on
+//! request); [`info`], [`cat`], [`edit`], [`recover`] and [`convert`]
+//! (from the file).
 //!
 //! ```
 //! use consumer_record::frames::{TopicName, frame_entries};
@@ -25,17 +27,30 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod amounts;
+pub mod cat;
+pub mod coder;
+mod context;
+pub mod convert;
+mod copier;
 pub mod discover;
 mod documents;
+pub mod dump;
+pub mod edit;
+pub mod files;
 pub mod frames;
 mod in_step;
-mod journal;
 pub mod info;
+mod journal;
 pub mod options;
+mod previews;
+mod proto;
+mod pull;
 pub mod queue;
 pub mod recover;
 mod result_topics;
 pub mod results;
+pub mod ring;
 pub mod select;
 pub mod session;
 pub mod sink;

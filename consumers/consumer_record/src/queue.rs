@@ -1,19 +1,24 @@
-//! The queue between the reading thread and the writer thread, bounded in bytes.
+//! The queue between the reading thread and the writer thread, bounded in bytes. Frames pass through
+//! coding threads on their way and keep their place.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
-
+use crossbeam_channel::{Receiver, Sender, TrySendError, bounded, unbounded};
+use schema_frames::FrameHeader;
 use schema_recording::messages::Batch;
+
+use crate::frames::TopicName;
 
 /// Something for the writer to do.
 #[derive(Debug)]
 pub enum Job {
     /// Messages.
     Batch(Batch),
+    /// A frame that is to be coded; it becomes a batch.
+    Frame(Box<FrameJob>),
     /// A file to attach: name, media type, bytes, simulated time.
     Attach {
         /// File name.
@@ -34,10 +39,24 @@ pub enum Job {
     },
 }
 
+/// A frame as it was taken from the bus.
+#[derive(Debug)]
+pub struct FrameJob {
+    /// The messages that go with it; those of the frame itself are put in front.
+    pub batch: Batch,
+    /// Its names in the file.
+    pub name: Arc<TopicName>,
+    /// Its header.
+    pub header: FrameHeader,
+    /// Its payload.
+    pub payload: Vec<u8>,
+}
+
 impl Job {
     fn queued_bytes(&self) -> usize {
         match self {
             Job::Batch(batch) => batch.queued_bytes(),
+            Job::Frame(job) => job.batch.queued_bytes() + job.payload.len(),
             Job::Attach { data, .. } => data.len(),
             Job::Metadata { .. } => 0,
         }
@@ -55,7 +74,8 @@ const MIN_SPARE_BYTES: usize = 64 << 10;
 /// The reading side.
 #[derive(Debug)]
 pub struct Queue {
-    jobs: Sender<Job>,
+    slots: Sender<Slot>,
+    work: Sender<Work>,
     shared: Arc<Shared>,
     limit_bytes: usize,
 }
@@ -63,30 +83,92 @@ pub struct Queue {
 /// The writer's side.
 #[derive(Debug)]
 pub struct Outlet {
-    jobs: Receiver<Job>,
+    slots: Receiver<Slot>,
     shared: Arc<Shared>,
+}
+
+/// The coding threads' side.
+#[derive(Clone, Debug)]
+pub struct Workbench {
+    work: Receiver<Work>,
+    shared: Arc<Shared>,
+}
+
+/// A place in the order of the file.
+#[derive(Debug)]
+enum Slot {
+    Ready(Job),
+    /// A coding thread will hand it in.
+    Coming(Receiver<Batch>),
+}
+
+/// A frame to code, and where its batch goes.
+#[derive(Debug)]
+struct Work {
+    job: Box<FrameJob>,
+    done: Sender<Batch>,
 }
 
 #[derive(Debug, Default)]
 struct Shared {
     bytes: AtomicUsize,
+    /// Writers that have not ended: 0 or 1.
+    writers: AtomicUsize,
     spare: Mutex<Vec<Vec<u8>>>,
 }
 
+impl Shared {
+    fn spare(&self) -> std::sync::MutexGuard<'_, Vec<Vec<u8>>> {
+        self.spare
+            .lock()
+            .unwrap_or_else(|poisoned| poisoned.into_inner())
+    }
+
+    fn buffer(&self, capacity: usize) -> Vec<u8> {
+        if capacity >= MIN_SPARE_BYTES {
+            let mut spare = self.spare();
+            let fits = |buffer: &Vec<u8>| {
+                buffer.capacity() >= capacity && buffer.capacity() / 2 <= capacity
+            };
+            if let Some(idx) = spare.iter().position(fits) {
+                return spare.swap_remove(idx);
+            }
+        }
+        Vec::with_capacity(capacity)
+    }
+
+    fn give_back(&self, buffers: impl Iterator<Item = Vec<u8>>) {
+        let mut spare = self.spare();
+        for mut buffer in buffers.filter(|buffer| buffer.capacity() >= MIN_SPARE_BYTES) {
+            if spare.len() == MAX_SPARE_BUFFERS {
+                spare.remove(0);
+            }
+            buffer.clear();
+            spare.push(buffer);
+        }
+    }
+}
+
 /// A queue that holds at most `limit_bytes` of messages (one larger job fits into an empty queue).
-pub fn queue(limit_bytes: usize) -> (Queue, Outlet) {
-    let (sender, receiver) = bounded(MAX_JOBS);
+/// Frames wait on the workbench until they are coded.
+pub fn queue(limit_bytes: usize) -> (Queue, Workbench, Outlet) {
+    let (slot_sender, slots) = bounded(MAX_JOBS);
+    // As many as there are slots, at most.
+    let (work_sender, work) = unbounded();
     let shared = Arc::new(Shared::default());
+    shared.writers.store(1, Ordering::Release);
     (
         Queue {
-            jobs: sender,
+            slots: slot_sender,
+            work: work_sender,
             shared: shared.clone(),
             limit_bytes,
         },
-        Outlet {
-            jobs: receiver,
-            shared,
+        Workbench {
+            work,
+            shared: shared.clone(),
         },
+        Outlet { slots, shared },
     )
 }
 
@@ -107,21 +189,32 @@ impl Queue {
     pub fn offer(&self, job: Job) -> Result<(), Refused> {
         let n_bytes = job.queued_bytes();
         let waiting = self.shared.bytes.load(Ordering::Acquire);
-        if waiting > 0 && waiting.saturating_add(n_bytes) > self.limit_bytes {
-            let writer_is_gone = Arc::strong_count(&self.shared) == 1;
-            return Err(if writer_is_gone {
-                Refused::Closed
-            } else {
-                Refused::Full(job)
-            });
+        if self.shared.writers.load(Ordering::Acquire) == 0 {
+            return Err(Refused::Closed);
+        }
+        if (waiting > 0 && waiting.saturating_add(n_bytes) > self.limit_bytes)
+            || self.slots.is_full()
+        {
+            return Err(Refused::Full(job));
         }
         self.shared.bytes.fetch_add(n_bytes, Ordering::AcqRel);
-        self.jobs.try_send(job).map_err(|error| {
-            self.shared.bytes.fetch_sub(n_bytes, Ordering::AcqRel);
-            match error {
-                TrySendError::Full(job) => Refused::Full(job),
-                TrySendError::Disconnected(_) => Refused::Closed,
+        let slot = match job {
+            Job::Frame(job) => {
+                let (done, batch) = bounded(1);
+                if self.work.send(Work { job, done }).is_err() {
+                    return Err(Refused::Closed);
+                }
+                Slot::Coming(batch)
             }
+            job => Slot::Ready(job),
+        };
+        // Only this side fills slots, so there is room as seen above.
+        self.slots.try_send(slot).map_err(|error| match error {
+            TrySendError::Full(Slot::Ready(job)) => {
+                self.shared.bytes.fetch_sub(n_bytes, Ordering::AcqRel);
+                Refused::Full(job)
+            }
+            TrySendError::Full(Slot::Coming(_)) | TrySendError::Disconnected(_) => Refused::Closed,
         })
     }
 
@@ -147,53 +240,80 @@ impl Queue {
     /// An empty buffer of at least this capacity; a used one if its capacity is at most about twice
     /// as large.
     pub fn buffer(&self, capacity: usize) -> Vec<u8> {
-        if capacity >= MIN_SPARE_BYTES {
-            let mut spare = self
-                .shared
-                .spare
-                .lock()
-                .unwrap_or_else(|poisoned| poisoned.into_inner());
-            let fits = |buffer: &Vec<u8>| {
-                buffer.capacity() >= capacity && buffer.capacity() / 2 <= capacity
-            };
-            if let Some(idx) = spare.iter().position(fits) {
-                return spare.swap_remove(idx);
-            }
-        }
-        Vec::with_capacity(capacity)
+        self.shared.buffer(capacity)
     }
 }
 
+impl Workbench {
+    /// Codes frame after frame until the reading side is gone. `code` gets the frame and a source of
+    /// buffers, and makes its messages.
+    pub fn run(
+        &self,
+        mut code: impl FnMut(
+            &FrameJob,
+            &mut dyn FnMut(usize) -> Vec<u8>,
+        ) -> Vec<schema_recording::messages::Entry>,
+    ) {
+        while let Ok(Work { mut job, done }) = self.work.recv() {
+            let before = job.batch.queued_bytes() + job.payload.len();
+            let mut entries = code(&job, &mut |n| self.shared.buffer(n));
+            entries.append(&mut job.batch.entries);
+            let mut batch = job.batch;
+            batch.entries = entries;
+            let after = batch.queued_bytes();
+            // What waits is as large as it has become.
+            if after > before {
+                self.shared
+                    .bytes
+                    .fetch_add(after - before, Ordering::AcqRel);
+            } else {
+                self.shared
+                    .bytes
+                    .fetch_sub(before - after, Ordering::AcqRel);
+            }
+            self.shared.give_back(std::iter::once(job.payload));
+            // A writer that has ended does not want it any more.
+            let _ = done.send(batch);
+        }
+    }
+}
+
+/// Why nothing can come any more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Closed {
+    /// The reading side is gone and everything was taken.
+    Empty,
+    /// A coding thread panicked.
+    CoderLost,
+}
+
 impl Outlet {
-    /// The next job; `None` after `timeout` without one, `Err` once the reading side is gone and
-    /// everything was taken.
+    /// The next job, coded; `None` after `timeout` without one.
     ///
     /// # Errors
-    /// `Err(())` when nothing can come any more.
-    #[allow(clippy::result_unit_err)]
-    pub fn next(&self, timeout: Duration) -> Result<Option<Job>, ()> {
-        match self.jobs.recv_timeout(timeout) {
-            Ok(job) => Ok(Some(job)),
+    /// [`Closed`] when nothing can come any more.
+    pub fn next(&self, timeout: Duration) -> Result<Option<Job>, Closed> {
+        match self.slots.recv_timeout(timeout) {
+            Ok(Slot::Ready(job)) => Ok(Some(job)),
+            Ok(Slot::Coming(batch)) => match batch.recv() {
+                Ok(batch) => Ok(Some(Job::Batch(batch))),
+                Err(_) => Err(Closed::CoderLost),
+            },
             Err(crossbeam_channel::RecvTimeoutError::Timeout) => Ok(None),
-            Err(crossbeam_channel::RecvTimeoutError::Disconnected) => Err(()),
+            Err(crossbeam_channel::RecvTimeoutError::Disconnected) => Err(Closed::Empty),
         }
     }
 
     /// Notes that a job of `n_bytes` is written, and takes its buffers back for reuse.
     pub fn done(&self, n_bytes: usize, buffers: impl Iterator<Item = Vec<u8>>) {
         self.shared.bytes.fetch_sub(n_bytes, Ordering::AcqRel);
-        let mut spare = self
-            .shared
-            .spare
-            .lock()
-            .unwrap_or_else(|poisoned| poisoned.into_inner());
-        for mut buffer in buffers.filter(|buffer| buffer.capacity() >= MIN_SPARE_BYTES) {
-            if spare.len() == MAX_SPARE_BUFFERS {
-                spare.remove(0);
-            }
-            buffer.clear();
-            spare.push(buffer);
-        }
+        self.shared.give_back(buffers);
+    }
+}
+
+impl Drop for Outlet {
+    fn drop(&mut self) {
+        self.shared.writers.store(0, Ordering::Release);
     }
 }
 
@@ -219,7 +339,7 @@ mod tests {
 
     #[test]
     fn a_full_queue_refuses_and_takes_again_after_room_was_made() {
-        let (queue, outlet) = queue(300_000);
+        let (queue, _bench, outlet) = queue(300_000);
         queue.offer(batch(200_000)).unwrap();
         assert!(matches!(queue.offer(batch(200_000)), Err(Refused::Full(_))));
         let Ok(Some(Job::Batch(taken))) = outlet.next(Duration::ZERO) else {
@@ -240,12 +360,66 @@ mod tests {
 
     #[test]
     fn one_job_larger_than_the_limit_still_fits_into_an_empty_queue() {
-        let (queue, outlet) = queue(1000);
+        let (queue, _bench, outlet) = queue(1000);
         queue.offer(batch(5000)).unwrap();
         drop(outlet);
         assert!(
             matches!(queue.push(batch(1)), Err(Refused::Closed)),
             "a dead writer is noticed, not waited for"
         );
+    }
+
+    #[test]
+    fn coded_frames_keep_their_place() {
+        let (queue, bench, outlet) = queue(10_000_000);
+        let frame = |sequence: u32| {
+            let Job::Batch(mut batch) = batch(0) else {
+                unreachable!("batch() makes a batch")
+            };
+            batch.sequence = sequence;
+            batch.entries.clear();
+            Job::Frame(Box::new(FrameJob {
+                batch,
+                name: Arc::new(TopicName::new("ego/front/rgb").unwrap()),
+                header: FrameHeader::new(schema_frames::Modality::Rgb),
+                payload: vec![0; 100_000],
+            }))
+        };
+        for sequence in 0..20 {
+            queue.offer(frame(sequence)).unwrap();
+        }
+        assert_eq!(queue.waiting_bytes(), 20 * (100_000 + 64));
+        let coder = |delay: u64| {
+            let bench = bench.clone();
+            std::thread::spawn(move || {
+                bench.run(|job, buffer| {
+                    // Odd ones take longer, so that they are overtaken.
+                    let millis = delay * (job.batch.sequence % 2) as u64;
+                    std::thread::sleep(Duration::from_millis(millis));
+                    let mut bytes = buffer(10);
+                    bytes.push(job.batch.sequence as u8);
+                    vec![Entry {
+                        topic: "/a".to_string(),
+                        content: Content::Frame,
+                        bytes,
+                    }]
+                });
+            })
+        };
+        let coders = [coder(5), coder(1)];
+        for sequence in 0..20 {
+            let Ok(Some(Job::Batch(batch))) = outlet.next(Duration::from_secs(20)) else {
+                panic!("batch {sequence} is missing")
+            };
+            assert_eq!(batch.sequence, sequence);
+            assert_eq!(batch.entries[0].bytes, [sequence as u8]);
+            outlet.done(batch.queued_bytes(), std::iter::empty());
+        }
+        assert_eq!(queue.waiting_bytes(), 0);
+        drop(queue);
+        for coder in coders {
+            coder.join().unwrap();
+        }
+        assert_eq!(outlet.next(Duration::ZERO).unwrap_err(), Closed::Empty);
     }
 }

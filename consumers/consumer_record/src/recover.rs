@@ -1,16 +1,16 @@
-//! Copies what an interrupted or damaged recording still holds into a new, complete file.
+//! Copies what an interrupted or damaged recording still holds into a new, complete file. One chunk
+//! is in memory at a time, packed.
 
-use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
-use std::io::{BufReader, BufWriter, Read, Seek, Write};
+use std::io::{BufReader, Read};
 use std::path::Path;
 
-use anyhow::{Context, bail};
-use mcap::records::{MessageHeader, Metadata, Record, op};
-use mcap::{Attachment, Writer};
-
+use anyhow::Context as _;
+use mcap::Attachment;
+use mcap::records::{Record, op};
 use schema_recording::walk::{End, RecordWalk, for_each_in_chunk, record};
-use schema_recording::write::{ChunkCompression, options};
+
+use crate::copier::Copier;
 
 /// What was rescued.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -34,36 +34,17 @@ pub struct Recovered {
 pub fn recover_file(input: &Path, output: &Path) -> anyhow::Result<Recovered> {
     let file = File::open(input).with_context(|| format!("cannot open {}", input.display()))?;
     let file_bytes = file.metadata()?.len();
-    if output.exists() {
-        bail!(
-            "{} exists already; choose another name or remove it first",
-            output.display()
-        );
-    }
     let walk = RecordWalk::new(BufReader::with_capacity(1 << 20, file), file_bytes)
         .with_context(|| input.display().to_string())?;
-    let out = File::options()
-        .write(true)
-        .create_new(true)
-        .open(output)
-        .with_context(|| format!("cannot create {}", output.display()))?;
-    recover(walk, BufWriter::with_capacity(1 << 20, out))
+    recover(walk, output)
 }
 
-/// [`recover_file`] on any reader and writer.
+/// [`recover_file`] of any reader.
 ///
 /// # Errors
 /// If writing fails; damage in the input is counted, not an error.
-pub fn recover<R: Read, W: Write + Seek>(
-    mut walk: RecordWalk<R>,
-    out: W,
-) -> anyhow::Result<Recovered> {
-    let mut copy = Copy {
-        writer: options(ChunkCompression::Lz4).create(out)?,
-        schemas: HashMap::new(),
-        channels: HashMap::new(),
-        n_messages: 0,
-    };
+pub fn recover<R: Read>(mut walk: RecordWalk<R>, output: &Path) -> anyhow::Result<Recovered> {
+    let mut out = Copier::create(output)?;
     let mut found = Recovered {
         n_messages: 0,
         n_chunks: 0,
@@ -77,11 +58,10 @@ pub fn recover<R: Read, W: Write + Seek>(
                 // The rest is the old summary; the new file gets its own.
                 while walk.next_record().is_some() {}
             }
-            op::CHUNK => match unpack(&body) {
-                Ok(records) => {
-                    records
-                        .into_iter()
-                        .try_for_each(|record| copy.record(record))?;
+            // Read through once before anything of it is taken: all of a chunk, or nothing.
+            op::CHUNK => match for_each_in_chunk(&body, &mut |_| Ok(())) {
+                Ok(()) => {
+                    for_each_in_chunk(&body, &mut |record| copy(record, &mut out))?;
                     found.n_chunks += 1;
                 }
                 Err(_) => found.n_bad_chunks += 1,
@@ -89,86 +69,30 @@ pub fn recover<R: Read, W: Write + Seek>(
             _ => {
                 if let Ok(record) = record(opcode, &body) {
                     found.n_attachments += matches!(record, Record::Attachment { .. }) as u64;
-                    copy.record(record)?;
+                    copy(record, &mut out)?;
                 }
             }
         }
     }
-    copy.writer.finish()?;
-    found.n_messages = copy.n_messages;
+    found.n_messages = out.finish()?;
     found.end = walk.end();
     Ok(found)
 }
 
-/// All records of a chunk, or none.
-fn unpack(body: &[u8]) -> anyhow::Result<Vec<Record<'static>>> {
-    let mut records = Vec::new();
-    for_each_in_chunk(body, &mut |record| {
-        records.push(record.into_owned());
-        Ok(())
-    })?;
-    Ok(records)
-}
-
-struct Copy<W: Write + Seek> {
-    writer: Writer<W>,
-    schemas: HashMap<u16, u16>,
-    channels: HashMap<u16, u16>,
-    n_messages: u64,
-}
-
-impl<W: Write + Seek> Copy<W> {
-    /// Copies one record; a record that refers to something missing is left out.
-    fn record(&mut self, record: Record<'_>) -> anyhow::Result<()> {
-        match record {
-            Record::Schema { header, data } if header.id != 0 => {
-                let id = self
-                    .writer
-                    .add_schema(&header.name, &header.encoding, &data)?;
-                self.schemas.insert(header.id, id);
-            }
-            Record::Channel(channel) => {
-                let schema_id = match channel.schema_id {
-                    0 => Some(0),
-                    id => self.schemas.get(&id).copied(),
-                };
-                if let Some(schema_id) = schema_id {
-                    let id = self.writer.add_channel(
-                        schema_id,
-                        &channel.topic,
-                        &channel.message_encoding,
-                        &channel.metadata,
-                    )?;
-                    self.channels.insert(channel.id, id);
-                }
-            }
-            Record::Message { header, data } => {
-                if let Some(channel_id) = self.channels.get(&header.channel_id) {
-                    self.writer.write_to_known_channel(
-                        &MessageHeader {
-                            channel_id: *channel_id,
-                            ..header
-                        },
-                        &data,
-                    )?;
-                    self.n_messages += 1;
-                }
-            }
-            Record::Attachment { header, data, .. } => self.writer.attach(&Attachment {
-                log_time: header.log_time,
-                create_time: header.create_time,
-                name: header.name,
-                media_type: header.media_type,
-                data,
-            })?,
-            Record::Metadata(Metadata { name, metadata }) => {
-                self.writer.write_metadata(&Metadata {
-                    name,
-                    metadata: BTreeMap::from_iter(metadata),
-                })?
-            }
-            _ => {}
-        }
-        Ok(())
+/// Copies one record; a record that refers to something missing is left out.
+fn copy(record: Record<'_>, out: &mut Copier) -> anyhow::Result<()> {
+    match record {
+        Record::Schema { header, data } => out.schema(0, &header, &data),
+        Record::Channel(channel) => out.channel(0, &channel),
+        Record::Message { header, data } => out.message(0, &header, &data),
+        Record::Attachment { header, data, .. } => out.attach(&Attachment {
+            log_time: header.log_time,
+            create_time: header.create_time,
+            name: header.name,
+            media_type: header.media_type,
+            data,
+        }),
+        Record::Metadata(of) => out.metadata(&of.name, &of.metadata),
+        _ => Ok(()),
     }
 }

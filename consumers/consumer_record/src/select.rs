@@ -1,5 +1,7 @@
 //! Which topics are recorded: patterns that take them in, and patterns that leave them out.
 
+use schema_recording::pattern::matches;
+
 /// Patterns of topics with `*` and `?`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Select {
@@ -15,46 +17,27 @@ impl Select {
         let any = |patterns: &[String]| patterns.iter().any(|pattern| matches(pattern, topic));
         (self.topics.is_empty() || any(&self.topics)) && !any(&self.exclude)
     }
-}
 
-/// `*` stands for any characters, `?` for one.
-pub fn matches(pattern: &str, text: &str) -> bool {
-    let (pattern, text): (Vec<char>, Vec<char>) =
-        (pattern.chars().collect(), text.chars().collect());
-    let mut reachable = vec![false; text.len() + 1];
-    reachable[0] = true;
-    for symbol in pattern {
-        let mut next = vec![false; text.len() + 1];
-        for at in 0..=text.len() {
-            next[at] = match symbol {
-                '*' => reachable[at] || (at > 0 && next[at - 1]),
-                '?' => at > 0 && reachable[at - 1],
-                _ => at > 0 && reachable[at - 1] && text[at - 1] == symbol,
-            };
-        }
-        reachable = next;
+    /// Whether a channel of a recording is taken: by the topic that it belongs to. Channels of the
+    /// world, transforms, calibrations and odometry always are.
+    pub fn takes_channel(&self, channel: &str) -> bool {
+        let name = channel.strip_prefix('/').unwrap_or(channel);
+        let is_world = ["world/", "control/"].iter().any(|it| name.starts_with(it))
+            || name == "tf"
+            || ["/calibration", "/odometry"]
+                .iter()
+                .any(|it| name.ends_with(it));
+        let topic = ["/gantry", "/about", "/space"]
+            .iter()
+            .find_map(|suffix| name.strip_suffix(suffix))
+            .unwrap_or(name);
+        is_world || self.takes(topic)
     }
-    reachable[text.len()]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn patterns_match_as_in_a_shell() {
-        assert!(
-            matches("ego/*", "ego/front/rgb")
-                && matches("*/rgb", "ego/front/rgb")
-                && matches("ego/f?ont/*", "ego/front/rgb")
-        );
-        assert!(matches("*", "") && matches("ego/front/rgb", "ego/front/rgb"));
-        assert!(
-            !matches("*/rgb", "ego/front/rgbx")
-                && !matches("ego/?/rgb", "ego/front/rgb")
-                && !matches("", "a")
-        );
-    }
 
     #[test]
     fn what_is_excluded_is_not_taken() {
@@ -66,5 +49,26 @@ mod tests {
         assert!(!select.takes("ego/front/dvs") && !select.takes("ego/rear/rgb"));
         assert!(!select.takes("other/front/rgb"));
         assert!(Select::default().takes("anything"));
+    }
+
+    #[test]
+    fn a_channel_goes_with_its_topic() {
+        let select = Select {
+            topics: vec!["ego/front/rgb".into(), "detector/boxes".into()],
+            exclude: vec![],
+        };
+        for channel in [
+            "/ego/front/rgb",
+            "/ego/front/rgb/gantry",
+            "/detector/boxes/about",
+            "/ego/front/calibration",
+            "/tf",
+            "/world/snapshot",
+            "/control/journal",
+        ] {
+            assert!(select.takes_channel(channel), "{channel}");
+        }
+        assert!(!select.takes_channel("/ego/front/depth/gantry"));
+        assert!(!select.takes_channel("/detector/tracks/space"));
     }
 }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use consumer_kit::{Follower, Take};
-use schema_bus::{Bus, BusError, SnapshotReader, mono_now, names};
+use schema_bus::{Bus, BusError, SnapshotReader, TopicDetails, mono_now, names};
 
 use crate::discover::Discovery;
 use crate::documents::{Documents, Run};
@@ -59,7 +59,7 @@ struct Session {
     journal: Journal,
     follower: Follower,
     /// By followed topic: its names in the file, kept so that no frame has to build them.
-    names: BTreeMap<String, (TopicName, std::sync::Arc<str>)>,
+    names: BTreeMap<String, (std::sync::Arc<TopicName>, std::sync::Arc<str>)>,
     full: BTreeSet<String>,
     options: Options,
     discovery: Discovery,
@@ -81,6 +81,7 @@ impl Session {
         let bus = Bus::open_with(&options.domain, &name, &options.bus)?;
         let sink = Sink {
             output: Some(Output::create(options, 1)?),
+            n_runs: 1,
             finished: Vec::new(),
             wait: options.lockstep,
             wall_minus_mono_nanos: wall_minus_mono_nanos()?,
@@ -136,9 +137,13 @@ impl Session {
 
     /// Follows topics that are new.
     fn discover(&mut self) -> anyhow::Result<()> {
-        let Some(topics) = self.discovery.newest()? else {
-            return self.join_lockstep();
-        };
+        if let Some(topics) = self.discovery.newest()? {
+            self.follow_new(topics)?;
+        }
+        self.join_lockstep()
+    }
+
+    fn follow_new(&mut self, topics: Vec<TopicDetails>) -> anyhow::Result<()> {
         for topic in topics {
             let wanted = self.options.select.takes(&topic.name);
             let is_known = self.names.contains_key(&topic.name) || self.results.knows(&topic.name);
@@ -162,14 +167,16 @@ impl Session {
                 self.results.follow(&topic.name);
             } else if let Some(name) = TopicName::new(&topic.name) {
                 self.follower.follow(&topic.name, Take::All);
-                self.names
-                    .insert(topic.name.clone(), (name, topic.name.as_str().into()));
+                self.names.insert(
+                    topic.name.clone(),
+                    (name.into(), topic.name.as_str().into()),
+                );
             }
         }
         if self.snapshots.is_none() {
             self.snapshots = absent_is_none(self.follower.bus().snapshot_reader())?;
         }
-        self.join_lockstep()
+        Ok(())
     }
 
     fn join_lockstep(&mut self) -> anyhow::Result<()> {
@@ -188,7 +195,13 @@ impl Session {
         self.last_try = Some(Instant::now());
         self.lockstep = None;
         // All topics must be open before the simulator waits for this recorder, else the first tick
-        // would be missed.
+        // would be missed. Once the world has a publisher all its topics exist; a list from before
+        // may lack some.
+        if !self.follower.bus().daemon_alive()? {
+            return Ok(());
+        }
+        let topics = self.follower.bus().topics()?;
+        self.follow_new(topics)?;
         self.follower.wait(Duration::ZERO)?;
         let name = self.options.lockstep_name.as_ref().unwrap_or(&self.name);
         match InStep::join(self.follower.bus(), name, &format!("{}-end", self.name)) {
@@ -240,10 +253,15 @@ impl Session {
                     );
                     continue;
                 }
+                let extras = self.snapshot_converter.frame_extras(name, header);
+                if !self.options.coding.is_plain() {
+                    self.sink.put_frame(source, name, header, &frame, extras)?;
+                    continue;
+                }
                 let sink = &self.sink;
                 let mut entries =
                     frame_entries(name, header, &frame, &mut |n_bytes| sink.buffer(n_bytes));
-                entries.extend(self.snapshot_converter.frame_extras(name, header));
+                entries.extend(extras);
                 self.sink.put(
                     source,
                     header.seq,
@@ -344,7 +362,8 @@ impl Session {
         if self.run.epoch != 0 {
             self.documents.attach_map(true, self.run, &mut self.sink)?;
             self.sink.finish(&self.losses())?;
-            let output = Output::create(&self.options, self.sink.finished.len() as u32 + 1)?;
+            self.sink.n_runs += 1;
+            let output = Output::create(&self.options, self.sink.n_runs)?;
             tracing::info!(file = %output.path.display(), "the simulator was restarted; its new run goes into a new file");
             self.sink.output = Some(output);
             self.snapshot_converter = SnapshotConverter::default();

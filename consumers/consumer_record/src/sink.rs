@@ -8,13 +8,17 @@ use std::thread::JoinHandle;
 use anyhow::{Context, anyhow};
 use consumer_kit::file_of_run;
 use schema_bus::mono_now;
+use schema_frames::FrameHeader;
 use schema_types::class::CLASSES;
 
+use crate::files::Files;
+use crate::frames::TopicName;
 use crate::options::Options;
-use crate::queue::{Job, Queue, Refused, queue};
-use crate::writer::run;
+use crate::queue::{FrameJob, Job, Queue, Refused, queue};
+use crate::ring::Ring;
+use crate::writer::{Target, run, start_coders};
 use schema_recording::messages::{Batch, Entry};
-use schema_recording::write::{Recording, Written};
+use schema_recording::write::Written;
 
 /// Frames of one topic that are not in the file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,22 +38,33 @@ impl Loss {
     }
 }
 
-/// A file and the thread that writes it.
+/// What a run of the simulator is written to, and the thread that writes it.
 pub(crate) struct Output {
     pub(crate) path: PathBuf,
     pub(crate) queue: Queue,
-    pub(crate) writer: JoinHandle<anyhow::Result<Written>>,
+    pub(crate) writer: JoinHandle<anyhow::Result<Vec<(PathBuf, Written)>>>,
 }
 
 impl Output {
-    /// The file of a run of the simulator; runs are counted from 1.
+    /// What a run of the simulator is written to; runs are counted from 1.
     pub(crate) fn create(options: &Options, run_number: u32) -> anyhow::Result<Output> {
-        let path = file_of_run(&options.out, run_number);
-        let recording = Recording::create(&path, options.compression)?;
-        let (queue, outlet) = queue(options.queue_bytes);
+        let base = file_of_run(&options.out, run_number);
+        let (path, target) = match &options.ring {
+            Some(ring) => {
+                let requests = ring.requests.clone();
+                let ring = Ring::new(&base, options.compression, ring.clone());
+                (base, Target::Ring(Box::new(ring), requests))
+            }
+            None => {
+                let files = Files::create(&base, options.compression, options.split)?;
+                (files.path(), Target::Files(Box::new(files)))
+            }
+        };
+        let (queue, bench, outlet) = queue(options.queue_bytes);
+        start_coders(&bench, options.coding)?;
         let writer = std::thread::Builder::new()
             .name("writer".to_string())
-            .spawn(move || run(recording, outlet));
+            .spawn(move || run(target, outlet));
         let output = Output {
             path,
             queue,
@@ -67,7 +82,7 @@ impl Output {
     pub(crate) fn finish(
         self,
         losses: BTreeMap<String, String>,
-    ) -> anyhow::Result<(PathBuf, Written)> {
+    ) -> anyhow::Result<Vec<(PathBuf, Written)>> {
         // If the writer has ended already, its own error follows.
         let _ = self.push(Job::Metadata {
             name: "losses".to_string(),
@@ -77,14 +92,17 @@ impl Output {
         let written = self.writer.join().map_err(|_| {
             anyhow!("the writer thread panicked; the part file holds what was flushed before")
         })?;
-        let written = written.context("the recording could not be written to its end; what was flushed stays in the part file")?;
-        Ok((self.path, written))
+        written.context(
+            "the recording could not be written to its end; what was flushed stays in the part file",
+        )
     }
 }
 
 /// Sends batches to the current file and counts what does not fit.
 pub(crate) struct Sink {
     pub(crate) output: Option<Output>,
+    /// Runs of the simulator so far.
+    pub(crate) n_runs: u32,
     pub(crate) finished: Vec<(PathBuf, Written)>,
     pub(crate) wait: bool,
     pub(crate) wall_minus_mono_nanos: i128,
@@ -111,11 +129,41 @@ impl Sink {
             publish_nanos: self.wall_nanos(mono_nanos),
             entries,
         };
+        self.queue(source, Job::Batch(batch))
+    }
+
+    /// Queues a frame that is to be coded, with the messages that go with it.
+    pub(crate) fn put_frame(
+        &mut self,
+        source: &std::sync::Arc<str>,
+        name: &std::sync::Arc<TopicName>,
+        header: &FrameHeader,
+        payload: &[u8],
+        extras: Vec<Entry>,
+    ) -> anyhow::Result<()> {
+        let mut kept = self.buffer(payload.len());
+        kept.extend_from_slice(payload);
+        let job = FrameJob {
+            batch: Batch {
+                source: source.clone(),
+                sequence: header.seq as u32,
+                log_nanos: header.sim_nanos,
+                publish_nanos: self.wall_nanos(header.published_mono_nanos),
+                entries: extras,
+            },
+            name: name.clone(),
+            header: *header,
+            payload: kept,
+        };
+        self.queue(source, Job::Frame(Box::new(job)))
+    }
+
+    fn queue(&mut self, source: &std::sync::Arc<str>, job: Job) -> anyhow::Result<()> {
         let output = self.output.as_ref().ok_or_else(writer_ended)?;
         let outcome = if self.wait {
-            output.queue.push(Job::Batch(batch))
+            output.queue.push(job)
         } else {
-            output.queue.offer(Job::Batch(batch))
+            output.queue.offer(job)
         };
         match outcome {
             Ok(()) => *self.recorded.entry(source.to_string()).or_insert(0) += 1,
@@ -126,7 +174,7 @@ impl Sink {
                     tracing::warn!(
                         source = &**source,
                         waiting_mb,
-                        "the disk is too slow: frames are dropped; try --compression none, fewer --topics or a larger --queue-mb"
+                        "the disk or the codecs are too slow: frames are dropped; try fewer --topics, more --threads, --codec none or a larger --queue-mb"
                     );
                 }
             }
@@ -151,7 +199,7 @@ impl Sink {
                 .iter()
                 .map(|(topic, loss)| (topic.clone(), loss.total().to_string()))
                 .collect();
-            self.finished.push(output.finish(losses)?);
+            self.finished.extend(output.finish(losses)?);
         }
         Ok(())
     }

@@ -1,46 +1,112 @@
-//! The writer thread: writes jobs from the queue into an MCAP file.
+//! The threads behind the queue: coders, and the writer, which brings jobs into files or the ring in
+//! their order.
 //!
-//! It flushes the file about once a second. A crash therefore loses at most the last second.
+//! About once a second the writer flushes the file and has it brought to the disk. A crash of the
+//! recorder therefore loses at most the last second, and a loss of power what was on its way.
 
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use schema_recording::write::{Recording, Written};
+use anyhow::{Context as _, bail};
+use schema_recording::write::Written;
 
-use crate::queue::{Job, Outlet};
+use crate::coder::FrameCoder;
+use crate::files::{FLUSH_EVERY, Files};
+use crate::options::Coding;
+use crate::queue::{Closed, Job, Outlet, Workbench};
+use crate::ring::Ring;
 
-/// How often the file is flushed, so that a crash loses no more than this.
-pub const FLUSH_EVERY: Duration = Duration::from_secs(1);
+/// How often requests to dump are looked for while nothing arrives.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
 
-fn write(recording: &mut Recording, job: &Job) -> anyhow::Result<()> {
-    match job {
-        Job::Batch(batch) => recording.write(batch),
-        Job::Attach {
-            name,
-            media_type,
-            data,
-            log_nanos,
-        } => recording.attach(name, media_type, data, *log_nanos),
-        Job::Metadata { name, pairs } => recording.metadata(name, pairs),
-    }
+/// Where jobs go.
+pub enum Target {
+    /// Into files.
+    Files(Box<Files>),
+    /// Into memory.
+    Ring(
+        Box<Ring>,
+        crossbeam_channel::Receiver<crate::dump::DumpRequest>,
+    ),
 }
 
-/// Writes jobs until the reading side is gone and the queue is empty, then finishes the file.
+/// Starts the coding threads; they end with the reading side.
+///
+/// # Errors
+/// If a thread cannot be started.
+pub fn start_coders(bench: &Workbench, coding: Coding) -> anyhow::Result<()> {
+    if coding.is_plain() {
+        return Ok(());
+    }
+    for _ in 0..coding.threads() {
+        let bench = bench.clone();
+        let mut coder = FrameCoder::new(coding).context("cannot set up the codecs")?;
+        std::thread::Builder::new()
+            .name("coder".to_string())
+            .spawn(move || {
+                bench.run(|job, reuse| coder.entries(&job.name, &job.header, &job.payload, reuse));
+            })
+            .context("cannot start a coding thread")?;
+    }
+    Ok(())
+}
+
+/// Writes jobs until the reading side is gone and the queue is empty, then finishes the files.
 ///
 /// # Errors
 /// If the disk refuses; the part file then holds what was flushed before.
-pub fn run(mut recording: Recording, outlet: Outlet) -> anyhow::Result<Written> {
+pub fn run(target: Target, outlet: Outlet) -> anyhow::Result<Vec<(PathBuf, Written)>> {
+    match target {
+        Target::Files(files) => into_files(*files, &outlet),
+        Target::Ring(ring, requests) => into_ring(*ring, &requests, &outlet),
+    }
+}
+
+fn into_files(mut files: Files, outlet: &Outlet) -> anyhow::Result<Vec<(PathBuf, Written)>> {
     let mut flushed = Instant::now();
-    while let Ok(job) = outlet.next(FLUSH_EVERY / 4) {
-        if let Some(job) = job {
-            write(&mut recording, &job)?;
-            give_back(&outlet, job);
+    loop {
+        match outlet.next(FLUSH_EVERY / 4) {
+            Ok(Some(job)) => {
+                files.write(&job)?;
+                give_back(outlet, job);
+            }
+            Ok(None) => {}
+            Err(Closed::Empty) => return files.finish(),
+            Err(Closed::CoderLost) => bail!(CODER_LOST),
         }
         if flushed.elapsed() >= FLUSH_EVERY {
-            recording.flush()?;
+            files.flush()?;
             flushed = Instant::now();
         }
     }
-    recording.finish()
+}
+
+const CODER_LOST: &str = "a coding thread panicked; what was flushed before stays in the part file";
+
+fn into_ring(
+    mut ring: Ring,
+    requests: &crossbeam_channel::Receiver<crate::dump::DumpRequest>,
+    outlet: &Outlet,
+) -> anyhow::Result<Vec<(PathBuf, Written)>> {
+    loop {
+        match outlet.next(LOOK_EVERY) {
+            Ok(Some(job)) => {
+                let n_bytes = match &job {
+                    Job::Batch(batch) => batch.queued_bytes(),
+                    Job::Attach { data, .. } => data.len(),
+                    Job::Frame(_) | Job::Metadata { .. } => 0,
+                };
+                ring.take(job);
+                outlet.done(n_bytes, std::iter::empty());
+            }
+            Ok(None) => {}
+            Err(Closed::Empty) => return ring.finish(),
+            Err(Closed::CoderLost) => bail!(CODER_LOST),
+        }
+        if let Ok(request) = requests.try_recv() {
+            ring.dump(request);
+        }
+    }
 }
 
 fn give_back(outlet: &Outlet, job: Job) {
@@ -50,6 +116,6 @@ fn give_back(outlet: &Outlet, job: Job) {
             batch.entries.into_iter().map(|entry| entry.bytes),
         ),
         Job::Attach { data, .. } => outlet.done(data.len(), std::iter::empty()),
-        Job::Metadata { .. } => {}
+        Job::Frame(_) | Job::Metadata { .. } => {}
     }
 }

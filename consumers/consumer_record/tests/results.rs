@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use consumer_record::options::Options;
+use consumer_record::options::{Coding, Options};
 use consumer_record::select::Select;
 use consumer_record::session::{Report, record};
 use foxglove::Decode as _;
@@ -43,7 +43,8 @@ fn recorded(folder: &Path, topics: &[&str], n_garbage: u64) -> Report {
         compression: ChunkCompression::Lz4,
         queue_bytes: 64 << 20,
         lockstep: false,
-        lockstep_name: None,
+        coding: Coding::none(),
+        ..Options::new("test", "unused".into())
     };
     let bus = Bus::open_with("test", "user", &bus).unwrap();
     let camera = bus

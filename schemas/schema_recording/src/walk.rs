@@ -7,8 +7,8 @@ use std::io::Read;
 use mcap::records::{ChunkHeader, Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-/// Largest record or unpacked chunk that is read; a recorder's chunk is 4 MiB plus one message.
-pub const MAX_RECORD_BYTES: u64 = 1 << 30;
+/// Largest record, packed or unpacked chunk that is read; a recorder's chunk is 4 MiB plus one message.
+pub const MAX_RECORD_BYTES: u64 = 256 << 20;
 
 /// How the walk through a file ended.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -48,6 +48,8 @@ pub struct Written {
 /// An MCAP file under construction.
 pub struct Recording {
     writer: Writer<BufWriter<File>>,
+    /// The same file.
+    handle: File,
     part: PathBuf,
     target: PathBuf,
     /// By topic: the contents it carries and their channels. Most topics carry one.
@@ -83,9 +85,11 @@ impl Recording {
         }
         let file = OpenOptions::new().write(true).create_new(true).open(&part);
         let file = file.with_context(|| format!("cannot create {}", part.display()))?;
+        let handle = file.try_clone()?;
         let writer = options(compression).create(BufWriter::with_capacity(1 << 20, file))?;
         Ok(Recording {
             writer,
+            handle,
             part,
             target: target.to_path_buf(),
             channels: HashMap::new(),
@@ -166,6 +170,22 @@ impl Recording {
         })?)
     }
 
+    /// Bytes of the file so far, less the chunk that is being filled.
+    ///
+    /// # Errors
+    /// If the file cannot be looked at.
+    pub fn bytes(&self) -> anyhow::Result<u64> {
+        Ok(self.handle.metadata()?.len())
+    }
+
+    /// Another handle of the file, to bring it to the disk while it is written.
+    ///
+    /// # Errors
+    /// If there can be no more open files.
+    pub fn file(&self) -> anyhow::Result<File> {
+        Ok(self.handle.try_clone()?)
+    }
+
     /// Closes the chunk and hands everything to the operating system.
     ///
     /// # Errors
@@ -202,6 +222,11 @@ impl Recording {
                 self.target.display()
             )
         })?;
+        // The new name is on the disk only once its folder is.
+        let folder = self.target.parent().filter(|it| !it.as_os_str().is_empty());
+        File::open(folder.unwrap_or(Path::new(".")))
+            .and_then(|folder| folder.sync_all())
+            .with_context(|| format!("cannot write the name {} to disk", self.target.display()))?;
         Ok(Written {
             messages: self.counts,
             file_bytes,

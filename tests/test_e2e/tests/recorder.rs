@@ -77,7 +77,9 @@ fn lockstep_records_every_frame_of_every_topic_and_sigterm_completes_the_file() 
         .expect_code(0);
     let info: serde_json::Value = serde_json::from_str(&info.lines.join("\n")).unwrap();
     assert_eq!(info["complete"], true);
-    assert_eq!(info["attachments"], serde_json::json!(["Town10HD.xodr"]));
+    let mut attachments: Vec<String> = serde_json::from_value(info["attachments"].clone()).unwrap();
+    attachments.sort();
+    assert_eq!(attachments, ["Town10HD.xodr", "launch.toml"]);
     assert_eq!(info["metadata"]["losses"], serde_json::json!({}));
     let again = spawn_consumer(&sandbox, "gantry-record", &["--out", "drive.mcap"])
         .wait()
@@ -96,7 +98,15 @@ fn a_killed_recorder_leaves_a_part_file_that_is_rescued_and_the_simulator_goes_o
     let recorder = spawn_consumer(
         &sandbox,
         "gantry-record",
-        &["--out", "drive.mcap", "--lockstep", "--compression", "none"],
+        &[
+            "--out",
+            "drive.mcap",
+            "--lockstep",
+            "--compression",
+            "none",
+            "--codec",
+            "none",
+        ],
     );
     // A chunk is 4 MiB; at 14 MB three are whole and a fourth is begun.
     eventually("three chunks on disk", || {
@@ -168,7 +178,14 @@ fn what_is_lost_without_lockstep_is_counted() {
     let recorder = spawn_consumer(
         &sandbox,
         "gantry-record",
-        &["--out", "drive.mcap", "--compression", "none"],
+        &[
+            "--out",
+            "drive.mcap",
+            "--compression",
+            "none",
+            "--codec",
+            "none",
+        ],
     );
     // The map is some 2 MB of it.
     eventually("frames are recorded", || {

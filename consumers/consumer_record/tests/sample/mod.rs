@@ -2,12 +2,15 @@
 
 #![allow(dead_code, reason = "every test and the example use their part of it")]
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
+use consumer_record::files::Files;
 use consumer_record::frames::{TopicName, frame_entries};
-use consumer_record::queue::{Job, queue};
+use consumer_record::options::{Coding, Split};
+use consumer_record::queue::{FrameJob, Job, queue};
 use consumer_record::snapshots::{SnapshotConverter, document};
-use consumer_record::writer::run;
+use consumer_record::writer::{Target, run, start_coders};
 use schema_frames::document::{DOCUMENT_MAGIC, DocumentHeader};
 use schema_frames::snapshot::SNAPSHOT_MAGIC;
 use schema_frames::{
@@ -15,7 +18,8 @@ use schema_frames::{
     SnapshotHeader,
 };
 use schema_recording::messages::{Batch, Entry};
-use schema_recording::write::{ChunkCompression, Recording, Written};
+use schema_recording::read::{RecordingFile, Selection, What};
+use schema_recording::write::{ChunkCompression, Written};
 use schema_types::Pose;
 
 /// Length of a tick.
@@ -95,15 +99,27 @@ fn batch(source: &str, tick: u64, entries: Vec<Entry>) -> Job {
     })
 }
 
-/// Records `n_ticks` ticks into `target` through the real queue and writer thread.
+/// Records `n_ticks` ticks into `target` through the real queue and writer thread, payloads as they
+/// are.
 pub fn record(
     target: &Path,
     n_ticks: u64,
     compression: ChunkCompression,
 ) -> anyhow::Result<Written> {
-    let recording = Recording::create(target, compression)?;
-    let (queue, outlet) = queue(64 << 20);
-    let writer = std::thread::spawn(move || run(recording, outlet));
+    let files = Files::create(target, compression, Split::default())?;
+    let mut written = record_to(Target::Files(Box::new(files)), n_ticks, Coding::none())?;
+    Ok(written.remove(0).1)
+}
+
+/// Records `n_ticks` ticks, coded by the real threads.
+pub fn record_to(
+    target: Target,
+    n_ticks: u64,
+    coding: Coding,
+) -> anyhow::Result<Vec<(PathBuf, Written)>> {
+    let (queue, bench, outlet) = queue(64 << 20);
+    start_coders(&bench, coding)?;
+    let writer = std::thread::spawn(move || run(target, outlet));
     let push = |job: Job| {
         queue
             .push(job)
@@ -161,11 +177,61 @@ pub fn record(
         for topic in topics() {
             let (header, payload) = frame(&topic, tick);
             let name = TopicName::new(&topic).unwrap();
-            let mut entries = frame_entries(&name, &header, &payload, &mut |n| queue.buffer(n));
-            entries.extend(scene.frame_extras(&name, &header));
-            push(batch(&topic, tick, entries))?;
+            let extras = scene.frame_extras(&name, &header);
+            if coding.is_plain() {
+                let mut entries = frame_entries(&name, &header, &payload, &mut |n| queue.buffer(n));
+                entries.extend(extras);
+                push(batch(&topic, tick, entries))?;
+                continue;
+            }
+            let Job::Batch(batch) = batch(&topic, tick, extras) else {
+                unreachable!("batch() makes a batch")
+            };
+            push(Job::Frame(Box::new(FrameJob {
+                batch,
+                name: name.into(),
+                header,
+                payload,
+            })))?;
         }
     }
     drop(queue);
     writer.join().expect("the writer does not panic")
+}
+
+/// Every frame of a recording by topic and tick: header and decoded payload.
+pub fn frames_of(path: &Path) -> BTreeMap<(String, u64), (FrameHeader, Vec<u8>)> {
+    let file = RecordingFile::open(path).unwrap();
+    let mut samples = file.samples(&Selection::default());
+    let mut found = BTreeMap::new();
+    while let Some(sample) = samples.next().unwrap() {
+        if let What::Frame {
+            topic,
+            header,
+            mut payload,
+        } = sample.what
+        {
+            let bytes = payload.to_vec().unwrap();
+            found.insert((topic.to_string(), header.tick), (header, bytes));
+        }
+    }
+    assert_eq!(samples.damage().total(), 0, "{:?}", samples.damage());
+    found
+}
+
+/// Every frame of these ticks is in the file, whole.
+pub fn assert_frames(path: &Path, ticks: std::ops::RangeInclusive<u64>) {
+    let found = frames_of(path);
+    for (tick, topic) in ticks.flat_map(|tick| topics().into_iter().map(move |it| (tick, it))) {
+        let (header, payload) = frame(&topic, tick);
+        let (kept, bytes) = found
+            .get(&(topic.clone(), tick))
+            .unwrap_or_else(|| panic!("{topic} of tick {tick} is missing"));
+        assert_eq!(
+            kept.hashed_bytes(),
+            header.hashed_bytes(),
+            "{topic} of tick {tick}"
+        );
+        assert!(*bytes == payload, "the payload of {topic} of tick {tick}");
+    }
 }
