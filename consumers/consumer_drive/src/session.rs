@@ -20,6 +20,9 @@ const MAX_WAIT: Duration = Duration::from_millis(50);
 const POLL: Duration = Duration::from_millis(4);
 /// How long a snapshot waits for the list of its actors.
 const LIST_WAIT: Duration = Duration::from_millis(200);
+/// How long it waits for list and map in lockstep, where the world waits as well: what is driven must
+/// not depend on when a document arrives.
+const LOCKSTEP_WAIT: Duration = Duration::from_secs(10);
 /// Between attempts to join lockstep.
 const JOIN_EVERY: Duration = Duration::from_secs(1);
 
@@ -79,6 +82,8 @@ struct Session<'o> {
     done: (u64, u64),
     assigned: Option<(u64, u64)>,
     refused_map: Option<(u64, u64)>,
+    /// Since when a tick has waited for its map.
+    waiting: Option<((u64, u64), Instant)>,
     bus: Bus,
 }
 
@@ -109,6 +114,7 @@ impl<'o> Session<'o> {
             done: (0, 0),
             assigned: None,
             refused_map: None,
+            waiting: None,
             bus,
             name,
         })
@@ -119,16 +125,24 @@ impl<'o> Session<'o> {
         self.announced |= self
             .wake
             .wait(if self.announced { MAX_WAIT } else { POLL })?;
-        self.join()?;
         let Some(world) = self.trail.newest(&self.bus)? else {
             return Ok(());
         };
         let now = (world.header.epoch, world.header.tick);
         if now == self.done {
-            return Ok(());
+            return self.join();
         }
         self.read_list(&world)?;
-        let records = if self.prepare(&world)? {
+        let is_ready = self.prepare(&world)?;
+        if !is_ready && self.waits_for_map(&world) {
+            return Ok(());
+        }
+        self.join()?;
+        if self.options.lockstep && !self.answers(now) {
+            self.done = now;
+            return Ok(());
+        }
+        let records = if is_ready {
             self.step(&world)
         } else {
             Vec::new()
@@ -142,6 +156,29 @@ impl<'o> Session<'o> {
             lockstep.ack(world.header.tick)?;
         }
         Ok(())
+    }
+
+    /// Whether the simulator waits for what is said about this tick. Controls for an earlier one
+    /// would arrive before or after it has begun the next, as chance will have it.
+    fn answers(&self, (epoch, tick): (u64, u64)) -> bool {
+        self.lockstep
+            .as_ref()
+            .is_some_and(|it| it.epoch() == epoch && it.first_tick() <= tick)
+    }
+
+    /// In lockstep, a tick whose map has not arrived is not answered yet.
+    fn waits_for_map(&mut self, world: &WorldAt) -> bool {
+        let now = (world.header.epoch, world.header.tick);
+        let is_refused = self.refused_map.is_some_and(|(epoch, _)| epoch == now.0);
+        if !self.options.lockstep || is_refused {
+            return false;
+        }
+        let since = match self.waiting {
+            Some((of, since)) if of == now => since,
+            _ => Instant::now(),
+        };
+        self.waiting = Some((now, since));
+        since.elapsed() < LOCKSTEP_WAIT
     }
 
     /// Joins lockstep, and joins again after a restart.
@@ -176,7 +213,12 @@ impl<'o> Session<'o> {
 
     /// Reads the list of actors until it matches this snapshot, but waits only a short while.
     fn read_list(&mut self, world: &WorldAt) -> anyhow::Result<()> {
-        let deadline = Instant::now() + LIST_WAIT;
+        let wait = if self.options.lockstep {
+            LOCKSTEP_WAIT
+        } else {
+            LIST_WAIT
+        };
+        let deadline = Instant::now() + wait;
         loop {
             if let Some(document) = heal(self.actors.changed(&self.bus))?.flatten() {
                 self.list = document.json().context("world/actors")?;
@@ -193,7 +235,8 @@ impl<'o> Session<'o> {
         }
     }
 
-    /// Makes sure that there is a fleet for this episode; false while its map has not arrived.
+    /// Makes sure that there is a fleet for this episode; false while its map or its seed has not
+    /// arrived.
     fn prepare(&mut self, world: &WorldAt) -> anyhow::Result<bool> {
         let (epoch, episode) = (world.header.epoch, world.header.episode);
         if self
@@ -203,10 +246,12 @@ impl<'o> Session<'o> {
         {
             return Ok(true);
         }
-        if let (None, Some(document)) = (
-            self.options.seed,
-            heal(self.info.changed(&self.bus))?.flatten(),
-        ) {
+        if self.options.seed.is_none() {
+            heal(self.info.changed(&self.bus))?;
+            let newest = self.info.newest().filter(|d| d.header.epoch == epoch);
+            let Some(document) = newest else {
+                return Ok(false);
+            };
             self.seed = document
                 .json::<WorldInfo>()
                 .map_or(self.seed, |info| info.seed);
