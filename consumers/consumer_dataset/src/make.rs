@@ -254,8 +254,9 @@ impl Work<'_> {
         };
         let told = AtomicU64::new(0);
         let progress = |done: u64| bar.inc(done - told.swap(done, Ordering::Relaxed));
+        let ticks = scenario.warm_up_ticks + 1..=scenario.warm_up_ticks + scenario.frames;
         let outcome = record(&job, self.programs, &self.stop, &progress)
-            .and_then(|()| count(&recording, name, scenario.frames, &self.stop))
+            .and_then(|()| count(&recording, name, ticks, &self.stop))
             .and_then(|found| self.set.set_done(scenario, &found).map(|()| found));
         match outcome {
             Ok(found) => {

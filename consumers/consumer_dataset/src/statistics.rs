@@ -91,14 +91,15 @@ impl Statistics {
     }
 }
 
-/// Reads a recording and counts; `n_ticks` is how many it has, `stop` is asked once a tick.
+/// Reads a recording and counts; it has the ticks `ticks`, and perhaps the snapshot of the one before
+/// them, which a recorder gets when it begins. `stop` is asked once a tick.
 ///
 /// # Errors
 /// If the recording cannot be read or is damaged, or on a request to stop.
 pub fn count(
     path: &std::path::Path,
     name: &str,
-    n_ticks: u64,
+    ticks: std::ops::RangeInclusive<u64>,
     stop: &dyn Fn() -> bool,
 ) -> anyhow::Result<Statistics> {
     let file = RecordingFile::open(path)?;
@@ -107,11 +108,14 @@ pub fn count(
     let wanted: HashSet<Arc<str>> = topics.map(|topic| topic.name.clone()).collect();
     let mut reader = TickReader::new(&file, (0, u64::MAX), &wanted)?;
     let mut counter = Counter::default();
+    let n_ticks = (ticks.end() + 1).saturating_sub(*ticks.start());
     while let Some(tick) = reader.next_tick()? {
         if stop() {
             return Err(crate::take::Stopped.into());
         }
-        counter.tick(&scenario, &tick, n_ticks / 2)?;
+        if ticks.contains(&tick.tick) {
+            counter.tick(&scenario, &tick, n_ticks / 2)?;
+        }
     }
     let (n_lost, sentences) = reader.losses();
     anyhow::ensure!(
