@@ -517,7 +517,7 @@ fn damaged_files_are_sentences_or_end_early() {
     // A size that is not there reserves no memory, and one that is there has a limit.
     let mut claims = head().start(1, 0.0).end().start(2, 0.5).u8(2).u32(u32::MAX);
     claims.0.extend([0; 100]);
-    assert!(error(&claims.0).contains("frame 2 has more than 67108864 bytes"));
+    assert!(error(&claims.0).contains("frame 2 has more than 16777216 bytes"));
     let skipped = head().start(1, 0.0).end().u8(99).u32(u32::MAX);
     assert_eq!(skipped.frames().unwrap().1.len(), 1);
     // Cut anywhere: whole frames, or a sentence before the first.

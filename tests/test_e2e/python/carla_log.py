@@ -55,6 +55,7 @@ class Scene:
             raise AssertionError("no straight lane of 60 m")
         self.start, self.yaw = point.location, point.rotation.yaw
         self.forward, self.right = point.get_forward_vector(), point.get_right_vector()
+        self.lamp = world.get_lightmanager().get_all_lights(carla.LightGroup.Street)[0].id
         self.light = sorted(world.get_actors().filter("traffic.traffic_light"), key=lambda one: one.id)[0]
 
     def at(self, ahead_m, right_m, up_m=0.3):
@@ -105,6 +106,8 @@ def write_log(path, scene, map_name):
         out += records(8, [struct.pack("<I3f?i", HERO, -0.125, 0.625, 0.0, False, 3)])
         out += records(9, [struct.pack("<If", WALKER, 100.0 * PACE_MPS)])
         out += records(10, [struct.pack("<II", HERO, 0x82 if idx >= LIT else 0)])
+        if idx == 0:
+            out += records(11, [struct.pack("<if4f?B", scene.lamp, 4321.0, 1.0, 0.5, 0.0, 1.0, True, 2)])
         # Doors, wheels and riders; wheels are not read, but must not be taken for doors.
         out += records(21, [struct.pack("<IB?", HERO, 0, True)] if idx == OPENED else [])
         out += records(22, [struct.pack("<IIBff", HERO, 1, 0, 3.0, 90.0)]) + records(23, [])
@@ -136,6 +139,7 @@ def check_texts(client, scene):
         f"  Id: {HERO} LowBeam Fog",
         f" Parenting {GNSS} with {HERO} (parent)",
         f" Create {GNSS}: sensor.other.gnss (5) at (100, 50, 200)",
+        f"  Id: {scene.lamp} enabled: True intensity: 4321 RGB_color: (1, 0.501961, 0)",
         f" Collision id 0 between {HERO} (hero)  with {VAN}",
         f" Destroy {VAN}",
     ):
@@ -187,6 +191,8 @@ def check_replay(client, world, scene):
             assert gnss.get_location().distance(hero.get_transform().transform(mount)) < 0.5 * SPEED_MPS * STEP_SECS + 0.05
         if idx == GONE - 3:
             assert van.is_alive and world.get_actor(van.id) is not None
+            lamps = world.get_lightmanager().get_all_lights(carla.LightGroup.Street)
+            assert all(abs(lamp.intensity - 4321.0) > 1.0 for lamp in lamps), "lamps of another map are no lamps of this one"
         if idx == GONE + 3:
             assert not world.get_actors().filter("vehicle.volkswagen.t2"), "the van is gone"
     print(f"within {worst_m:.4f} m of the file, the walker within {worst_walk_m:.4f} m, the spectator within {worst_view_m:.4f} m")

@@ -21,10 +21,11 @@ use crate::wire::weather::read_weather;
 
 /// The bytes that CARLA's recordings begin with: version and name, each after its length.
 pub const BEGIN: &[u8] = b"\x0e\x00CARLA_RECORDER";
-/// The version that CARLA 0.9.4 to 0.9.16 write.
+/// The version that CARLA 0.9 writes.
 const VERSION: u16 = 1;
-/// Most bytes that a frame's packets may have together.
-const MAX_FRAME_BYTES: u64 = 64 << 20;
+/// Most bytes that a frame's packets may have together; what they mean takes up to twelve times as
+/// much memory.
+const MAX_FRAME_BYTES: u64 = 16 << 20;
 /// Most vehicles whose doors a recording may move.
 const MAX_DOORED: usize = 65_536;
 
