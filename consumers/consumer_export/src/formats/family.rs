@@ -70,8 +70,11 @@ impl Cloud {
     }
 }
 
-/// A semantic cloud with the intensities of a plain lidar that has exactly the same points in the
-/// same tick; the cloud as it is if there is none.
+/// Points of two lidars at one place are the same if they are not farther apart, metres: a plain
+/// lidar works its points out from its distances, which rounds.
+const SAME_M: f32 = 0.01;
+
+/// A semantic cloud with the intensities of a plain lidar that has the same points in the same tick; the cloud as it is if there is none.
 pub fn with_intensities(mut cloud: Cloud, frame: &TickFrame, tick: &TickSet) -> Cloud {
     if frame.modality != Modality::SemanticLidar {
         return cloud;
@@ -82,7 +85,8 @@ pub fn with_intensities(mut cloud: Cloud, frame: &TickFrame, tick: &TickSet) -> 
         .filter(|other| other.modality == Modality::Lidar);
     for other in plain.filter(|other| other.header.width == frame.header.width) {
         let other = Cloud::of(other);
-        if other.points_m == cloud.points_m {
+        let same = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).all(|i| (a[i] - b[i]).abs() < SAME_M);
+        if other.points_m.iter().zip(&cloud.points_m).all(same) {
             cloud.intensities = other.intensities;
             break;
         }
