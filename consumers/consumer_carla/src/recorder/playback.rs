@@ -5,7 +5,7 @@ use std::io::BufReader;
 use std::sync::Arc;
 
 use crate::recorder::file::Reader;
-use crate::recorder::frame::Frame;
+use crate::recorder::frame::{Frame, Origin};
 use crate::recorder::read_error::ReadError;
 
 /// Plays a recording once, forwards.
@@ -22,7 +22,7 @@ impl Playback {
     /// # Errors
     /// If the first frame cannot be read.
     pub fn begin(mut reader: Reader<BufReader<File>>) -> Result<Playback, ReadError> {
-        let next = reader.next_frame()?.map(Arc::new);
+        let next = playable(&mut reader)?;
         Ok(Playback {
             reader,
             now: None,
@@ -41,7 +41,7 @@ impl Playback {
             return Ok(None);
         }
         self.now = self.next.take();
-        self.next = self.reader.next_frame()?.map(Arc::new);
+        self.next = playable(&mut self.reader)?;
         Ok(self.now.clone())
     }
 
@@ -49,4 +49,19 @@ impl Playback {
     pub fn around(&self) -> (Option<Arc<Frame>>, Option<Arc<Frame>>) {
         (self.now.clone(), self.next.clone())
     }
+}
+
+/// The next frame, without what CARLA's files say in terms of its own towns and bodies: its numbers
+/// of street lights are not those of this map, the bones of its walkers have other axes, and its
+/// replayer leaves physics control alone, too.
+fn playable(reader: &mut Reader<BufReader<File>>) -> Result<Option<Arc<Frame>>, ReadError> {
+    let mut frame = reader.next_frame()?;
+    if let Some(frame) = &mut frame
+        && reader.head().origin == Origin::Carla
+    {
+        frame.changes.street_lights.clear();
+        frame.changes.bones.clear();
+        frame.changes.physics.clear();
+    }
+    Ok(frame.map(Arc::new))
 }

@@ -13,7 +13,7 @@ use schema_types::Pose;
 
 use crate::recorder::counterparts::{Counterparts, is_played, is_sensor};
 use crate::recorder::file::Recording;
-use crate::recorder::frame::{Born, Frame, Origin, Pedals};
+use crate::recorder::frame::{Born, Frame, Pedals};
 use crate::recorder::motion::{between, is_somewhere, is_upright, lead};
 use crate::recorder::playback::Playback;
 use crate::recorder::read_error::ReadError;
@@ -64,7 +64,6 @@ pub struct Wish {
 #[derive(Debug)]
 pub struct Replay {
     playback: Playback,
-    origin: Origin,
     wish: Wish,
     /// Settings, which may change while the replay runs.
     pub settings: Settings,
@@ -132,7 +131,6 @@ impl Replay {
             .find(|actor| actor.kind == "spectator")
             .map(|actor| actor.id);
         let replay = Replay {
-            origin: recording.reader.head().origin,
             playback: Playback::begin(recording.reader)?,
             wish,
             settings,
@@ -214,7 +212,7 @@ impl Replay {
             }
         }
         let now_of = |id: u32| self.ids.get(&id).copied().filter(|_| !self.is_ignored(id));
-        bring_about(&frame.changes, self.origin, now_of, commander);
+        bring_about(&frame.changes, now_of, commander);
     }
 
     /// Spawns recorded actors with one request: high above their places, or attached to their

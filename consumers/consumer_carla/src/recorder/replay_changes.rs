@@ -4,22 +4,16 @@ use schema_frames::scenery::LampChange;
 use schema_frames::{Command, HeldBone, PhysicsAction, SkeletonAction};
 
 use crate::recorder::changes::{Bones, Changes, StreetLight};
-use crate::recorder::frame::Origin;
 use crate::state::commander::Commander;
 use crate::wire::axes::{self, Transform};
 
 /// Applies the changes of a recorded tick. `now_of` maps a recorded id to the id in this run;
-/// `None` if that actor takes no part. CARLA's numbers of street lights are not those of this map.
-pub fn bring_about(
-    changes: &Changes,
-    origin: Origin,
-    now_of: impl Fn(u32) -> Option<u32>,
-    commander: &Commander,
-) {
+/// `None` if that actor takes no part.
+pub fn bring_about(changes: &Changes, now_of: impl Fn(u32) -> Option<u32>, commander: &Commander) {
     if let Some(weather) = changes.weather {
         commander.tell(Command::SetWeather { weather });
     }
-    if origin == Origin::Gantry && !changes.street_lights.is_empty() {
+    if !changes.street_lights.is_empty() {
         let change = |(id, light): (&u32, &StreetLight)| LampChange {
             lamp: *id,
             on: Some(light.on),
