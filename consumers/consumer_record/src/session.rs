@@ -203,6 +203,7 @@ impl Session {
         let topics = self.follower.bus().topics()?;
         self.follow_new(topics)?;
         self.follower.wait(Duration::ZERO)?;
+        self.drain_results()?;
         let name = self.options.lockstep_name.as_ref().unwrap_or(&self.name);
         match InStep::join(self.follower.bus(), name, &format!("{}-end", self.name)) {
             Ok(step) => self.lockstep = Some(step),

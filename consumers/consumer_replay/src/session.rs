@@ -107,8 +107,8 @@ pub(crate) struct Session {
     pub sim_nanos: u64,
     /// Whether a tick has begun in this epoch.
     has_begun: bool,
-    /// Whether the first snapshot of this epoch was sent before its tick.
-    is_announced: bool,
+    /// Tick whose snapshot was sent when this epoch began.
+    announced: Option<u64>,
     /// Participants of the epoch before, which this one waits for.
     come_back: Vec<String>,
     epoch_began_nanos: u64,
@@ -156,7 +156,7 @@ impl Session {
             tick: 0,
             sim_nanos: 0,
             has_begun: false,
-            is_announced: false,
+            announced: None,
             come_back: Vec::new(),
             epoch_began_nanos: 0,
             tick_began_nanos: 0,
@@ -258,14 +258,21 @@ impl Session {
         if self.tape.lacks_readers(&self.ports) {
             self.tape.read_again(&mut self.ports)?;
         }
+        let Some(next_nanos) = self.tape.next_nanos() else {
+            return Ok(());
+        };
+        self.pace.start_tick(next_nanos, now);
+        self.tick_began_nanos = now;
+        (self.has_begun, self.cues) = (true, self.cues.saturating_sub(1));
+        self.send_tick()
+    }
+
+    fn send_tick(&mut self) -> anyhow::Result<()> {
         let Some(group) = self.tape.take() else {
             return Ok(());
         };
-        self.pace.start_tick(group.sim_nanos, now);
-        self.tick_began_nanos = now;
         (self.tick, self.sim_nanos) = (group.tick, group.sim_nanos);
-        (self.has_begun, self.cues) = (true, self.cues.saturating_sub(1));
-        let announced = std::mem::take(&mut self.is_announced);
+        let announced = self.announced == Some(group.tick);
         let ports = &mut self.ports;
         let documents = self.tape.send(group, ports, self.epoch, announced)?;
         let state = state!(self);
@@ -314,7 +321,7 @@ impl Session {
             .next_tick()
             .map_or(self.tick, |tick| tick.saturating_sub(1));
         self.sim_nanos = nanos;
-        (self.has_begun, self.is_announced) = (false, false);
+        (self.has_begun, self.announced) = (false, None);
         (self.epoch_began_nanos, self.tick_began_nanos) = (mono_now().0, mono_now().0);
         self.pace.restart();
         let before: Vec<_> = self.gate.participants().to_vec();
@@ -332,8 +339,16 @@ impl Session {
 
     /// Shows the world of an epoch before its first tick begins.
     fn announce(&mut self) -> anyhow::Result<()> {
-        if !self.has_begun && !self.is_announced {
-            self.is_announced = self.tape.announce(&self.ports, self.epoch)?;
+        if self.has_begun || self.announced.is_some() {
+            return Ok(());
+        }
+        if self.tape.announce(&self.ports, self.epoch)? {
+            self.announced = self.tape.next_tick();
+        }
+        // Tick 0 is the world before the first tick; it needs no cue, and nobody is done with it.
+        if self.announced == Some(0) {
+            self.tape.load(&mut self.ports)?;
+            self.send_tick()?;
         }
         Ok(())
     }

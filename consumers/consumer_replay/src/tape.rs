@@ -391,7 +391,7 @@ impl Tape {
             true => drop(ports.snapshot_wake.notify()),
             false => drop(group.send_snapshot(ports, epoch)?),
         }
-        self.counts.n_ticks += 1;
+        self.counts.n_ticks += u64::from(group.tick > 0);
         let mut documents = Vec::new();
         let mut rigs = BTreeSet::new();
         for (_, ready) in group.ready {

@@ -3,7 +3,7 @@
 `open` reads one topic, `sync` several topics tick by tick, `attach` the sensor of a CARLA client,
 each blocking, in threads, or with `async for`. `publish` writes results on a topic of your own.
 `lockstep` steps with the simulator, `vehicle` and `control` drive. `snapshot`, `snapshot_at` and
-`document` read the world, `command` changes it. `Recording` reads a file. Units are SI (metres, seconds, radians); world,
+`document` read the world, `command` changes it; `pause`, `step`, `set_speed` and `seek` rule its time. `Recording` reads a file. Units are SI (metres, seconds, radians); world,
 vehicle and sensor axes are x forward, y left, z up. Without `domain=` the domain is that of the
 environment's `GANTRY_DOMAIN`, else `gantry`. Every error of the bus is a `GantryError` whose message
 says what to do. `schemas/schema_frames/SPEC.md` describes every field. A process that was forked
@@ -59,6 +59,7 @@ from ._errors import (
 from ._frame import Frame, Header, Pose, frame_from_bytes
 from ._layout import SCHEMA_VERSION
 from ._lockstep import Lockstep, Tick, lockstep
+from ._play import pause, resume, seek, set_speed, step
 from ._publish import RESULT_TYPES, BytesSchema, Loan, Publisher, publish
 from ._query import cast_rays, clear_drawing, draw
 from ._records import RecordsAndTail, boxes2d, boxes3d, keypoints, masks, odometry, path, pose, scalars, tracks
@@ -77,6 +78,6 @@ __all__ = [
     "SCHEMA_VERSION", "SEMANTIC_LIDAR_POINT", "SchemaVersionError", "Snapshot", "Sync", "TRACK", "TRAFFIC_LIGHT_PART", "Tick",
     "TooManyReadersError", "Topic", "TopicDetails", "TopicTakenError", "VEHICLE_CONTROL", "VEHICLE_PART", "Vehicle", "WALKER_PART", "attach",
     "boxes2d", "boxes3d", "cast_rays", "clear_drawing", "colour_classes", "command", "control", "document", "draw", "frame_from_bytes",
-    "keypoints", "lockstep", "masks", "odometry", "open", "path", "pose", "publish", "reset", "restore_checkpoint", "result_from_bytes",
-    "save_checkpoint", "scalars", "snapshot", "snapshot_at", "sync", "topics", "tracks", "vehicle",
+    "keypoints", "lockstep", "masks", "odometry", "open", "path", "pause", "pose", "publish", "reset", "restore_checkpoint", "result_from_bytes",
+    "resume", "save_checkpoint", "scalars", "seek", "set_speed", "snapshot", "snapshot_at", "step", "sync", "topics", "tracks", "vehicle",
 ]  # fmt: skip
