@@ -44,6 +44,8 @@ pub struct Sensors {
     n_lidar_turns: u64,
     /// Counts of topics that have been closed.
     closed_counts: FrameCounts,
+    /// Topics of sensors that ended after the last tick, whose frames may not have been taken yet.
+    parting: Vec<Topic>,
 }
 
 impl Sensors {
@@ -69,6 +71,7 @@ impl Sensors {
             in_flight: InFlight::new(max_in_flight),
             n_lidar_turns: 0,
             closed_counts: FrameCounts::default(),
+            parting: Vec::new(),
         }
     }
 
@@ -145,6 +148,7 @@ impl Sensors {
 
     /// A tick begins, so frames in flight become one tick late.
     pub fn start_tick(&mut self, tick: Tick) {
+        self.close_parting();
         self.in_flight.start_tick(tick.0);
     }
 
@@ -269,8 +273,9 @@ impl Sensors {
     }
 
     /// Ends the sensors that `is_gone` names: they fire no more, frames in flight are sent, and
-    /// their memory is given back.
-    pub fn remove(&mut self, is_gone: impl Fn(&Sensor) -> bool) -> anyhow::Result<()> {
+    /// their memory is given back, with the next tick if `stay` says that readers are owed the
+    /// frames of this one: what a publisher sent is gone with it.
+    pub fn remove(&mut self, is_gone: impl Fn(&Sensor) -> bool, stay: bool) -> anyhow::Result<()> {
         if !self.sensors.iter().any(&is_gone) {
             return Ok(());
         }
@@ -281,9 +286,18 @@ impl Sensors {
         self.sensors = kept;
         for topic in gone.into_iter().flat_map(|sensor| sensor.topics) {
             self.closed_counts = self.closed_counts.with(&topic.counts);
-            topic.close(&self.gpu);
+            self.parting.push(topic);
+        }
+        if !stay {
+            self.close_parting();
         }
         Ok(())
+    }
+
+    fn close_parting(&mut self) {
+        for topic in self.parting.drain(..) {
+            topic.close(&self.gpu);
+        }
     }
 
     /// Gives memory to topics that found their first reader, and takes it from those that lost
@@ -334,6 +348,7 @@ impl Sensors {
     pub fn close(mut self) -> anyhow::Result<()> {
         let finished = self.finish_all();
         while self.in_flight.pop().is_some() {}
+        self.close_parting();
         drop(self.renderer);
         for topic in self.sensors.into_iter().flat_map(|sensor| sensor.topics) {
             topic.close(&self.gpu);

@@ -38,9 +38,10 @@ pub fn reset(daemon: &mut Daemon) -> anyhow::Result<CommandReply> {
 fn go_back(daemon: &mut Daemon, checkpoint: &Checkpoint) -> anyhow::Result<CommandReply> {
     daemon.sensors.finish_all()?;
     let gone = daemon.world.restore(checkpoint)?;
+    let is_owed = !daemon.gate.participants().is_empty();
     daemon
         .sensors
-        .remove(|sensor| gone.contains(&sensor.actor))?;
+        .remove(|sensor| gone.contains(&sensor.actor), is_owed)?;
     daemon.sensors.sensors.iter_mut().for_each(Sensor::forget);
     if daemon.now().0 < checkpoint.elapsed_nanos() {
         daemon

@@ -9,6 +9,7 @@ use crate::episode::{self, EpisodeId};
 /// its topics stay; sensors that commands made end.
 pub fn load(daemon: &mut Daemon, map: &str) -> anyhow::Result<CommandReply> {
     daemon.sensors.finish_all()?;
+    let is_owed = !daemon.gate.participants().is_empty();
     let sim_time = daemon.now();
     let stamp = daemon.episode.stamp;
     let launch = &daemon.settings.launch;
@@ -27,7 +28,7 @@ pub fn load(daemon: &mut Daemon, map: &str) -> anyhow::Result<CommandReply> {
     daemon.episode = episode::begin(&mut daemon.world, launch, &loaded, id)?;
     daemon
         .sensors
-        .remove(|sensor| sensor.launch_rig.is_none())?;
+        .remove(|sensor| sensor.launch_rig.is_none(), is_owed)?;
     for sensor in &mut daemon.sensors.sensors {
         let rig = sensor
             .launch_rig

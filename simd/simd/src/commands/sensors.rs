@@ -65,9 +65,10 @@ pub fn spawn(daemon: &mut Daemon, wish: &SensorWish<'_>) -> anyhow::Result<Comma
 /// Removes an actor and everything attached to it. Sensors among these end.
 pub fn destroy(daemon: &mut Daemon, actor: ActorId) -> anyhow::Result<CommandReply> {
     let gone = daemon.world.destroy(actor)?;
+    let is_owed = !daemon.gate.participants().is_empty();
     daemon
         .sensors
-        .remove(|sensor| gone.contains(&sensor.actor))?;
+        .remove(|sensor| gone.contains(&sensor.actor), is_owed)?;
     Ok(CommandReply::Done)
 }
 
