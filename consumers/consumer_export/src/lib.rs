@@ -5,14 +5,15 @@
 //! [`ticks`] and [`recording`] (a recording as one set of frames per tick), [`manifest`] (how far an
 //! export is), [`tree`] (the folder that grows, whole
 //! files only), [`truth`] (boxes, masks and occlusion from exact images), [`classes`] (CARLA's
-//! classes in each format's words), [`formats`] (one module per format), [`live`] (recordings of launch
-//! files), [`run`] (everything together). A format is an [`formats::Exporter`]; it is handed whole ticks, one after the other,
+//! classes in each format's words), [`exporter`] (what a format is), [`formats`] (one module per format), [`live`] (recordings of launch
+//! files), [`run`] (everything together). A format is an [`exporter::Exporter`]; it is handed whole ticks, one after the other,
 //! and never a whole recording.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
 pub mod classes;
+pub mod exporter;
 pub mod formats;
 pub mod live;
 pub mod manifest;

@@ -257,7 +257,7 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::formats::Format;
+    use crate::exporter::Format;
 
     #[test]
     fn a_launch_file_is_run_in_lockstep_for_as_long_as_its_slowest_sensor_needs() {

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use launch_cli::wrong_usage;
 use serde::{Deserialize, Serialize};
 
-use crate::formats::DoneScenario;
+use crate::exporter::DoneScenario;
 use crate::options::Options;
 use crate::tree::STATE_FOLDER;
 
@@ -184,7 +184,7 @@ fn replace(path: &Path, text: &str) -> anyhow::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::formats::Format;
+    use crate::exporter::Format;
 
     fn manifest(every: u64) -> Manifest {
         let mut options = Options::new(Format::Coco, Default::default());

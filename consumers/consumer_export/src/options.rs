@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use crate::formats::Format;
+use crate::exporter::Format;
 
 /// An export's options. What is serialised goes into the manifest: a continued export must have the
 /// same.
@@ -101,7 +101,7 @@ mod format_name {
     use clap::ValueEnum as _;
     use serde::{Deserialize as _, Deserializer, Serializer};
 
-    use crate::formats::Format;
+    use crate::exporter::Format;
 
     pub fn serialize<S: Serializer>(format: &Format, to: S) -> Result<S::Ok, S::Error> {
         to.serialize_str(format.name())

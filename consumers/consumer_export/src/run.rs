@@ -11,7 +11,8 @@ use launch_cli::wrong_usage;
 use schema_recording::read::RecordingFile;
 use serde::Serialize;
 
-use crate::formats::{DoneScenario, Exporter};
+use crate::exporter::{DoneScenario, Exporter};
+use crate::formats;
 use crate::manifest::{Found, Manifest, Recording};
 use crate::options::{Options, deal};
 use crate::recording::{TickReader, scenario, scenario_name};
@@ -55,7 +56,7 @@ pub fn export(
     options: &Options,
     stop: &dyn Fn() -> bool,
 ) -> anyhow::Result<Report> {
-    let mut exporter = options.format.exporter(options)?;
+    let mut exporter = formats::exporter(options.format, options)?;
     let (files, scenarios) = open(inputs, options)?;
     for scenario in &scenarios {
         if options.from_nanos > scenario.end_nanos - scenario.start_nanos {

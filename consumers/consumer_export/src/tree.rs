@@ -116,7 +116,7 @@ impl Tree {
     }
 
     /// A file of the export's state, which is gone once the export is complete: lines that scenarios
-    /// leave for [`crate::formats::Exporter::finish`].
+    /// leave for [`crate::exporter::Exporter::finish`].
     pub fn state(name: &str) -> String {
         format!("{STATE_FOLDER}/{name}")
     }

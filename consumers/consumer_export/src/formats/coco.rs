@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use super::objects::{Object, cameras, image_name, objects, wants};
 use crate::classes;
-use crate::formats::{DoneScenario, Exporter, Format};
+use crate::exporter::{DoneScenario, Exporter, Format};
 use crate::options::{MaskForm, Options};
 use crate::picture;
 use crate::scenario::{Scenario, Topic};

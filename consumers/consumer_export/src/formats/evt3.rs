@@ -12,7 +12,8 @@ use schema_frames::{DvsEvent, FrameHeader, Modality};
 use serde_json::json;
 
 use self::words::{Encoder, Event, MAX_SIDE_PX};
-use crate::formats::{DoneScenario, Exporter, Format, missing, trajectory};
+use crate::exporter::{DoneScenario, Exporter, Format, missing};
+use crate::formats::trajectory;
 use crate::options::Options;
 use crate::scenario::{Scenario, Topic};
 use crate::ticks::{TickFrame, TickSet};

@@ -8,7 +8,7 @@ use schema_frames::{ImuSample, LidarPoint, Modality, SemanticLidarPoint};
 
 use launch_cli::wrong_usage;
 
-use crate::formats::{Format, missing};
+use crate::exporter::{Format, missing};
 use crate::options::Options;
 use crate::scenario::{Scenario, Sensor, Topic};
 use crate::ticks::{TickFrame, TickSet, World};

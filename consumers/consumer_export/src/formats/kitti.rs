@@ -15,7 +15,7 @@ use schema_frames::{FrameHeader, Modality};
 use serde_json::{Value, json};
 
 use super::family::{Cloud, Motion, camera_pair, first_topic};
-use crate::formats::{DoneScenario, Exporter, Format};
+use crate::exporter::{DoneScenario, Exporter, Format};
 use crate::options::Options;
 use crate::picture;
 use crate::scenario::{Scenario, Sensor, Topic};

@@ -20,7 +20,7 @@ use super::family::{
     world_from_carrier,
 };
 use crate::classes;
-use crate::formats::{DoneScenario, Exporter, Format};
+use crate::exporter::{DoneScenario, Exporter, Format};
 use crate::options::Options;
 use crate::picture;
 use crate::scenario::{Scenario, Sensor, Topic};

@@ -17,12 +17,12 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use nalgebra::{Isometry3, Translation3};
-use schema_frames::{Modality, SensorKind};
+use schema_frames::Modality;
 use serde_json::{Value, json};
 
 use super::family::{Cloud, with_intensities};
 use crate::classes;
-use crate::formats::{DoneScenario, Exporter, Format, missing};
+use crate::exporter::{DoneScenario, Exporter, Format, missing};
 use crate::options::Options;
 use crate::picture;
 use crate::scenario::{Scenario, Sensor, Topic};
@@ -401,7 +401,7 @@ impl Running {
     ) -> Isometry3<f64> {
         let mount = scenario
             .sensor(&channel.sensor)
-            .map_or_else(Isometry3::identity, |s| mount(scenario, s));
+            .map_or_else(Isometry3::identity, |s| mount(s));
         let world_from_carrier = frame.header.world_from_sensor.isometry() * mount.inverse();
         self.global_from_world * world_from_carrier
     }
@@ -409,7 +409,7 @@ impl Running {
 
 /// Place of a sensor on what ego_pose is the pose of; a rig that stands still is its own vehicle at
 /// the world's origin.
-fn mount(_: &Scenario, sensor: &Sensor) -> Isometry3<f64> {
+fn mount(sensor: &Sensor) -> Isometry3<f64> {
     sensor.carrier_from_sensor
 }
 
@@ -429,14 +429,4 @@ fn five_floats(cloud: &Cloud) -> Vec<u8> {
         }
     }
     bytes
-}
-
-/// Whether a kind of sensor is exported, and nuScenes' word for it.
-fn modality(kind: SensorKind) -> Option<&'static str> {
-    match kind {
-        SensorKind::Camera => Some("camera"),
-        SensorKind::Lidar => Some("lidar"),
-        SensorKind::Radar => Some("radar"),
-        _ => None,
-    }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schema_frames::Modality;
 
 use crate::classes;
-use crate::formats::{Format, missing};
+use crate::exporter::{Format, missing};
 use crate::options::Options;
 use crate::scenario::{Scenario, Sensor};
 use crate::ticks::TickSet;

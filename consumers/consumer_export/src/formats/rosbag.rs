@@ -23,7 +23,7 @@ use self::messages::{MAP, Transform};
 use self::metadata::{TopicCount, quality_of_service, yaml};
 use super::evt3;
 use super::evt3::words::Encoder;
-use crate::formats::{DoneScenario, Exporter};
+use crate::exporter::{DoneScenario, Exporter};
 use crate::options::Options;
 use crate::scenario::{Scenario, Topic};
 use crate::ticks::{TickFrame, TickSet};

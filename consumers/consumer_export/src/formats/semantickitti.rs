@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 
 use super::family::{Cloud, first_topic, matrix, projection, row34, with_intensities};
 use crate::classes;
-use crate::formats::{DoneScenario, Exporter, Format, missing};
+use crate::exporter::{DoneScenario, Exporter, Format, missing};
 use crate::options::Options;
 use crate::picture;
 use crate::scenario::{Scenario, Sensor, Topic};

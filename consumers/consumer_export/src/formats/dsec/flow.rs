@@ -3,9 +3,9 @@
 use crate::ticks::TickFrame;
 
 /// Steps of a pixel in the images.
-const STEPS_PER_PX: f32 = 128.0;
+const STEPS_PER_PX: f64 = 128.0;
 /// Number of no motion.
-const ZERO: f32 = 32768.0;
+const ZERO: f64 = 32768.0;
 
 /// Flow of every pixel: x, y in pixels, or `None` where it is unknown.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,8 +59,8 @@ impl Flow {
     /// Three 16-bit numbers per pixel: x and y in steps of 1/128 pixel about 32768, and 1 where the
     /// flow is known. Motion of 256 pixels or more does not fit and counts as unknown.
     pub fn rgb16(&self) -> Vec<[u16; 3]> {
-        let steps = |px: f32| (px * STEPS_PER_PX + ZERO).round();
-        let range = 0.0..=f32::from(u16::MAX);
+        let steps = |px: f32| (f64::from(px) * STEPS_PER_PX + ZERO).round();
+        let range = 0.0..=f64::from(u16::MAX);
         self.pixels
             .iter()
             .map(|pixel| match pixel {

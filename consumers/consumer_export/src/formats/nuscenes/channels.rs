@@ -3,10 +3,9 @@
 use std::sync::Arc;
 
 use nalgebra::Isometry3;
-use schema_frames::Modality;
+use schema_frames::{Modality, SensorKind};
 use serde_json::{Value, json};
 
-use super::modality;
 use super::tables::{pose_json, token};
 use crate::options::{ImageForm, Options};
 use crate::scenario::{Scenario, Sensor};
@@ -102,6 +101,16 @@ fn channel(sensor: &Sensor, wanted: Modality, name: String) -> Option<Channel> {
         sensor: sensor.name.clone(),
         topic: topic.name.clone(),
     })
+}
+
+/// nuScenes' word for a kind of sensor; `None` for those that are not exported.
+fn modality(kind: SensorKind) -> Option<&'static str> {
+    match kind {
+        SensorKind::Camera => Some("camera"),
+        SensorKind::Lidar => Some("lidar"),
+        SensorKind::Radar => Some("radar"),
+        _ => None,
+    }
 }
 
 fn apart(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {

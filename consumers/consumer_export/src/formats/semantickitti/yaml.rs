@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::formats::DoneScenario;
+use crate::exporter::DoneScenario;
 
 /// Label, name, colour (blue, green, red) and class that is learned.
 const LABELS: [(u16, &str, [u8; 3], u8); 34] = [
