@@ -116,20 +116,24 @@ pub fn make(
     let jobs = prepared
         .estimate
         .jobs(options.jobs, plan.scenarios.len(), &room);
-    if set.open(plan)? == Found::Finished {
+    let found = set.look(plan)?;
+    if found == Found::Finished {
         set.finish(plan)?;
         return Ok(Outcome::AlreadyFinished);
     }
     let programs = Programs::find()?;
+    if found == Found::Fresh {
+        if !options.anyway {
+            prepared.estimate.check(jobs, &room, out)?;
+        }
+        set.begin(plan)?;
+    }
     clear_quarters(&set.registers());
     let n_done = plan
         .scenarios
         .iter()
         .filter(|it| set.done(it).is_some())
         .count();
-    if !options.anyway && n_done == 0 {
-        prepared.estimate.check(jobs, &room, out)?;
-    }
     tracing::info!(
         scenarios = plan.scenarios.len(),
         recorded = n_done,

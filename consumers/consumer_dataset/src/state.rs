@@ -13,6 +13,8 @@ use crate::statistics::Statistics;
 
 /// Folder inside the set with everything that is gone when it is finished.
 const WORK: &str = ".gantry-dataset";
+/// The plan of a set that is not finished.
+const PLAN: &str = ".gantry-dataset/plan.json";
 /// The plan of a finished set.
 pub const RECIPE: &str = "recipe.json";
 
@@ -79,13 +81,13 @@ impl SetFolder {
         self.path(&format!("{WORK}/registers"))
     }
 
-    /// Looks what is there, and makes the folder if there is nothing.
+    /// Looks what is there.
     ///
     /// # Errors
     /// [`wrong_usage`] if it holds anything else than this set.
-    pub fn open(&self, plan: &Plan) -> anyhow::Result<Found> {
+    pub fn look(&self, plan: &Plan) -> anyhow::Result<Found> {
         let shown = self.root.display();
-        let unfinished = self.path(&format!("{WORK}/plan.json"));
+        let unfinished = self.path(PLAN);
         let finished = self.path(RECIPE);
         if let Ok(text) = fs::read_to_string(&finished) {
             compare(&text, plan, &shown)?;
@@ -109,13 +111,20 @@ impl SetFolder {
                 "{shown} is not empty and holds no set of this program; give another --out"
             )));
         }
+        Ok(Found::Fresh)
+    }
+
+    /// Makes the folder, and writes down what is going to be in it.
+    ///
+    /// # Errors
+    /// If the disk refuses.
+    pub fn begin(&self, plan: &Plan) -> anyhow::Result<()> {
         for folder in ["recordings", WORK] {
             let folder = self.path(folder);
             fs::create_dir_all(&folder)
                 .with_context(|| format!("cannot make the folder {}", folder.display()))?;
         }
-        replace(&unfinished, &serde_json::to_string_pretty(plan)?)?;
-        Ok(Found::Fresh)
+        replace(&self.path(PLAN), &serde_json::to_string_pretty(plan)?)
     }
 
     /// The statistics of a scenario that is done.
@@ -218,11 +227,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let set = SetFolder::new(&folder.path().join("set")).unwrap();
         let small = plan(SMALL);
-        assert_eq!(set.open(&small).unwrap(), Found::Fresh);
-        assert_eq!(set.open(&small).unwrap(), Found::Unfinished);
+        assert_eq!(set.look(&small).unwrap(), Found::Fresh);
+        assert!(!set.root().exists());
+        set.begin(&small).unwrap();
+        assert_eq!(set.look(&small).unwrap(), Found::Unfinished);
         let other = plan(&SMALL.replace("frames = 10", "frames = 11"));
         assert!(
-            set.open(&other)
+            set.look(&other)
                 .unwrap_err()
                 .to_string()
                 .contains("another recipe")
@@ -233,12 +244,12 @@ mod tests {
         fs::write(set.recording(scenario), "x").unwrap();
         assert_eq!(set.done(scenario), Some(Statistics::default()));
         set.finish(&small).unwrap();
-        assert_eq!(set.open(&small).unwrap(), Found::Finished);
+        assert_eq!(set.look(&small).unwrap(), Found::Finished);
         assert!(!set.recording(scenario).exists());
         fs::create_dir_all(folder.path().join("full/x")).unwrap();
         let full = SetFolder::new(&folder.path().join("full")).unwrap();
         assert!(
-            full.open(&small)
+            full.look(&small)
                 .unwrap_err()
                 .to_string()
                 .contains("not empty")
