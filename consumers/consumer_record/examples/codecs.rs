@@ -1,83 +1,172 @@
-//! Size and time of ways to store payloads losslessly, on frames of a recording.
-//!
-//! `codecs FOLDER [--json FILE]`
+//! Size and processor time of ways to store payloads losslessly, on frames of a recording that was
+//! made with `--codec none`: `cargo run --release --example codecs -- drive.mcap [FRAMES]`.
 
 use std::collections::BTreeMap;
 use std::hint::black_box;
-use std::path::PathBuf;
 
 use schema_frames::{FrameHeader, Modality};
 use schema_recording::codec::{Encoder, decode};
+use schema_recording::read::{RecordingFile, Selection, What};
+
+type Frame = (FrameHeader, Vec<u8>);
+
+/// Frames of a topic that are measured, unless told otherwise; spread over the recording.
+const N_FRAMES: usize = 12;
+/// Times that each is coded.
+const N_TURNS: usize = 3;
+
+fn main() -> anyhow::Result<()> {
+    let mut args = std::env::args().skip(1);
+    let path = args
+        .next()
+        .ok_or_else(|| anyhow::anyhow!("name a recording"))?;
+    let wanted = args.next().map_or(Ok(N_FRAMES), |text| text.parse())?;
+    for (topic, frames) in frames(path.as_ref(), wanted)? {
+        println!("\n{topic}, {} frames", frames.len());
+        measure(&frames)?;
+    }
+    Ok(())
+}
+
+/// Some frames of each topic.
+fn frames(path: &std::path::Path, wanted: usize) -> anyhow::Result<BTreeMap<String, Vec<Frame>>> {
+    let file = RecordingFile::open(path)?;
+    let n_of = |name: &str| {
+        let topic = file.topics().iter().find(|topic| &*topic.name == name);
+        topic.and_then(|topic| topic.n_messages).unwrap_or(0) as usize
+    };
+    let mut seen: BTreeMap<String, usize> = BTreeMap::new();
+    let mut found: BTreeMap<String, Vec<Frame>> = BTreeMap::new();
+    let mut samples = file.samples(&Selection::default());
+    while let Some(sample) = samples.next()? {
+        let What::Frame {
+            topic,
+            header,
+            mut payload,
+        } = sample.what
+        else {
+            continue;
+        };
+        let n = seen.entry(topic.to_string()).or_insert(0);
+        *n += 1;
+        let step = (n_of(topic) / wanted).max(1);
+        if payload.len() > 4096 && *n % step == 0 {
+            let bytes = payload.to_vec()?;
+            let of = found.entry(topic.to_string()).or_default();
+            of.push((header, bytes));
+        }
+    }
+    Ok(found)
+}
 
 /// Processor time of this thread, seconds.
 fn cpu_secs() -> f64 {
     let time = nix::time::clock_gettime(nix::time::ClockId::CLOCK_THREAD_CPUTIME_ID)
-        .expect("the clock of a thread can be read");
+        .expect("every thread has a clock");
     time.tv_sec() as f64 + time.tv_nsec() as f64 * 1e-9
 }
 
-type Frame = (FrameHeader, Vec<u8>);
-
-fn main() {
-    let folder = PathBuf::from(std::env::args().nth(1).expect("a folder"));
-    let mut by: BTreeMap<String, Vec<Frame>> = BTreeMap::new();
-    let mut names: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).filter(|p| p.extension().is_some_and(|e| e == "bin")).collect();
-    names.sort();
-    for path in names {
-        let payload = std::fs::read(&path).unwrap();
-        let Ok(header) = std::fs::read(path.with_extension("hdr")) else { continue };
-        let header: FrameHeader = bytemuck::pod_read_unaligned(&header);
-        let name = header.modality().unwrap().name();
-        by.entry(name.to_string()).or_default().push((header, payload));
-    }
-    for (name, frames) in &by {
-        let mut row = |way: &str, work: &mut dyn FnMut(&Frame) -> usize| {
-            let raw: usize = frames.iter().map(|f| f.1.len()).sum();
-            frames.iter().for_each(|f| { black_box(work(f)); });
+fn measure(frames: &[Frame]) -> anyhow::Result<()> {
+    let row = |way: &str, work: &mut dyn FnMut(&Frame) -> usize| {
+        let raw: usize = frames.iter().map(|frame| frame.1.len()).sum();
+        let mut n_bytes = 0;
+        let mut secs = f64::INFINITY;
+        for _ in 0..N_TURNS {
             let began = cpu_secs();
-            let mut n = 0;
-            for _ in 0..3 { n = frames.iter().map(|f| black_box(work(f))).sum::<usize>(); }
-            let secs = (cpu_secs() - began) / 3.0;
-            let k = frames.len() as f64;
-            println!("{name:10} {way:24} {:8.1} kB of {:8.1} ({:5.1} %)  {:7.2} ms {:7.0} MB/s", n as f64 / k / 1e3, raw as f64 / k / 1e3, 100.0 * n as f64 / raw as f64, secs / k * 1e3, raw as f64 / secs / 1e6);
-        };
-        row("copy", &mut |f| { black_box(f.1.clone()).len() });
-        row("lz4", &mut |f| lz4::block::compress(&f.1, None, false).unwrap().len());
-        for level in [-1, 1, 3] {
-            let mut z = zstd::bulk::Compressor::new(level).unwrap();
-            row(&format!("zstd {level}"), &mut |f| z.compress(&f.1).unwrap().len());
+            n_bytes = frames.iter().map(|frame| black_box(work(frame))).sum();
+            secs = secs.min(cpu_secs() - began);
         }
-        for level in [-7, -3, -1, 1, 3] {
-            let mut e = Encoder::with_level(level).unwrap();
-            let mut codec = "";
-            row(&format!("codec {level}"), &mut |f| { let Some((c, b)) = e.encode(&f.0, &f.1) else { return f.1.len() }; codec = c; b.len() });
-            let coded: Vec<_> = frames.iter().map(|f| e.encode(&f.0, &f.1).map(|(c, b)| (c, b.to_vec())).unwrap_or(("", f.1.clone()))).collect();
-            if level == 1 {
-                let mut i = 0;
-                row(&format!("decode {codec}"), &mut |f| { let (c, b) = &coded[i % coded.len()]; i += 1; let mut out = vec![0; f.1.len()]; decode(c, &f.0, b, &mut out).unwrap(); assert!(out == f.1); b.len() });
-            }
-        }
-        if matches!(frames[0].0.modality(), Some(Modality::Rgb)) {
-            for (way, c, filter) in [("fastest", png::Compression::Fastest, None), ("fast", png::Compression::Fast, None), ("balanced", png::Compression::Balanced, None), ("fastest sub", png::Compression::Fastest, Some(png::Filter::Sub)), ("fastest paeth", png::Compression::Fastest, Some(png::Filter::Paeth))] {
-                row(&format!("png {way}"), &mut |f| {
-                    let px: Vec<u8> = f.1.chunks_exact(4).flat_map(|p| [p[2], p[1], p[0]]).collect();
-                    let mut out = Vec::new();
-                    let mut e = png::Encoder::new(&mut out, f.0.width, f.0.height);
-                    e.set_color(png::ColorType::Rgb);
-                    e.set_compression(c);
-                    if let Some(filter) = filter { e.set_filter(filter); }
-                    e.write_header().unwrap().write_image_data(&px).unwrap();
-                    out.len()
-                });
-            }
-            row("jpeg 90 half", &mut |f| {
-                let (w, h) = (f.0.width as usize / 2, f.0.height as usize / 2);
-                let mut px = vec![0u8; w * h * 3];
-                for y in 0..h { for x in 0..w { let p = &f.1[(y * 2 * w * 2 + x * 2) * 4..]; px[(y * w + x) * 3..][..3].copy_from_slice(&[p[2], p[1], p[0]]); } }
-                let mut out = Vec::new();
-                image::codecs::jpeg::JpegEncoder::new_with_quality(&mut out, 90).encode(&px, w as u32, h as u32, image::ExtendedColorType::Rgb8).unwrap();
-                out.len()
-            });
-        }
+        let n = frames.len() as f64;
+        println!(
+            "  {way:20} {:8.1} kB of {:7.1} {:6.1} % {:8.2} ms {:7.0} MB/s",
+            n_bytes as f64 / n / 1e3,
+            raw as f64 / n / 1e3,
+            100.0 * n_bytes as f64 / raw as f64,
+            secs / n * 1e3,
+            raw as f64 / secs / 1e6
+        );
+    };
+    row("copy", &mut |frame| black_box(frame.1.clone()).len());
+    row("lz4", &mut |frame| {
+        lz4::block::compress(&frame.1, None, false).map_or(0, |it| it.len())
+    });
+    for level in [1, 3] {
+        let mut zstd = zstd::bulk::Compressor::new(level)?;
+        row(&format!("zstd {level}"), &mut |frame| {
+            zstd.compress(&frame.1).map_or(0, |it| it.len())
+        });
     }
+    if frames[0].0.modality() == Some(Modality::Rgb) {
+        pictures(&row);
+    }
+    for level in [-3, 3] {
+        let mut encoder = Encoder::with_level(level)?;
+        row(&format!("codec, zstd {level}"), &mut |frame| {
+            let coded = encoder.encode(&frame.0, &frame.1);
+            coded.map_or(frame.1.len(), |(_, bytes)| bytes.len())
+        });
+    }
+    let mut encoder = Encoder::new()?;
+    let coded: Vec<(&str, Vec<u8>)> = frames
+        .iter()
+        .map(|frame| match encoder.encode(&frame.0, &frame.1) {
+            Some((codec, bytes)) => (codec, bytes.to_vec()),
+            None => ("", frame.1.clone()),
+        })
+        .collect();
+    let name = coded[0].0;
+    row(&format!("codec: {name}"), &mut |frame| {
+        let coded = encoder.encode(&frame.0, &frame.1);
+        coded.map_or(frame.1.len(), |(_, bytes)| bytes.len())
+    });
+    let mut out = Vec::new();
+    let mut next = coded.iter().cycle();
+    row("  decoded", &mut |frame| {
+        let Some((codec, bytes)) = next.next() else {
+            return 0;
+        };
+        out.resize(frame.1.len(), 0);
+        decode(codec, &frame.0, bytes, &mut out).expect("what was coded is decoded");
+        assert!(out == frame.1, "the payload comes back");
+        bytes.len()
+    });
+    Ok(())
+}
+
+/// Ways of PNG, and QOI.
+fn pictures(row: &dyn Fn(&str, &mut dyn FnMut(&Frame) -> usize)) {
+    use png::{Compression, Filter};
+    let ways = [
+        ("png up", Compression::Fastest, Some(Filter::Up)),
+        ("png sub", Compression::Fastest, Some(Filter::Sub)),
+        ("png paeth", Compression::Fastest, Some(Filter::Paeth)),
+        ("png fast", Compression::Fast, None),
+        ("png balanced", Compression::Balanced, None),
+    ];
+    for (way, compression, filter) in ways {
+        row(way, &mut |(header, payload)| {
+            let pixels: Vec<u8> = payload
+                .chunks_exact(4)
+                .flat_map(|bgra| [bgra[2], bgra[1], bgra[0]])
+                .collect();
+            let mut file = Vec::new();
+            let mut encoder = png::Encoder::new(&mut file, header.width, header.height);
+            encoder.set_color(png::ColorType::Rgb);
+            encoder.set_compression(compression);
+            if let Some(filter) = filter {
+                encoder.set_filter(filter);
+            }
+            let written = encoder
+                .write_header()
+                .and_then(|mut writer| writer.write_image_data(&pixels));
+            written.map_or(0, |()| file.len())
+        });
+    }
+    row("qoi", &mut |(header, payload)| {
+        let pixels: Vec<u8> = payload
+            .chunks_exact(4)
+            .flat_map(|bgra| [bgra[2], bgra[1], bgra[0]])
+            .collect();
+        qoi::encode_to_vec(&pixels, header.width, header.height).map_or(0, |file| file.len())
+    });
 }

@@ -216,7 +216,7 @@ enum CodecArg {
 enum PreviewsArg {
     /// None
     None,
-    /// Half the size, every eighth point
+    /// Half the size, every sixteenth point
     Small,
 }
 

@@ -1,5 +1,5 @@
 //! Small pictures of coded payloads, for programs that cannot decode them: half the size, as PNG;
-//! of points every eighth. They are for looking at; nothing reads them back.
+//! of points every sixteenth. They are for looking at; nothing reads them back.
 
 use bytemuck::pod_read_unaligned;
 use foxglove::messages as fox;
@@ -9,7 +9,7 @@ use schema_recording::messages::{Content, Entry};
 use crate::frames::{TopicName, cloud_head, image_size_px, timestamp, with_data};
 
 /// Of so many points one is shown.
-const POINTS_STEP: usize = 8;
+const POINTS_STEP: usize = 16;
 /// Largest picture of a list of events: a header may claim any size.
 const MAX_PIXELS: u64 = 64 << 20;
 /// Distance that is shown half as bright as distance 0, metres.

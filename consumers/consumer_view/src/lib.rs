@@ -7,7 +7,8 @@
 //! Modules in reading order: [`session`] (a viewing from start to end), [`stage`] (one rerun
 //! recording and what it contains), [`layout`] (entities and the window), [`images`] (frames as
 //! pixels and points), `results` (results of
-//! users' programs), [`pace`] (how often a topic is shown), [`viewer`] (the rerun process).
+//! users' programs), [`pace`] (how often a topic is shown), [`viewer`] (the rerun process),
+//! [`mod@convert`] (a recording as a file of rerun).
 //!
 //! ```
 //! use consumer_view::layout::Place;
@@ -19,6 +20,7 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod convert;
 pub mod images;
 pub mod layout;
 pub mod pace;

@@ -1,11 +1,12 @@
 //! `gantry-view`: shows a domain in rerun: in a window, in the browser, or into a file.
 
 use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{ArgGroup, Parser};
-use consumer_view::session::{Options, Target, show};
+use consumer_view::convert::convert;
+use consumer_view::session::{Options, Shown, Target, show};
 use consumer_view::viewer::{Viewer, ViewerKind, find_rerun};
 use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
 
@@ -15,8 +16,8 @@ use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
 #[command(
     name = "gantry-view",
     version,
-    group = ArgGroup::new("where").args(["native", "web", "save", "connect"]),
-    after_help = "Examples:\n  gantry-view --native\n  gantry-view --web --max-hz 5\n  gantry-view --save drive.rrd && rerun drive.rrd"
+    group = ArgGroup::new("where").args(["native", "web", "save", "connect", "convert"]),
+    after_help = "Examples:\n  gantry-view --native\n  gantry-view --web --max-hz 5\n  gantry-view --save drive.rrd && rerun drive.rrd\n  gantry-view --convert drive.mcap drive.rrd"
 )]
 struct Args {
     /// Show a window (the rerun viewer, started and ended with this program)
@@ -34,6 +35,10 @@ struct Args {
     /// Send to a viewer that already runs, e.g. rerun+http://127.0.0.1:9876/proxy
     #[arg(long, value_name = "URL")]
     connect: Option<String>,
+
+    /// Write a recording of gantry-record as a new file that rerun opens, every frame of it
+    #[arg(long, num_args = 2, value_names = ["IN.mcap", "OUT.rrd"])]
+    convert: Option<Vec<PathBuf>>,
 
     /// Most frames and results per second and topic that are shown; lines and curves up to 200
     #[arg(long, value_name = "HZ", default_value_t = 10.0, value_parser = rate)]
@@ -69,7 +74,13 @@ fn memory(text: &str) -> Result<String, String> {
 fn main() -> ExitCode {
     run(|args: Args| {
         args.common.init_logging();
-        start(&args)
+        match args.convert.as_deref() {
+            Some([input, output]) => {
+                print_shown(output, &convert(input, output)?)?;
+                Ok(Exit::Done)
+            }
+            _ => start(&args),
+        }
     })
 }
 
@@ -109,20 +120,27 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
         || shutdown.requested() || viewer.as_mut().is_some_and(|viewer| !viewer.is_running());
     let shown = show(&options, &mut stop)?;
     if let Some(file) = &args.save {
-        let n_frames: u64 = shown.frames.values().sum();
-        let n_results: u64 = shown.results.values().sum();
-        writeln!(
-            stdout,
-            "{}: {n_frames} frames of {} topics, {n_results} results of {} topics",
-            file.display(),
-            shown.frames.len(),
-            shown.results.len()
-        )?;
+        print_shown(file, &shown)?;
     }
+    Ok(Exit::Done)
+}
+
+/// Says what a file holds.
+fn print_shown(file: &Path, shown: &Shown) -> anyhow::Result<()> {
+    let mut stdout = std::io::stdout().lock();
+    let n_frames: u64 = shown.frames.values().sum();
+    let n_results: u64 = shown.results.values().sum();
+    writeln!(
+        stdout,
+        "{}: {n_frames} frames of {} topics, {n_results} results of {} topics",
+        file.display(),
+        shown.frames.len(),
+        shown.results.len()
+    )?;
     for (topic, n) in &shown.bad_items {
         writeln!(stdout, "{topic}: {n} items were broken and not drawn")?;
     }
-    Ok(Exit::Done)
+    Ok(())
 }
 
 fn viewer_kind(args: &Args) -> ViewerKind {

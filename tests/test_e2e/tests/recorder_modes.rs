@@ -9,7 +9,8 @@ use test_e2e::{
     SMALL_RIG, SMALL_RIG_TOPICS, assert_nothing_left, counter, join_bus, spawn_consumer,
     start_daemon,
 };
-use test_kit::{Sandbox, binary_path, eventually};
+use test_kit::sandbox::binary_path;
+use test_kit::{Sandbox, eventually};
 
 const WAIT_FOR_ONE: [&str; 3] = ["--unpaced", "--await-lockstep", "1"];
 
@@ -126,6 +127,7 @@ fn a_ring_is_written_by_command_and_by_signal_and_leaves_nothing_behind() {
         .expect_code(1);
     assert!(alone.says("keeps a ring"), "{:?}", alone.lines);
     daemon.stop().expect_code(0);
+    drop((client, bus));
     assert_nothing_left(&sandbox);
 }
 
