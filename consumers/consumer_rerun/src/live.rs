@@ -26,7 +26,7 @@ const KEPT_TICKS: u64 = 8;
 #[derive(Debug)]
 enum Held {
     /// Still in shared memory.
-    Loan(Frame),
+    Loan(Box<Frame>),
     /// Copied, because its counterpart comes late.
     Copy(Box<FrameHeader>, Vec<u8>),
 }
@@ -200,7 +200,7 @@ impl Live {
                 for held in &mut reading.frames {
                     held.copy();
                 }
-                reading.frames.push_back(Held::Loan(frame));
+                reading.frames.push_back(Held::Loan(Box::new(frame)));
             }
         }
         Ok(())

@@ -247,7 +247,7 @@ mod tests {
         let refused = |error: &str| CommandReply::Refused {
             error: error.into(),
         };
-        assert_eq!(refused("no /home/a").outcome(), refused("b").outcome());
+        assert_eq!(refused("no file a").outcome(), refused("b").outcome());
         let restored = |gone: u32| CommandReply::Restored {
             gone: (0..gone).collect(),
         };
