@@ -47,8 +47,9 @@ fn run_ticks(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<()> {
 
 /// Serves commands, and says whether the next tick may start now.
 fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Next> {
-    let is_last = |last: u64| daemon.tick.0 >= last;
-    if shutdown.requested() || daemon.settings.run.last_tick.is_some_and(is_last) {
+    let Tick(tick) = daemon.tick;
+    // Who takes part in lockstep gets the last tick whole, too.
+    if shutdown.requested() || (has_ended(daemon) && daemon.gate.missing(tick).next().is_none()) {
         return Ok(Next::Stop);
     }
     play(daemon)?;
@@ -88,7 +89,20 @@ fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Nex
     Ok(Next::Tick)
 }
 
+/// Whether the last tick of the run has begun.
+fn has_ended(daemon: &Daemon) -> bool {
+    let Tick(tick) = daemon.tick;
+    daemon
+        .settings
+        .run
+        .last_tick
+        .is_some_and(|last| tick >= last)
+}
+
 fn may_start(daemon: &Daemon) -> bool {
+    if has_ended(daemon) {
+        return false;
+    }
     let Tick(tick) = daemon.tick;
     let gate = &daemon.gate;
     let settings = &daemon.settings;
