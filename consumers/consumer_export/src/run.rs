@@ -305,7 +305,7 @@ impl Keyframes {
             return;
         }
         self.last_nanos = Some(set.sim_nanos);
-        if self.n_found % self.every == 0 {
+        if self.n_found.is_multiple_of(self.every) {
             set.key = Some(self.n_kept);
             self.n_kept += 1;
         }

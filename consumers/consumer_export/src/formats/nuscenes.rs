@@ -313,14 +313,16 @@ impl Running {
                     jobs.push(Job::new(path.clone(), move || Ok(bytes)));
                 }
             }
-            if let (Some(cloud), true) = (&cloud, is_key && channel.name == "LIDAR_TOP") {
-                if let Some(labels) = annotations::point_labels(scenario, tick, cloud) {
-                    let path = format!("lidarseg/{VERSION}/{record_token}_lidarseg.bin");
-                    let row = json!({"token": record_token, "sample_data_token": record_token, "filename": path});
-                    self.tables.write("lidarseg", &row)?;
-                    jobs.push(Job::new(path, move || Ok(labels)));
-                    self.has_labels = true;
-                }
+            if let Some(cloud) = &cloud
+                && is_key
+                && channel.name == "LIDAR_TOP"
+                && let Some(labels) = annotations::point_labels(scenario, tick, cloud)
+            {
+                let path = format!("lidarseg/{VERSION}/{record_token}_lidarseg.bin");
+                let row = json!({"token": record_token, "sample_data_token": record_token, "filename": path});
+                self.tables.write("lidarseg", &row)?;
+                jobs.push(Job::new(path, move || Ok(labels)));
+                self.has_labels = true;
             }
             if let Some(cloud) = cloud {
                 clouds.push((channel.name.clone(), frame.header, cloud));
@@ -401,7 +403,7 @@ impl Running {
     ) -> Isometry3<f64> {
         let mount = scenario
             .sensor(&channel.sensor)
-            .map_or_else(Isometry3::identity, |s| mount(s));
+            .map_or_else(Isometry3::identity, mount);
         let world_from_carrier = frame.header.world_from_sensor.isometry() * mount.inverse();
         self.global_from_world * world_from_carrier
     }

@@ -16,6 +16,8 @@ pub fn world_from_camera(header: &FrameHeader) -> Isometry3<f64> {
 pub fn line(header: &FrameHeader) -> String {
     let pose = world_from_camera(header);
     let (t, q) = (pose.translation, pose.rotation);
+    // A rotation has two quaternions; the one with w ≥ 0 is written.
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
     format!(
         "{}.{:06} {:.6} {:.6} {:.6} {:.9} {:.9} {:.9} {:.9}",
         header.sim_nanos / 1_000_000_000,
@@ -23,10 +25,10 @@ pub fn line(header: &FrameHeader) -> String {
         t.x,
         t.y,
         t.z,
-        q.i,
-        q.j,
-        q.k,
-        q.w
+        sign * q.i,
+        sign * q.j,
+        sign * q.k,
+        sign * q.w
     )
 }
 

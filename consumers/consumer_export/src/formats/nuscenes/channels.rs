@@ -188,3 +188,53 @@ impl Channel {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Isometry3, Vector3};
+    use schema_frames::FrameHeader;
+
+    use super::*;
+    use crate::scenario::Topic;
+
+    fn camera(name: &str, yaw_deg: f64) -> Sensor {
+        let first = FrameHeader::new(Modality::Rgb);
+        let topic = Topic {
+            name: format!("ego/{name}/rgb").into(),
+            sensor: name.into(),
+            modality: Modality::Rgb,
+            first,
+        };
+        Sensor {
+            name: name.into(),
+            kind: SensorKind::Camera,
+            carrier_from_sensor: Isometry3::new(
+                Vector3::zeros(),
+                Vector3::z() * yaw_deg.to_radians(),
+            ),
+            topics: vec![topic],
+        }
+    }
+
+    #[test]
+    fn cameras_are_called_by_where_they_look_and_each_name_is_given_once() {
+        let rig = [
+            camera("a", 57.0),
+            camera("b", 0.0),
+            camera("c", -60.0),
+            camera("d", 179.0),
+            camera("e", 3.0),
+        ];
+        let names = by_direction(&rig.iter().collect::<Vec<_>>(), &CAMERAS);
+        assert_eq!(
+            names,
+            [
+                "CAM_FRONT_LEFT",
+                "CAM_FRONT",
+                "CAM_FRONT_RIGHT",
+                "CAM_BACK",
+                "CAM_E"
+            ]
+        );
+    }
+}

@@ -42,7 +42,7 @@ impl MapMask {
             origin_m: [0.0; 2],
             size_m: [1.0; 2],
         };
-        if map.is_none() || !(low[0] < high[0]) {
+        if map.is_none() || low[0] >= high[0] {
             return blank;
         }
         let mut mask = MapMask { map, ..blank };
@@ -99,5 +99,44 @@ impl MapMask {
             }
         }
         picture::gray8(&pixels, width, height)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_a_map_that_can_be_read_the_mask_is_blank_and_an_image_all_the_same() {
+        for text in [None, Some(""), Some("<OpenDRIVE/>"), Some("no map")] {
+            let mask = MapMask::of(text);
+            assert!(mask.is_blank(), "{text:?}");
+            assert_eq!(mask.origin_m(), [0.0, 0.0]);
+            assert!(mask.png().expect("a small image").starts_with(b"\x89PNG"));
+        }
+    }
+
+    #[test]
+    fn a_straight_road_is_a_bar_in_its_place() {
+        let text = r#"<OpenDRIVE><header revMajor="1" revMinor="6"/><road id="1" length="100" junction="-1">
+            <planView><geometry s="0" x="50" y="-30" hdg="0" length="100"><line/></geometry></planView>
+            <lanes><laneSection s="0"><center><lane id="0" type="none"/></center><right>
+            <lane id="-1" type="driving"><width sOffset="0" a="4" b="0" c="0" d="0"/></lane></right>
+            </laneSection></lanes></road></OpenDRIVE>"#;
+        let mask = MapMask::of(Some(text));
+        // The lane's middle runs from (50, −32) to (150, −32), with a margin of 20 m all round.
+        assert_eq!(mask.origin_m(), [30.0, -52.0]);
+        let png = mask.png().expect("an image");
+        let mut reader = png::Decoder::new(std::io::Cursor::new(png))
+            .read_info()
+            .expect("a PNG");
+        let mut pixels = vec![0; reader.output_buffer_size().expect("it has a size")];
+        let info = reader.next_frame(&mut pixels).expect("pixels");
+        assert_eq!((info.width, info.height), (1400, 400));
+        let n_shown = pixels.iter().filter(|pixel| **pixel == 255).count();
+        assert!((n_shown as i64 - 1000 * 40).abs() < 2000, "{n_shown}");
+        // Row 0 is the north: the lane lies between y = −34 and y = −30.
+        assert_eq!(pixels[200 * 1400 + 700], 255);
+        assert_eq!(pixels[100 * 1400 + 700], 0);
     }
 }
