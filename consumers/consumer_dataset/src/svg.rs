@@ -41,7 +41,7 @@ pub fn rows(label: &str, bars: &[Bar]) -> String {
         let _ = write!(
             svg,
             "<g><title>{name}: {value}</title><text class=\"name\" x=\"{:.0}\" y=\"{:.1}\" text-anchor=\"end\">{name}</text>\
-             <rect class=\"bar\" x=\"{NAME_WIDTH}\" y=\"{y:.1}\" width=\"{length:.1}\" height=\"16\" rx=\"2\"/>\
+             <rect class=\"bar\" fill=\"#2a78d6\" x=\"{NAME_WIDTH}\" y=\"{y:.1}\" width=\"{length:.1}\" height=\"16\" rx=\"2\"/>\
              <text class=\"value\" x=\"{:.1}\" y=\"{:.1}\">{value}</text></g>",
             NAME_WIDTH - 8.0,
             y + 12.5,
@@ -65,7 +65,7 @@ pub fn columns(label: &str, bars: &[Bar]) -> String {
         let (name, value) = (escape(&bar.name), grouped(bar.value));
         let _ = write!(
             svg,
-            "<g><title>{name}: {value}</title><rect class=\"bar\" x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{height:.1}\" rx=\"2\"/>",
+            "<g><title>{name}: {value}</title><rect class=\"bar\" fill=\"#2a78d6\" x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{height:.1}\" rx=\"2\"/>",
             x + 2.0,
             ground - height,
             (step - 4.0).max(1.0)

@@ -256,20 +256,32 @@ fn a_scenario_that_always_fails_is_named_and_the_others_are_kept() {
     assert!(kept.exists() && map.exists());
 }
 
-/// The recipes that come with Gantry are right, and the example in the tutorial is one of them.
+/// The recipes that come with Gantry are right, and so is the tutorial's.
 #[test]
-fn recipes_of_the_repository_are_right() {
+fn recipes_of_the_repository_and_of_the_tutorial_are_right() {
     let sandbox = Sandbox::new("datasetrecipes");
-    let folder = test_kit::sandbox::repository().join("launch/datasets");
-    let mut n = 0;
-    for entry in fs::read_dir(folder).unwrap().flatten() {
-        let file = entry.path();
+    let repository = test_kit::sandbox::repository();
+    let mut files: Vec<PathBuf> = fs::read_dir(repository.join("launch/datasets"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    assert!(files.len() >= 2);
+    let page = text(&repository.join("docs/datasets.md"));
+    let blocks = page.split("```toml\n").skip(1);
+    let recipes = blocks.filter_map(|block| block.split("```").next());
+    let recipe = recipes
+        .filter(|block| block.contains("[matrix]"))
+        .collect::<String>();
+    fs::create_dir_all(sandbox.path("recipes")).unwrap();
+    files.push(sandbox.write("recipes/tutorial.toml", &recipe));
+    let rig = "version = 1\n[sensor.front]\nkind = \"camera\"\nrate_hz = 10\n";
+    sandbox.write("my_rig.toml", rig);
+    for file in files {
         let words = ["make", file.to_str().unwrap(), "--dry-run", "--anyway"];
-        sandbox
+        let planned = sandbox
             .spawn("gantry-dataset", &words)
             .wait()
             .expect_code(0);
-        n += 1;
+        assert!(planned.says(" scenarios, "), "{:?}", planned.lines);
     }
-    assert!(n >= 2);
 }
