@@ -13,6 +13,9 @@ use crate::foreign::Converter;
 use crate::options::Options;
 use crate::plan::Plan;
 
+/// Chunks that are unpacked at a time while one is read, at most.
+const MAX_UNPACKED: usize = 4;
+
 /// One thing to publish.
 #[derive(Debug)]
 pub struct Fed<'a> {
@@ -83,9 +86,12 @@ impl Feed {
         let frames: BTreeMap<Arc<str>, usize> = numbered(plan.frames.iter().map(|of| &of.source));
         let results = numbered(plan.results.iter().map(|of| &of.source));
         let start_nanos = file.span().map_or(0, |(first, _)| first);
+        let foreign = plan.frames.iter().enumerate().filter_map(|(idx, planned)| {
+            Some((planned.source.clone(), (idx, planned.conversion?)))
+        });
         let converter = plan
             .is_foreign
-            .then(|| Converter::new(file, plan, start_nanos));
+            .then(|| Converter::new(file, foreign, start_nanos));
         let shift = converter.as_ref().map_or(0, Converter::start_nanos);
         let from = options.from_nanos.unwrap_or(0).saturating_add(shift);
         let to = options
@@ -98,6 +104,8 @@ impl Feed {
             TopicKind::Snapshot | TopicKind::Document => true,
             TopicKind::Journal | TopicKind::Derived => false,
         });
+        let n_cores = std::thread::available_parallelism().map_or(1, |n| n.get());
+        let samples = samples.read_ahead((n_cores / 2).min(MAX_UNPACKED));
         Feed {
             samples,
             frames,

@@ -16,7 +16,6 @@ use foxglove::messages as fox;
 use schema_frames::{FrameHeader, GnssSample, ImuSample, Modality};
 use schema_recording::read::{RecordingFile, Topic};
 
-use crate::plan::Plan;
 use picture::Picture;
 use points::Cloud;
 
@@ -139,7 +138,7 @@ impl Made {
             Conversion::Cloud(source) => {
                 let cloud = match source {
                     Source::Foxglove => Cloud::of_foxglove(&decoded(message)?),
-                    Source::Ros2 => Cloud::of_ros2(message)?,
+                    Source::Ros2 => cdr::point_cloud(message)?,
                 };
                 self.size = [cloud.write(&mut self.bytes)?, 1];
                 Ok(())
@@ -211,11 +210,12 @@ pub struct Converter {
 }
 
 impl Converter {
-    /// Converts the topics of a plan; the file begins at `start_nanos`.
-    pub fn new(file: &RecordingFile, plan: &Plan, start_nanos: u64) -> Converter {
-        let topics = plan.frames.iter().enumerate().filter_map(|(idx, planned)| {
-            Some((planned.source.clone(), (idx, planned.conversion?)))
-        });
+    /// Converts topics, which have these numbers; the file begins at `start_nanos`.
+    pub fn new(
+        file: &RecordingFile,
+        topics: impl Iterator<Item = (Arc<str>, (usize, Conversion))>,
+        start_nanos: u64,
+    ) -> Converter {
         let calibrations = file
             .topics()
             .iter()

@@ -8,7 +8,7 @@
 //! needs), `ports` (the services), `feed` (the file as
 //! things to publish), `foreign` (files of other programs),
 //! `tape` (ticks in
-//! their slots), `pace` (when one is due), `session` (the loop), `world` (what is said about the world),
+//! their slots), `pace` (when one is due), `session` (its state), `playback` (the loop), `world` (what is said about the world),
 //! `commands` (what is asked of it), `keys` (the terminal).
 
 #![forbid(unsafe_code)]
@@ -21,9 +21,11 @@ mod keys;
 pub mod options;
 mod pace;
 mod plan;
+mod playback;
 mod ports;
 mod session;
 mod tape;
 mod world;
 
-pub use session::{Report, replay};
+pub use playback::replay;
+pub use session::Report;

@@ -1,15 +1,10 @@
-//! A replay from start to end: reads the next tick into its slots, waits until it is due and all
-//! participants are ready, sends it, and serves commands in between.
+//! The state of a replay, and what it does: begin a tick, begin an epoch, look after participants.
 
-use std::time::Duration;
-
-use launch_cli::{Shutdown, wrong_usage};
 use schema_bus::{Bus, Claim, Complaints, Gate, Look, mono_now};
 use schema_frames::StepMode;
 use schema_recording::read::RecordingFile;
 
-use crate::commands;
-use crate::keys::Keys;
+use crate::keys::{Key, Keys};
 use crate::options::{Options, Rate};
 use crate::pace::Pace;
 use crate::plan::Plan;
@@ -17,10 +12,6 @@ use crate::ports::Ports;
 use crate::tape::Tape;
 use crate::world::State;
 
-/// Longest time without a look at shutdown, participants and keys.
-const LOOK_AROUND: Duration = Duration::from_millis(50);
-/// The last stretch before a tick is due is slept by the clock, because events wake too coarsely.
-const LAST_STRETCH: Duration = Duration::from_micros(1500);
 /// How long a participant may take to come back after a jump.
 const COME_BACK_NANOS: u64 = 3_000_000_000;
 /// How often processes that were killed are looked for.
@@ -56,38 +47,6 @@ pub struct Report {
     pub n_late: u64,
 }
 
-/// Replays until the end, or until `shutdown` says so.
-///
-/// # Errors
-/// If the file cannot be replayed, the domain has a simulator or another replay, or memory is short.
-pub fn replay(options: &Options, shutdown: &Shutdown) -> anyhow::Result<Report> {
-    let file = RecordingFile::open(&options.file)?;
-    if let Some(why) = file.walked_because() {
-        tracing::warn!(
-            "{}: {why}; its records were looked for one by one",
-            options.file.display()
-        );
-    }
-    let plan = Plan::of(&file, options)?;
-    for (topic, why) in &plan.left_out {
-        tracing::warn!("{topic} is not replayed: {why}");
-    }
-    let bus = Bus::open_with(&options.domain, "gantry-replay", &options.bus)?;
-    let claim = bus.claim_world()?;
-    let (Some(claim), false) = (claim, bus.daemon_alive()?) else {
-        return Err(wrong_usage(format!(
-            "domain {0:?} already has a simulator or a replay; stop it, or choose another name with --domain",
-            options.domain
-        )));
-    };
-    plan.check_memory()?;
-    let ports = Ports::open(&bus, &plan)?;
-    let mut session = Session::new(options, file, &plan, ports, bus, claim)?;
-    let outcome = session.run(shutdown);
-    let report = session.report();
-    outcome.map(|()| report)
-}
-
 /// All state, in the order in which it must be dropped.
 pub(crate) struct Session {
     pub tape: Tape,
@@ -106,7 +65,7 @@ pub(crate) struct Session {
     /// Simulated time of that tick.
     pub sim_nanos: u64,
     /// Whether a tick has begun in this epoch.
-    has_begun: bool,
+    pub has_begun: bool,
     /// Tick whose snapshot was sent when this epoch began.
     announced: Option<u64>,
     /// Participants of the epoch before, which this one waits for.
@@ -122,7 +81,11 @@ pub(crate) struct Session {
 }
 
 impl Session {
-    fn new(
+    /// Begins at the first tick that is asked for.
+    ///
+    /// # Errors
+    /// If the file or the bus fails.
+    pub fn new(
         options: &Options,
         file: RecordingFile,
         plan: &Plan,
@@ -179,80 +142,11 @@ impl Session {
         Ok(session)
     }
 
-    fn run(&mut self, shutdown: &Shutdown) -> anyhow::Result<()> {
-        while !shutdown.requested() && !self.quit {
-            self.ports.greet();
-            self.take_acks();
-            self.take_keys()?;
-            if !self.tape.load(&mut self.ports)? {
-                if self.at_the_end()? {
-                    return Ok(());
-                }
-                continue;
-            }
-            if self.tape.begins_run() {
-                // The file goes back in time: another run begins.
-                self.new_epoch()?;
-            }
-            self.announce()?;
-            if !self.may_start() {
-                self.look_around(LOOK_AROUND)?;
-                continue;
-            }
-            if self.is_early()? {
-                continue;
-            }
-            let epoch = self.epoch;
-            commands::serve(self)?;
-            // After a jump the next tick may be another, which is not due.
-            if self.epoch == epoch && self.may_start() {
-                self.run_tick()?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Waits a little, and serves what came meanwhile.
-    fn look_around(&mut self, wait: Duration) -> anyhow::Result<()> {
-        self.ports.wake.wait(wait)?;
-        self.take_acks();
-        commands::serve(self)?;
-        self.look_after_participants();
-        self.clean();
-        Ok(())
-    }
-
-    /// Waits until the next tick is due. Returns whether it is not yet.
-    fn is_early(&mut self) -> anyhow::Result<bool> {
-        if self.mode == StepMode::Stepped {
-            return Ok(false);
-        }
-        let now = mono_now().0;
-        let Some(next_nanos) = self.tape.next_nanos() else {
-            return Ok(false);
-        };
-        let due = self.pace.due_nanos(next_nanos, now);
-        let wait = Duration::from_nanos(due.saturating_sub(now));
-        if wait > LAST_STRETCH {
-            self.clean();
-            self.show_status();
-            if self
-                .ports
-                .wake
-                .wait((wait - LAST_STRETCH).min(LOOK_AROUND))?
-            {
-                commands::serve(self)?;
-            }
-            return Ok(true);
-        }
-        // The kernel wakes a sleeper some fifty microseconds late.
-        if !wait.is_zero() {
-            std::thread::sleep(wait);
-        }
-        Ok(false)
-    }
-
-    fn run_tick(&mut self) -> anyhow::Result<()> {
+    /// Begins the next tick and sends it.
+    ///
+    /// # Errors
+    /// If the file or the bus fails.
+    pub fn run_tick(&mut self) -> anyhow::Result<()> {
         let now = mono_now().0;
         // A reader that came while the tick waited gets its frames, too.
         if self.tape.lacks_readers(&self.ports) {
@@ -282,24 +176,6 @@ impl Session {
         Ok(())
     }
 
-    /// What happens once everything was sent. Returns whether the replay ends.
-    fn at_the_end(&mut self) -> anyhow::Result<bool> {
-        if self.gate.missing(self.tick).next().is_some() {
-            self.look_around(LOOK_AROUND)?;
-            return Ok(false);
-        }
-        if self.options.again && self.has_begun {
-            self.jump(self.tape.start_nanos())?;
-            return Ok(false);
-        }
-        if !self.options.hold && self.mode == StepMode::FreeRunning {
-            return Ok(true);
-        }
-        self.show_status();
-        self.look_around(LOOK_AROUND)?;
-        Ok(false)
-    }
-
     /// Goes on at a simulated time, in a new epoch.
     pub fn jump(&mut self, nanos: u64) -> anyhow::Result<()> {
         self.tape.skip_to(nanos);
@@ -313,7 +189,11 @@ impl Session {
         self.new_epoch()
     }
 
-    fn new_epoch(&mut self) -> anyhow::Result<()> {
+    /// Begins an epoch at the next tick.
+    ///
+    /// # Errors
+    /// If the file or the bus fails.
+    pub fn new_epoch(&mut self) -> anyhow::Result<()> {
         let nanos = self.tape.next_nanos().unwrap_or(self.sim_nanos);
         self.epoch = new_epoch();
         self.tick = self
@@ -338,7 +218,7 @@ impl Session {
     }
 
     /// Shows the world of an epoch before its first tick begins.
-    fn announce(&mut self) -> anyhow::Result<()> {
+    pub fn announce(&mut self) -> anyhow::Result<()> {
         if self.has_begun || self.announced.is_some() {
             return Ok(());
         }
@@ -353,7 +233,8 @@ impl Session {
         Ok(())
     }
 
-    fn may_start(&self) -> bool {
+    /// Whether the next tick may begin, as far as cues and participants are concerned.
+    pub fn may_start(&self) -> bool {
         let is_cued = self.mode == StepMode::FreeRunning || self.cues > 0;
         let all_done = self.gate.missing(self.tick).next().is_none();
         is_cued && all_done && (self.has_begun || !self.is_awaiting())
@@ -368,7 +249,8 @@ impl Session {
             || !self.come_back.iter().all(has_joined)
     }
 
-    fn take_acks(&mut self) {
+    /// Takes acknowledgements of participants.
+    pub fn take_acks(&mut self) {
         match self.ports.acks.drain() {
             Ok(acks) => self
                 .gate
@@ -380,7 +262,8 @@ impl Session {
         }
     }
 
-    fn look_after_participants(&mut self) {
+    /// Removes participants that are gone or idle, and says for whom the replay waits.
+    pub fn look_after_participants(&mut self) {
         let look = Look {
             tick: self.tick,
             before_first: !self.has_begun && self.is_awaiting(),
@@ -431,7 +314,8 @@ impl Session {
         self.ports.documents.publish_info(&state)
     }
 
-    fn clean(&mut self) {
+    /// Takes the places of killed processes back from time to time.
+    pub fn clean(&mut self) {
         let now = mono_now().0;
         if now.saturating_sub(self.last_cleaned_nanos) > CLEAN_NANOS {
             self.last_cleaned_nanos = now;
@@ -439,15 +323,13 @@ impl Session {
         }
     }
 
-    fn take_keys(&mut self) -> anyhow::Result<()> {
-        while let Some(key) = self.keys.as_ref().and_then(Keys::next) {
-            commands::press(self, key)?;
-        }
-        self.show_status();
-        Ok(())
+    /// The next key that was pressed on the terminal.
+    pub fn next_key(&self) -> Option<Key> {
+        self.keys.as_ref().and_then(Keys::next)
     }
 
-    fn show_status(&mut self) {
+    /// Shows on the terminal where the replay is.
+    pub fn show_status(&mut self) {
         let (_, last) = self.tape.span();
         let (mode, ratio) = (self.mode, self.pace.ratio());
         if let Some(keys) = &mut self.keys {
@@ -455,7 +337,8 @@ impl Session {
         }
     }
 
-    fn report(&self) -> Report {
+    /// What was replayed so far.
+    pub fn report(&self) -> Report {
         let damage = self.tape.damage();
         let counts = self.tape.counts();
         Report {

@@ -24,13 +24,16 @@
 //! # Ok::<(), anyhow::Error>(())
 //! ```
 
+mod ahead;
 mod bytes;
 mod chunk;
 mod damage;
 mod fields;
 mod find;
 mod index;
+mod parts;
 mod payload;
+mod piece;
 mod samples;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -45,15 +48,16 @@ use schema_frames::document::DocumentHeader;
 
 pub use chunk::MAX_CHUNK_BYTES;
 pub use damage::Damage;
+pub use parts::Place;
 pub use payload::{Payload, PayloadError};
-pub use samples::{Mark, Place, Sample, Samples, What};
+pub use samples::{Mark, Sample, Samples, What};
 
 use crate::pattern::matches;
 use crate::wire::{COMPRESSED_DATA_FIELD, DATA_FIELD};
 use bytes::{RECORD_HEAD_BYTES, Window};
 use chunk::PieceReader;
 use index::{Index, Stored};
-use samples::{ForeignType, Role, Wanted};
+use parts::{ForeignType, Role, Wanted};
 
 /// Longest attachment or metadata record that is read, bytes.
 pub const MAX_ATTACHMENT_BYTES: u64 = 256 << 20;
@@ -455,7 +459,7 @@ impl RecordingFile {
             .filter(|(_, of)| of.topic == topic.name)
             .map(|(id, _)| *id)
             .collect();
-        let holds = |piece: &index::Piece| {
+        let holds = |piece: &piece::Piece| {
             let channels = piece.channels.as_ref();
             channels.is_none_or(|held| held.iter().any(|id| ids.contains(id)))
         };

@@ -251,6 +251,10 @@ fn everything_that_was_written_is_read_back() {
         let mut samples = file.samples(&Selection::default());
         assert_eq!(lines(&mut samples), expected(300_000));
         assert_eq!(samples.damage().total(), 0);
+        let mut ahead = file.samples(&Selection::default()).read_ahead(3);
+        assert_eq!(lines(&mut ahead), expected(300_000));
+        ahead.skip_to(4000);
+        assert_eq!(lines(&mut ahead)[0], "4000 snapshot 4 3");
     }
 }
 
@@ -484,7 +488,7 @@ fn a_damaged_chunk_costs_only_itself() {
         bytes[chunks[1] + 5000] ^= 1;
         std::fs::write(&path, &bytes).unwrap();
         let file = RecordingFile::open(&path).unwrap();
-        let mut samples = file.samples(&Selection::default());
+        let mut samples = file.samples(&Selection::default()).read_ahead(2);
         let n = lines(&mut samples).len();
         assert!(n > 20 && n < expected(1).len(), "{n}");
         assert_eq!(samples.damage().counts()["chunk"], 1);

@@ -4,8 +4,6 @@ use foxglove::messages as fox;
 use foxglove::messages::packed_element_field::NumericType;
 use schema_frames::LidarPoint;
 
-use super::cdr;
-
 /// Type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Number {
@@ -73,10 +71,6 @@ impl Cloud {
             fields: fields.collect(),
             data: cloud.data.to_vec(),
         }
-    }
-
-    pub fn of_ros2(message: &[u8]) -> Result<Cloud, String> {
-        cdr::point_cloud(message)
     }
 
     /// Writes its points; returns their number. Points that are not finite are left out.

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use mcap::records::op;
 
 use super::bytes::{RECORD_HEAD_BYTES, Window, record_head, u32_at, u64_at};
-use super::index::Piece;
+use super::piece::Piece;
 
 /// Most bytes of a compressed chunk, packed or unpacked.
 pub const MAX_CHUNK_BYTES: u64 = 256 << 20;
@@ -96,8 +96,23 @@ impl PieceReader {
         }
     }
 
+    /// Another reader of the same file.
+    pub fn another(&self) -> PieceReader {
+        PieceReader::new(self.window.file())
+    }
+
+    /// Whether the piece was compressed, so that all of it is in memory.
+    pub fn is_unpacked(&self) -> bool {
+        self.place == Where::Memory
+    }
+
     /// Turns to the first record of `piece`.
     pub fn open(&mut self, piece: &Piece) -> Result<(), Fault> {
+        self.open_within(piece, MAX_CHUNK_BYTES)
+    }
+
+    /// As [`PieceReader::open`]; a compressed chunk may have so many bytes.
+    pub fn open_within(&mut self, piece: &Piece, max_bytes: u64) -> Result<(), Fault> {
         (self.len, self.next, self.crc) = (0, 0, None);
         if piece.is_loose {
             (self.place, self.len) = (Where::File(piece.offset), piece.len);
@@ -131,9 +146,9 @@ impl PieceReader {
             return Ok(());
         }
         let claimed = head.unpacked_bytes.max(head.packed_bytes);
-        if claimed > MAX_CHUNK_BYTES {
+        if claimed > max_bytes {
             return Err(bad(format!(
-                "claims {claimed} bytes, but at most {MAX_CHUNK_BYTES} of a compressed chunk are unpacked"
+                "claims {claimed} bytes, but at most {max_bytes} of a compressed chunk are unpacked"
             )));
         }
         self.unpack(&head, data_at).map_err(|fault| match fault {

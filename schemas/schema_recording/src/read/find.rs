@@ -12,24 +12,13 @@ use schema_frames::{
 
 use super::chunk::MAX_CHUNK_BYTES;
 use super::fields::{Span, spans};
-use super::samples::{Found, Head, HeadOf, Message, Role, Samples, Taken, Waiting};
+use super::parts::{Found, Head, HeadOf, Message, Role, Taken, Trouble, Waiting};
+use super::samples::Samples;
 use crate::wire::DATA_FIELD;
 
 /// Frames and results that may wait for the message with their bytes. It follows at once, or after
 /// little of other samples.
 const MAX_WAITING: usize = 256;
-
-/// Why a message is no sample.
-pub(super) enum Trouble {
-    Io(io::Error),
-    Bad(&'static str, String),
-}
-
-impl From<io::Error> for Trouble {
-    fn from(error: io::Error) -> Trouble {
-        Trouble::Io(error)
-    }
-}
 
 impl Samples {
     /// Tells what a message is; `None` if it is nothing by itself.

@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 use mcap::records::{Record, Statistics, op};
 
 use super::bytes::{RECORD_HEAD_BYTES, Window, record_head, u16_at, u32_at, u64_at};
-use super::chunk::ChunkHead;
+use super::chunk::{ChunkHead, PieceReader};
+use super::piece::Piece;
 use crate::walk;
 
 /// Most bytes of a summary, or of a schema, channel, metadata or index record.
@@ -26,21 +27,6 @@ pub(crate) struct Schema {
     pub name: String,
     pub encoding: String,
     pub data: Vec<u8>,
-}
-
-/// A run of the file that holds messages.
-#[derive(Clone, Debug)]
-pub(crate) struct Piece {
-    /// Of the chunk record's head, or of the first record outside of chunks.
-    pub offset: u64,
-    /// Bytes, head included.
-    pub len: u64,
-    pub start_nanos: u64,
-    pub end_nanos: u64,
-    /// Whether its records stand in the file as they are, outside of any chunk.
-    pub is_loose: bool,
-    /// Channels that have messages in it; `None` if that is not written.
-    pub channels: Option<Box<[u16]>>,
 }
 
 /// A record that is read when it is asked for.
@@ -273,7 +259,7 @@ impl Index {
         let mut index = Index::default();
         let mut at = 8;
         let mut open_chunk: Option<usize> = None;
-        let mut inside = super::chunk::PieceReader::new(window.file());
+        let mut inside = PieceReader::new(window.file());
         loop {
             let head = window.look(at, 128)?;
             if head.get(..8) == Some(&mcap::MAGIC[..]) && at + 8 == file_bytes {
@@ -357,7 +343,7 @@ impl Index {
 
     /// Takes the definitions from the chunk whose index records have all been seen, if it holds any
     /// that are new.
-    fn look_into(&mut self, open: &mut Option<usize>, inside: &mut super::chunk::PieceReader) {
+    fn look_into(&mut self, open: &mut Option<usize>, inside: &mut PieceReader) {
         let Some(idx) = open.take() else { return };
         let piece = self.pieces[idx].clone();
         let is_known = |id: &u16| self.unnamed.contains_key(id);

@@ -108,11 +108,6 @@ impl Payload<'_> {
     }
 }
 
-fn decode(
-    codec: &str,
-    header: &FrameHeader,
-    coded: &[u8],
-    out: &mut [u8],
-) -> Result<(), String> {
+fn decode(codec: &str, header: &FrameHeader, coded: &[u8], out: &mut [u8]) -> Result<(), String> {
     crate::codec::decode(codec, header, coded, out).map_err(|error| error.to_string())
 }
