@@ -20,14 +20,18 @@ use crate::script::{self, Script};
 /// How often the end of a run that was handed over is looked for.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
+/// How the folders of runs in the folder for temporary files are called, before the process id.
+const FOLDER: &str = "gantry-rerun-";
+
 /// Runs a recording again as the arguments ask.
 ///
 /// # Errors
 /// If it cannot be run again, or the new run ends early.
 pub fn run(args: &Args, shutdown: &Shutdown) -> anyhow::Result<Exit> {
     let file = RecordingFile::open(&args.file)?;
+    remove_abandoned(&std::env::temp_dir());
     let folder = tempfile::Builder::new()
-        .prefix("gantry-rerun-")
+        .prefix(&format!("{FOLDER}{}-", std::process::id()))
         .tempdir()
         .context("cannot make a folder for the run")?;
     let script = script::read(&file, folder.path(), &args.command)?;
@@ -110,6 +114,23 @@ pub fn run(args: &Args, shutdown: &Shutdown) -> anyhow::Result<Exit> {
         true if is_whole => Exit::DataLost,
         _ => Exit::Failed,
     })
+}
+
+/// Removes the folders of runs whose program was killed.
+fn remove_abandoned(folder: &Path) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let pid = name
+            .to_str()
+            .and_then(|name| name.strip_prefix(FOLDER)?.split('-').next())
+            .and_then(|pid| pid.parse::<u32>().ok());
+        if pid.is_some_and(|pid| !Path::new(&format!("/proc/{pid}")).exists())
+            && let Err(error) = std::fs::remove_dir_all(entry.path())
+        {
+            // Another user's, for example.
+            tracing::debug!(%error, folder = %entry.path().display(), "an abandoned folder stays");
+        }
+    }
 }
 
 /// Both runs.
@@ -391,6 +412,21 @@ fn hand_over(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn folders_of_killed_programs_are_removed_and_others_stay() {
+        let folder = tempfile::tempdir().unwrap();
+        let own = format!("{FOLDER}{}-a", std::process::id());
+        // Beyond the largest process id of Linux.
+        let gone = format!("{FOLDER}4194999-b");
+        for name in [&own, &gone, "gantry-rerun-x", "else"] {
+            std::fs::create_dir(folder.path().join(name)).unwrap();
+        }
+        remove_abandoned(folder.path());
+        let is_there = |name: &str| folder.path().join(name).exists();
+        assert!(is_there(&own) && is_there("gantry-rerun-x") && is_there("else"));
+        assert!(!is_there(&gone));
+    }
 
     #[test]
     fn sensors_come_from_the_command_line_or_from_a_file() {
