@@ -259,7 +259,11 @@ fn one(
         exporter.tick(scenario, &set, tree)?;
         bar.set_position(start + set.sim_nanos.saturating_sub(from) / 1_000_000);
     }
-    let (n_lost, sentences) = reader.losses();
+    let (mut n_lost, mut sentences) = reader.losses();
+    if !file.is_complete() {
+        n_lost += 1;
+        sentences.push("the file was cut off; what its end held is missing".into());
+    }
     losses.0 += n_lost;
     losses.1.extend(
         sentences

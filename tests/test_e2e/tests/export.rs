@@ -236,8 +236,8 @@ fn what_cannot_be_exported_is_told_in_a_sentence() {
         "--min-pixels",
         "1",
     ];
-    let ended = export(&sandbox, &cut).wait();
-    assert!([0, 3].contains(&ended.code()), "{:?}", ended.lines);
+    let ended = export(&sandbox, &cut).wait().expect_code(3);
+    assert!(ended.says("the file was cut off"), "{:?}", ended.lines);
     assert!(
         sandbox
             .path("cut/annotations/instances_train.json")
