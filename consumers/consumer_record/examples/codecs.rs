@@ -9,6 +9,8 @@ use schema_recording::codec::{Encoder, decode};
 use schema_recording::read::{RecordingFile, Selection, What};
 
 type Frame = (FrameHeader, Vec<u8>);
+/// Codes a frame; the size.
+type Work<'a> = &'a mut dyn FnMut(&Frame) -> usize;
 
 /// Frames of a topic that are measured, unless told otherwise; spread over the recording.
 const N_FRAMES: usize = 12;
@@ -50,7 +52,7 @@ fn frames(path: &std::path::Path, wanted: usize) -> anyhow::Result<BTreeMap<Stri
         let n = seen.entry(topic.to_string()).or_insert(0);
         *n += 1;
         let step = (n_of(topic) / wanted).max(1);
-        if payload.len() > 4096 && *n % step == 0 {
+        if payload.len() > 4096 && n.is_multiple_of(step) {
             let bytes = payload.to_vec()?;
             let of = found.entry(topic.to_string()).or_default();
             of.push((header, bytes));
@@ -67,7 +69,7 @@ fn cpu_secs() -> f64 {
 }
 
 fn measure(frames: &[Frame]) -> anyhow::Result<()> {
-    let row = |way: &str, work: &mut dyn FnMut(&Frame) -> usize| {
+    let row = |way: &str, work: Work<'_>| {
         let raw: usize = frames.iter().map(|frame| frame.1.len()).sum();
         let mut n_bytes = 0;
         let mut secs = f64::INFINITY;
@@ -134,7 +136,7 @@ fn measure(frames: &[Frame]) -> anyhow::Result<()> {
 }
 
 /// Ways of PNG, and QOI.
-fn pictures(row: &dyn Fn(&str, &mut dyn FnMut(&Frame) -> usize)) {
+fn pictures(row: &dyn Fn(&str, Work<'_>)) {
     use png::{Compression, Filter};
     let ways = [
         ("png up", Compression::Fastest, Some(Filter::Up)),

@@ -43,7 +43,7 @@ fn scaled(text: &str, units: &[(&str, u64)]) -> Option<u64> {
         .find_map(|(name, unit)| Some((text.strip_suffix(name)?, *unit)))?;
     let amount: f64 = number.trim().parse().ok()?;
     let scaled = amount * unit as f64;
-    (scaled >= 1.0 && scaled < 9e18).then_some(scaled as u64)
+    (1.0..9e18).contains(&scaled).then_some(scaled as u64)
 }
 
 #[cfg(test)]

@@ -229,16 +229,16 @@ impl Input {
                         return Ok(());
                     }
                 }
-                Record::Attachment { header, data, .. } => {
-                    if seen.insert(hash(&(&header.name, &data))) {
-                        out.attach(&Attachment {
-                            log_time: header.log_time,
-                            create_time: header.create_time,
-                            name: header.name,
-                            media_type: header.media_type,
-                            data,
-                        })?;
-                    }
+                Record::Attachment { header, data, .. }
+                    if seen.insert(hash(&(&header.name, &data))) =>
+                {
+                    out.attach(&Attachment {
+                        log_time: header.log_time,
+                        create_time: header.create_time,
+                        name: header.name,
+                        media_type: header.media_type,
+                        data,
+                    })?;
                 }
                 Record::Metadata(of) => {
                     let is_of_set = of.name == SET || of.name == SET_END;

@@ -16,14 +16,16 @@
 //! gives the layouts, and decoders in Python.
 //!
 //! Modules: `planes` (images of words), `records` (lists), `events` (event camera), `picture` (PNG),
-//! `bytes` (what they share).
+//! `bytes` and `error` (what they share).
 
 mod bytes;
+mod error;
 mod events;
 mod picture;
 mod planes;
 mod records;
 
+pub use error::CodecError;
 use schema_frames::{FrameHeader, Modality};
 
 /// The payload, compressed by zstd.
@@ -48,24 +50,6 @@ pub const MAX_PAYLOAD_BYTES: u64 = 1 << 30;
 
 /// Level of zstd. Filters leave little that a higher one would find.
 const LEVEL: i32 = 1;
-
-/// Why coded bytes are no payload.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct CodecError(pub String);
-
-impl std::fmt::Display for CodecError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for CodecError {}
-
-impl From<&str> for CodecError {
-    fn from(why: &str) -> Self {
-        CodecError(why.to_string())
-    }
-}
 
 /// Encodes payloads one after another; keeps its memory for the next.
 pub struct Encoder {

@@ -185,3 +185,38 @@ fn a_folder_that_cannot_be_written_is_named() {
     .expect_code(2);
     assert!(wrong.says("write e.g. 500MB"), "{:?}", wrong.lines);
 }
+
+#[test]
+fn a_recording_becomes_a_file_of_rerun_with_every_frame() {
+    let sandbox = Sandbox::new("record-convert");
+    let _daemon = start_daemon(&sandbox, SMALL_RIG, &WAIT_FOR_ONE);
+    let words = ["--out", "drive.mcap", "--lockstep"];
+    let recorder = spawn_consumer(&sandbox, "gantry-record", &words);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    eventually("ten ticks", || {
+        (counter(&mut client, "ticks") >= 10).then_some(())
+    });
+    recorder.stop().expect_code(0);
+    let recorded = sequences(&sandbox.path("drive.mcap"));
+    let of_sensor = |channel: &&String| channel.ends_with("/gantry");
+    let n_frames: usize = recorded
+        .keys()
+        .filter(of_sensor)
+        .map(|channel| recorded[channel].len())
+        .sum();
+    let words = ["convert", "drive.mcap", "drive.rrd"];
+    let converted = sandbox.spawn("gantry-record", &words).wait().expect_code(0);
+    let said = format!(
+        "drive.rrd: {n_frames} frames of {} topics",
+        SMALL_RIG_TOPICS.len()
+    );
+    assert!(converted.says(&said), "not {said:?}: {:?}", converted.lines);
+    let bytes = std::fs::read(sandbox.path("drive.rrd")).unwrap();
+    assert!(bytes.starts_with(b"RRF2"), "{:?}", &bytes[..4]);
+    let again = sandbox.spawn("gantry-record", &words).wait().expect_code(1);
+    assert!(again.says("exists already"), "{:?}", again.lines);
+    let words = ["convert", "drive.mcap", "drive.bag"];
+    let other = sandbox.spawn("gantry-record", &words).wait().expect_code(1);
+    assert!(other.says("must end in .rrd"), "{:?}", other.lines);
+}

@@ -3,7 +3,7 @@
 
 use std::io::Cursor;
 
-use super::CodecError;
+use super::error::CodecError;
 
 /// Bytes of the checksum in front.
 const CRC_BYTES: usize = 4;

@@ -8,8 +8,8 @@
 //! polarities, one bit each, first event of each pixel as it is, later ones 1 where it changes.
 //! Words are split into planes of bytes, lowest first.
 
-use super::CodecError;
 use super::bytes::{fold32, join, split, unfold32, unpack, word};
+use super::error::CodecError;
 
 /// Bytes of an event.
 const EVENT_BYTES: usize = 16;

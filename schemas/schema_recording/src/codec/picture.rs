@@ -5,7 +5,7 @@ use std::io::Cursor;
 use schema_frames::{FrameHeader, Modality};
 use schema_types::class::CLASSES;
 
-use super::CodecError;
+use super::error::CodecError;
 
 /// Replaces `coded` by a PNG file; `false` if the image cannot be one.
 pub(super) fn encode(

@@ -7,8 +7,8 @@
 
 use schema_frames::FrameHeader;
 
-use super::CodecError;
 use super::bytes::{fold16, fold32, join, split, unfold16, unfold32, unpack, word};
+use super::error::CodecError;
 
 /// Rows that the filter needs; kept for the next image.
 #[derive(Debug, Default)]

@@ -4,8 +4,8 @@
 
 use schema_frames::FrameHeader;
 
-use super::CodecError;
 use super::bytes::{fold32, join, split, unfold32, unpack, word};
+use super::error::CodecError;
 
 /// Elements that are filtered at a time.
 const BLOCK: usize = 1024;
