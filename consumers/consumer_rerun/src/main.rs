@@ -1,10 +1,10 @@
 //! `gantry-rerun`: steps a simulator through a recorded run again and compares every frame with the
 //! recording, byte by byte.
 //!
-//! In reading order: `cli` (what is asked), `script` (what the recording says of the run),
-//! `children` (the simulator, and a recorder), `live` (the run that is made now), `recorded` (the
-//! run of the file), `compare` and `fields` (where two frames differ), `session` (both runs side by
-//! side), `report`.
+//! In reading order: `cli` (what is asked), `script` (what the recording says of the run), `plan`
+//! and `children` (the simulator, and a recorder), `live` (the run that is made now), `recorded`
+//! (the run of the file), `compare` and `fields` (where two frames differ), `session` (both runs
+//! side by side), `report`.
 
 #![forbid(unsafe_code)]
 
@@ -13,6 +13,7 @@ mod cli;
 mod compare;
 mod fields;
 mod live;
+mod plan;
 mod recorded;
 mod report;
 mod script;

@@ -83,6 +83,12 @@ impl Report {
         self.topics.get_mut(name).expect("it was just made")
     }
 
+    /// Says something about the run at once, and keeps it for the report.
+    pub fn note(&mut self, sentence: String) {
+        tracing::warn!("{sentence}");
+        self.notes.push(sentence);
+    }
+
     /// Notes that a tick was compared.
     pub fn saw(&mut self, tick: u64) {
         let (first, _) = self.ticks.unwrap_or((tick, tick));

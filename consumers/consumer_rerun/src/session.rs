@@ -9,10 +9,11 @@ use launch_cli::{Exit, Shutdown, wrong_usage};
 use schema_bus::Bus;
 use schema_recording::read::RecordingFile;
 
-use crate::children::{Running, adapters};
+use crate::children::Running;
 use crate::cli::{Args, Then};
 use crate::compare::{self, Difference};
 use crate::live::Live;
+use crate::plan::{added_sensors, simulator_args};
 use crate::recorded::{Reader, Recorded};
 use crate::report::{Report, WORLD, secs};
 use crate::script::{self, Script};
@@ -48,13 +49,10 @@ pub fn run(args: &Args, shutdown: &Shutdown) -> anyhow::Result<Exit> {
         .until
         .map_or(script.end_nanos, |until| until.min(script.end_nanos));
     if args.until.is_some_and(|until| until > script.end_nanos) {
-        note(
-            &mut report,
-            format!(
-                "the recording ends at {}, so the run does too",
-                secs(script.end_nanos)
-            ),
-        );
+        report.note(format!(
+            "the recording ends at {}, so the run does too",
+            secs(script.end_nanos)
+        ));
     }
     let name = format!("gantry-rerun-{}", std::process::id());
     let recorder_name = format!("{name}-record");
@@ -258,111 +256,10 @@ impl Pair<'_> {
             && damage.is_empty()
             && report.topics.values().all(|topic| topic.damaged == 0);
         for sentence in damage {
-            note(&mut report, format!("the recording is damaged: {sentence}"));
+            report.note(format!("the recording is damaged: {sentence}"));
         }
         report
     }
-}
-
-/// Says something about the run at once, and keeps it for the report.
-fn note(report: &mut Report, sentence: String) {
-    tracing::warn!("{sentence}");
-    report.notes.push(sentence);
-}
-
-/// Arguments of the simulator, without those about lockstep and the journal's end.
-fn simulator_args(
-    args: &Args,
-    script: &Script,
-    sensors: &[(String, String)],
-    folder: &Path,
-    report: &mut Report,
-) -> anyhow::Result<Vec<String>> {
-    let head = &script.head;
-    let path = |path: &Path| path.display().to_string();
-    let mut all = vec![
-        "--launch".into(),
-        path(&script.launch),
-        "--journal".into(),
-        path(&script.journal),
-        "--data".into(),
-        path(folder),
-        "--quality".into(),
-        head.quality.clone(),
-        "--lidars-on".into(),
-        head.lidars_on.clone(),
-    ];
-    let there = adapters()?;
-    if there.contains(&head.adapter) {
-        all.extend(["--adapter".into(), head.adapter.clone()]);
-    } else {
-        note(
-            report,
-            format!(
-                "the recorded run rendered on {:?}, which is not here ({}), so images may differ",
-                head.adapter,
-                there.join(", ")
-            ),
-        );
-        // What another GPU cannot do is left to it.
-        all.truncate(all.len() - 2);
-    }
-    let mode = match args.then {
-        Then::Stepped => "stepped",
-        Then::Stop | Then::Live => "free_running",
-    };
-    let mut set = vec![format!("scenario.mode=\"{mode}\"")];
-    // Those of the recorded run come first, so that they keep their ids.
-    for name in &head.added_sensors {
-        all.extend(["--added-sensor".into(), name.clone()]);
-    }
-    for (name, spec) in sensors {
-        set.push(format!("sensor.{name}={spec}"));
-        all.extend(["--added-sensor".into(), name.clone()]);
-    }
-    set.extend(args.set.iter().cloned());
-    for word in set {
-        all.extend(["--set".into(), word]);
-    }
-    Ok(all)
-}
-
-/// Sensors to add: name and specification as TOML.
-fn added_sensors(words: &[String]) -> anyhow::Result<Vec<(String, String)>> {
-    let mut sensors = Vec::new();
-    for word in words {
-        match word.split_once('=') {
-            Some((name, spec)) => sensors.push((name.trim().to_owned(), spec.trim().to_owned())),
-            None => {
-                let text = std::fs::read_to_string(word).map_err(|error| {
-                    wrong_usage(format!(
-                        "--sensor {word}: neither NAME=SPEC nor a file that can be read ({error})"
-                    ))
-                })?;
-                let table: toml::Table = text
-                    .parse()
-                    .map_err(|error| wrong_usage(format!("--sensor {word}: {error}")))?;
-                let found = table.get("sensor").and_then(toml::Value::as_table);
-                let found = found.filter(|found| !found.is_empty()).ok_or_else(|| {
-                    wrong_usage(format!("--sensor {word}: the file has no [sensor.NAME]"))
-                })?;
-                sensors.extend(
-                    found
-                        .iter()
-                        .map(|(name, spec)| (name.clone(), spec.to_string())),
-                );
-            }
-        }
-    }
-    for (name, _) in &sensors {
-        let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
-        if name.is_empty() || !name.chars().all(is_plain) {
-            return Err(wrong_usage(format!(
-                "--sensor: {name:?} is no name of a sensor; write for example roof='{{kind=\"lidar\"}}'"
-            )));
-        }
-    }
-    Ok(sensors)
 }
 
 fn start_recorder(out: &Path, name: &str, args: &Args) -> anyhow::Result<Running> {
@@ -426,28 +323,5 @@ mod tests {
         let is_there = |name: &str| folder.path().join(name).exists();
         assert!(is_there(&own) && is_there("gantry-rerun-x") && is_there("else"));
         assert!(!is_there(&gone));
-    }
-
-    #[test]
-    fn sensors_come_from_the_command_line_or_from_a_file() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("more.toml");
-        std::fs::write(
-            &file,
-            "version = 1\n[sensor.roof]\nkind = \"lidar\"\nmount.position_m = [0, 0, 2]\n[sensor.nose]\nkind = \"radar\"\n",
-        )
-        .unwrap();
-        let words = ["imu2={kind=\"imu\"}".to_owned(), file.display().to_string()];
-        let found = added_sensors(&words).unwrap();
-        let names: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
-        assert_eq!(names, ["imu2", "nose", "roof"]);
-        assert!(
-            !found[2].1.contains('\n') && found[2].1.starts_with('{'),
-            "{}",
-            found[2].1
-        );
-        let error = |word: &str| added_sensors(&[word.to_owned()]).unwrap_err().to_string();
-        assert!(error("nowhere.toml").contains("neither NAME=SPEC nor a file"));
-        assert!(error("a b={}").contains("no name of a sensor"));
     }
 }
