@@ -274,7 +274,7 @@ impl Exporter for Ros2Bag {
             }
         }
         messages::transforms(&mut self.cdr, start, &fixed);
-        bag.write("/tf_static", Message::TfMessage, start, &self.cdr)?;
+        bag.write("/tf_static", Message::Transforms, start, &self.cdr)?;
         self.cdr.start().text(&world_info(scenario));
         bag.write("/world/info", Message::Text, start, &self.cdr)?;
         if let Some(map) = &scenario.opendrive {
@@ -293,7 +293,7 @@ impl Exporter for Ros2Bag {
         let transforms = Self::transforms(scenario, tick);
         if !transforms.is_empty() {
             messages::transforms(&mut self.cdr, nanos, &transforms);
-            bag.write("/tf", Message::TfMessage, nanos, &self.cdr)?;
+            bag.write("/tf", Message::Transforms, nanos, &self.cdr)?;
         }
         if let Some(world) = &tick.world {
             if let Some(record) = world.record(scenario.carrier_id) {

@@ -19,7 +19,7 @@ pub enum Message {
     /// Pose and velocity.
     Odometry,
     /// Transforms between frames.
-    TfMessage,
+    Transforms,
     /// The simulated time.
     Clock,
     /// A text.
@@ -40,7 +40,7 @@ impl Message {
             Message::Imu => "sensor_msgs/Imu",
             Message::NavSatFix => "sensor_msgs/NavSatFix",
             Message::Odometry => "nav_msgs/Odometry",
-            Message::TfMessage => "tf2_msgs/TFMessage",
+            Message::Transforms => "tf2_msgs/TFMessage",
             Message::Clock => "rosgraph_msgs/Clock",
             Message::Text => "std_msgs/String",
             Message::Detection3DArray => "vision_msgs/Detection3DArray",
