@@ -37,6 +37,10 @@ pub enum FedWhat<'a> {
 
 /// The bytes of a frame.
 #[derive(Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "one lives at a time, and a box for each would be slower"
+)]
 pub enum Bytes<'a> {
     /// In the file.
     Recorded(Payload<'a>),

@@ -102,6 +102,8 @@ impl Ports {
     /// # Errors
     /// [`schema_bus::BusError`].
     pub fn open(bus: &Bus, plan: &Plan) -> anyhow::Result<Ports> {
+        // Commands come first: whoever finds a topic may join the lockstep at once.
+        let (commands, wake) = (bus.command_server()?, bus.listener(names::CONTROL_WAKE)?);
         let mut rigs: Vec<(String, Notifier)> = Vec::new();
         let mut frames = Vec::new();
         for planned in &plan.frames {
@@ -147,9 +149,9 @@ impl Ports {
             results,
             snapshot: bus.snapshot_publisher(MAX_ACTORS)?,
             snapshot_wake: bus.notifier(names::WORLD_SNAPSHOT)?,
-            commands: bus.command_server()?,
+            commands,
             acks: bus.ack_reader()?,
-            wake: bus.listener(names::CONTROL_WAKE)?,
+            wake,
             documents: Documents::open(bus)?,
         })
     }

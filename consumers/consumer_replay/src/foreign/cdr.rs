@@ -70,7 +70,8 @@ impl<'a> Cdr<'a> {
 
     /// `std_msgs/msg/Header`; its name of the axes.
     fn header(&mut self) -> Result<String, String> {
-        (self.u32()?, self.u32()?);
+        self.u32()?;
+        self.u32()?;
         self.text()
     }
 }
@@ -106,7 +107,8 @@ pub fn compressed_image(message: &[u8]) -> Result<(String, Vec<u8>), String> {
 pub fn point_cloud(message: &[u8]) -> Result<Cloud, String> {
     let mut cdr = Cdr::new(message)?;
     cdr.header()?;
-    (cdr.u32()?, cdr.u32()?);
+    cdr.u32()?;
+    cdr.u32()?;
     let n_fields = cdr.u32()?;
     if n_fields > 256 {
         return Err(format!("its points have {n_fields} fields"));

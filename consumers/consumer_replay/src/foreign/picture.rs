@@ -84,7 +84,7 @@ impl Picture {
                     // Millimetres; 0 is "nothing measured".
                     let metres = match u16::from_le_bytes([p[0], p[1]]) {
                         0 => f32::INFINITY,
-                        mm => f32::from(mm) * 1e-3,
+                        mm => f32::from(mm) / 1000.0,
                     };
                     metres.to_le_bytes()
                 })),

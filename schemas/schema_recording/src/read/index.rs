@@ -262,7 +262,7 @@ impl Index {
         let mut inside = PieceReader::new(window.file());
         loop {
             let head = window.look(at, 128)?;
-            if head.get(..8) == Some(&mcap::MAGIC[..]) && at + 8 == file_bytes {
+            if head.get(..8) == Some(mcap::MAGIC) && at + 8 == file_bytes {
                 index.is_complete = true;
                 break;
             }
