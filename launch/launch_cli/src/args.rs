@@ -80,12 +80,15 @@ impl Default for CommonArgs {
     }
 }
 
+/// Exit code of a process whose parent has ended; `exit::Exit` has the same.
+const FAILED: i32 = 1;
+
 /// Asks the kernel for a SIGTERM when the process `parent` ends, and ends if it has done so already.
 fn end_with(parent: i32) {
     let asked = nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGTERM);
     if asked.is_err() || nix::unistd::getppid().as_raw() != parent {
         eprintln!("process {parent}, which started this one, has ended");
-        std::process::exit(crate::Exit::Failed.code().into());
+        std::process::exit(FAILED);
     }
 }
 

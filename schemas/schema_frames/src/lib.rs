@@ -42,6 +42,7 @@ pub mod snapshot;
 pub mod attachment;
 pub mod command;
 pub mod control;
+mod effect;
 pub mod journal;
 pub mod physics;
 pub mod query;
