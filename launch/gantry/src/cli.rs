@@ -86,7 +86,8 @@ pub struct UpArgs {
     pub record: Option<PathBuf>,
 
     /// Run on this recording in place of the simulator: gantry-replay publishes its frames, and waits
-    /// for the processes that take part in lockstep. Processes that drive the world are left out
+    /// for the processes that take part in lockstep. Results that were recorded are left out, because
+    /// the processes make their own, and so are processes that drive the world
     #[arg(long, value_name = "FILE")]
     pub replay: Option<PathBuf>,
 

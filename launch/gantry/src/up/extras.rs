@@ -71,8 +71,11 @@ fn replay_into(launch: &mut Launch, file: &Path, rate: Option<&str>) {
         process.after.retain(|name| !dropped.contains(name));
     }
     let rate = rate.map(|rate| ["--rate".to_owned(), rate.to_owned()]);
+    // The processes make results of their own, on topics that the recording may have too.
+    let words = ["--results".to_owned(), "none".to_owned()];
     let cmd: Vec<String> = ["gantry-replay".to_owned(), file.display().to_string()]
         .into_iter()
+        .chain(words)
         .chain(rate.into_iter().flatten())
         .collect();
     match launch
@@ -226,7 +229,10 @@ mod tests {
         let args = up(&["--replay", "drive.mcap", "--rate", "max"]);
         let launch = with_extras(Launch::parse(&driven, "x").unwrap(), &args);
         let world = launch.process("world").unwrap();
-        assert_eq!(world.cmd, ["gantry-replay", "drive.mcap", "--rate", "max"]);
+        assert_eq!(
+            world.cmd.join(" "),
+            "gantry-replay drive.mcap --results none --rate max"
+        );
         assert!(world.is_daemon() && !world.is_simulator());
         assert!(launch.process("drive").is_none(), "nobody can drive in it");
         let detector = launch.process("detector").unwrap();
