@@ -101,8 +101,17 @@ fn run(session: &mut Session, command: &Command, asker: &Origin) -> anyhow::Resu
         Command::Journal { .. } => bail!(
             "this is a replay, which keeps no journal; gantry rerun runs the recording itself again"
         ),
+        // A recording holds the scenery as pictures only; clients of CARLA ask for it when they join.
+        Command::Scenery => Ok(CommandReply::Scenery {
+            objects: Vec::new(),
+            lamps: Vec::new(),
+        }),
+        question if !question.acts_on_world() => bail!(
+            "this is a recording, which has no answer to {}; its snapshots, documents and frames are all that it knows",
+            name_of(question)
+        ),
         other => bail!(
-            "this is a recording, which {} does not change; it serves ping, step, configure with a mode, set_speed, seek, join_lockstep, leave_lockstep, list_maps and counters",
+            "this is a recording, which {} does not change; it serves ping, step, configure with a mode, set_speed, seek, join_lockstep, leave_lockstep, list_maps, scenery and counters",
             name_of(other)
         ),
     }

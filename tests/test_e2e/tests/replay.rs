@@ -10,6 +10,7 @@ use consumer_kit::{Follower, Publisher, Steps, Take};
 use nix::sys::signal::Signal;
 use schema_frames::{Box2d, FrameHeader, ResultHeader, WorldInfo};
 use schema_recording::read::{RecordingFile, Selection, What};
+use test_e2e::carla::{run_script, start_gateway};
 use test_e2e::{
     SMALL_RIG, assert_nothing_left, document, join_bus, python_package, spawn_consumer,
     spawn_daemon, venv_program,
@@ -619,5 +620,22 @@ fn a_file_of_another_program_plays_as_far_as_its_messages_map() {
         ended.lines
     );
     drop(follower);
+    assert_nothing_left(&sandbox);
+}
+
+#[test]
+fn carlas_client_looks_at_a_recording() {
+    let sandbox = Sandbox::new("replay-carla");
+    let file = recording().to_str().unwrap();
+    let replay = spawn_consumer(&sandbox, "gantry-replay", &[file, "--loop"]);
+    let (gateway, port, _) = start_gateway(&sandbox);
+    run_script(
+        &sandbox,
+        "carla_on_replay.py",
+        &[&port.to_string(), file],
+        &["world", "refusal"],
+    );
+    gateway.stop().expect_code(0);
+    replay.stop().expect_code(0);
     assert_nothing_left(&sandbox);
 }
