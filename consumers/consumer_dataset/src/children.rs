@@ -200,6 +200,8 @@ impl Children {
         let child = Command::new(program)
             .args(words)
             .args(["--domain", self.quarters.domain()])
+            // A maker that is killed takes them with it. The thread that starts them outlives them.
+            .args(["--parent", &std::process::id().to_string()])
             .current_dir(self.quarters.folder.path())
             .env("NO_COLOR", "1")
             .stdin(Stdio::null())

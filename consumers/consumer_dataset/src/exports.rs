@@ -118,6 +118,7 @@ impl Job<'_> {
         let out = fs::File::create(&log)?;
         let mut child = Command::new(self.program)
             .args(self.words(resume))
+            .args(["--parent", &std::process::id().to_string()])
             .env("NO_COLOR", "1")
             .stdin(Stdio::null())
             .stdout(out.try_clone()?)

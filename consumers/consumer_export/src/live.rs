@@ -86,6 +86,7 @@ impl Live {
             .args([launch, &overlay])
             .args(["--view", "none", "--record"])
             .arg(&recording)
+            .args(["--parent", &std::process::id().to_string()])
             .stdin(Stdio::null())
             .stdout(log.try_clone().context("cannot share the log")?)
             .stderr(log)
