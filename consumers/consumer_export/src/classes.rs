@@ -188,6 +188,8 @@ pub fn nuscenes_attribute(body: &Body) -> Option<usize> {
     match (body.kind, body.class) {
         (ActorKind::Walker, _) if body.is_down || body.is_seated => Some(5),
         (ActorKind::Walker, _) => Some(if moves { 7 } else { 6 }),
+        (ActorKind::Vehicle, 18 | 19) if body.is_scenery() => Some(4),
+        (ActorKind::Vehicle, _) if body.is_scenery() => Some(2),
         // Two-wheelers are always made with a rider.
         (ActorKind::Vehicle, 18 | 19) => Some(3),
         (ActorKind::Vehicle, _) => Some(if moves { 0 } else { 1 }),

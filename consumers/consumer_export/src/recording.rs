@@ -9,6 +9,7 @@ use launch_cli::wrong_usage;
 use nalgebra::Isometry3;
 use schema_frames::{ActorInfo, ActorList, FrameHeader, Modality, SensorKind, WorldInfo};
 use schema_recording::read::{RecordedDocument, RecordingFile, Samples, TopicKind, What};
+use schema_recording::scenery::{self, SceneryList};
 
 use crate::scenario::{Scenario, Sensor, Topic};
 use crate::ticks::{TickFrame, TickJoiner, TickSet};
@@ -226,6 +227,8 @@ pub struct TickReader {
     /// Payloads that could not be read.
     n_bad_payloads: u64,
     first_bad: Option<String>,
+    /// A sentence for each list of the map's objects that could not be read.
+    bad_scenery: Vec<String>,
 }
 
 impl TickReader {
@@ -248,6 +251,21 @@ impl TickReader {
         for list in lists {
             joiner.actors(list.header.revision, &list.text)?;
         }
+        let mut bad_scenery = Vec::new();
+        for name in file.attachment_names() {
+            let Some(tick) = scenery::tick_of(name) else {
+                continue;
+            };
+            let list = scenery_list(file, name).unwrap_or_else(|error| {
+                bad_scenery.push(format!("{error:#}"));
+                // What stands there from then on is not known.
+                SceneryList {
+                    tick,
+                    ..SceneryList::default()
+                }
+            });
+            joiner.scenery(list);
+        }
         let samples = file.samples_of((from_nanos, to_nanos), |topic| match topic.kind {
             TopicKind::Frame => topics.contains(&topic.name),
             TopicKind::Snapshot => true,
@@ -260,6 +278,7 @@ impl TickReader {
             at_end: false,
             n_bad_payloads: 0,
             first_bad: None,
+            bad_scenery,
         })
     }
 
@@ -322,9 +341,11 @@ impl TickReader {
     /// What could not be read so far: how many things, and a sentence for each of the first few.
     pub fn losses(&self) -> (u64, Vec<String>) {
         let damage = self.samples.damage();
-        let n = damage.total() + self.n_bad_payloads + self.joiner.n_late;
+        let n_bad = self.n_bad_payloads + self.bad_scenery.len() as u64;
+        let n = damage.total() + n_bad + self.joiner.n_late;
         let mut sentences = damage.sentences().to_vec();
         sentences.extend(self.first_bad.clone());
+        sentences.extend(self.bad_scenery.first().cloned());
         if self.joiner.n_late > 0 {
             let n = self.joiner.n_late;
             sentences.push(format!(
@@ -333,6 +354,12 @@ impl TickReader {
         }
         (n, sentences)
     }
+}
+
+/// The list of the map's objects in an attachment.
+fn scenery_list(file: &RecordingFile, name: &str) -> anyhow::Result<SceneryList> {
+    let bytes = file.attachment(name)?.unwrap_or_default();
+    serde_json::from_slice(&bytes).with_context(|| format!("the attachment {name} is broken"))
 }
 
 /// A recording's name as a scenario: the file's without `.mcap` and `.part`.

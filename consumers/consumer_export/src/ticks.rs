@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use schema_frames::{ActorInfo, ActorList, ActorRecord, FrameHeader, Modality, SnapshotHeader};
+use schema_recording::scenery::{SceneryBox, SceneryList};
 
 /// Ticks that a frame may be late: a free-running simulator has at most four in flight.
 pub const LATE_TICKS: u64 = 4;
@@ -45,6 +46,9 @@ pub struct World {
     pub records: Vec<ActorRecord>,
     /// What does not change from tick to tick about them.
     pub actors: Arc<Actors>,
+    /// Objects of the map that are shown, by rising id. Ticks between which nothing changes share one
+    /// list.
+    pub scenery: Arc<[SceneryBox]>,
 }
 
 /// `world/actors` of one revision.
@@ -110,6 +114,8 @@ impl TickFrame {
 pub struct TickJoiner {
     open: BTreeMap<u64, TickSet>,
     lists: BTreeMap<u64, Arc<Actors>>,
+    /// Objects of the map by the first tick at which they stand there.
+    scenery: BTreeMap<u64, Arc<[SceneryBox]>>,
     newest: u64,
     /// Ticks up to this one were handed on.
     handed_on: Option<u64>,
@@ -139,6 +145,14 @@ impl TickJoiner {
         Ok(())
     }
 
+    /// What stands on the map from a tick on.
+    pub fn scenery(&mut self, list: SceneryList) {
+        let mut objects = list.objects;
+        objects.retain(|object| object.shown);
+        objects.sort_by_key(|object| object.id);
+        self.scenery.insert(list.tick, objects.into());
+    }
+
     /// A snapshot.
     pub fn snapshot(&mut self, header: SnapshotHeader, records: Vec<ActorRecord>) {
         let Some(set) = self.set(header.tick, header.sim_nanos) else {
@@ -148,6 +162,7 @@ impl TickJoiner {
             header,
             records,
             actors: Arc::default(),
+            scenery: Arc::default(),
         }));
     }
 
@@ -175,7 +190,13 @@ impl TickJoiner {
             let list = list.or_else(|| self.lists.first_key_value());
             let actors = list.map_or_else(Arc::default, |(_, list)| list.clone());
             let world = Arc::try_unwrap(world).unwrap_or_else(|shared| (*shared).clone());
-            set.world = Some(Arc::new(World { actors, ..world }));
+            let stands = self.scenery.range(..=tick).next_back();
+            let scenery = stands.map_or_else(Arc::default, |(_, objects)| objects.clone());
+            set.world = Some(Arc::new(World {
+                actors,
+                scenery,
+                ..world
+            }));
         }
         Some(set)
     }
@@ -234,6 +255,46 @@ mod tests {
         assert!(out[..18].iter().all(|set| set.frames.len() == 2));
         joiner.frame(frame("ego/b/semantic", 3));
         assert_eq!(joiner.n_late, 1);
+    }
+
+    #[test]
+    fn objects_of_the_map_are_there_as_long_as_they_are_shown() {
+        let list = |tick, shown: [bool; 2]| SceneryList {
+            tick,
+            complete: true,
+            objects: [(7, 14, "parked_car_6"), (8, 6, "street_lamp_7")]
+                .into_iter()
+                .zip(shown)
+                .map(|((idx, class, name), shown)| SceneryBox {
+                    id: 1 << 31 | idx,
+                    name: name.into(),
+                    class,
+                    box_pose: schema_types::Pose::default().into(),
+                    box_half_m: [2.0, 1.0, 0.8],
+                    shown,
+                })
+                .collect(),
+        };
+        let mut joiner = TickJoiner::default();
+        let cars = |joiner: &mut TickJoiner, ticks: std::ops::Range<u64>| -> Vec<usize> {
+            for tick in ticks {
+                let mut header: SnapshotHeader = bytemuck::Zeroable::zeroed();
+                header.tick = tick;
+                joiner.snapshot(header, Vec::new());
+            }
+            let sets = std::iter::from_fn(|| joiner.next(true));
+            let cars = |set: TickSet| {
+                let world = set.world.expect("a snapshot");
+                world.scenery.iter().filter(|it| it.class == 14).count()
+            };
+            sets.map(cars).collect()
+        };
+        // Recordings without lists have no objects of the map.
+        assert_eq!(cars(&mut joiner, 1..3), [0, 0]);
+        joiner.scenery(list(5, [true, true]));
+        joiner.scenery(list(7, [false, true]));
+        joiner.scenery(list(9, [true, false]));
+        assert_eq!(cars(&mut joiner, 3..11), [0, 0, 1, 1, 0, 0, 1, 1]);
     }
 
     #[test]

@@ -6,7 +6,7 @@
 //!
 //! - A **body** is an actor with a box: a vehicle, a walker or a prop. Its box is that of
 //!   `world/actors`, so wheels and mirrors lie inside it, and the limbs of a walker may swing out
-//!   of it.
+//!   of it. A vehicle of the map (a parked car) is a body too; its box is that of its mesh.
 //! - Its **hull** in an image is the convex outline of the projected box; what of the box lies
 //!   nearer than the near plane (0.1 m) is cut off first.
 //! - **Truncation** is the share of the hull's area outside of the image.
@@ -25,9 +25,11 @@
 //!
 //! # Scenery
 //!
-//! Objects of the map (ids with bit 31, parked cars among them) have no actor record, therefore
-//! neither a box in space nor a velocity. They do have pixels and points: [`segments`] lists them
-//! like bodies, with class, mask and visible box.
+//! Objects of the map (ids with bit 31) have no actor record. Vehicles and people among them, parked
+//! cars above all, are bodies that stand still, if the recording lists them (attachments
+//! `scenery.<tick>.json`, see [`schema_recording::scenery`]). All others, and those of recordings
+//! without such lists, have no box in space. They do have pixels and points: [`segments`] lists
+//! them like bodies, with class, mask and visible box.
 
 pub mod bodies;
 pub mod boxes;

@@ -51,6 +51,7 @@ pub mod recover;
 mod result_topics;
 pub mod results;
 pub mod ring;
+mod scenery;
 pub mod select;
 pub mod session;
 pub mod sink;

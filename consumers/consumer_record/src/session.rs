@@ -15,6 +15,7 @@ use crate::in_step::InStep;
 use crate::journal::Journal;
 use crate::options::Options;
 use crate::result_topics::{MAX_A_TURN, ResultTopics};
+use crate::scenery::Scenery;
 use crate::sink::{Loss, Output, Sink, wall_minus_mono_nanos};
 use crate::snapshots::SnapshotConverter;
 use schema_recording::write::Written;
@@ -57,6 +58,7 @@ struct Session {
     snapshots: Option<SnapshotReader>,
     documents: Documents,
     journal: Journal,
+    scenery: Scenery,
     follower: Follower,
     /// By followed topic: its names in the file, kept so that no frame has to build them.
     names: BTreeMap<String, (std::sync::Arc<TopicName>, std::sync::Arc<str>)>,
@@ -95,6 +97,7 @@ impl Session {
             snapshots: None,
             documents: Documents::new(),
             journal: Journal::default(),
+            scenery: Scenery::default(),
             follower: Follower::on(bus),
             names: BTreeMap::new(),
             full: BTreeSet::new(),
@@ -116,6 +119,7 @@ impl Session {
             self.discover()?;
             self.wait()?;
             self.drain()?;
+            self.fetch_scenery(self.lockstep.is_some())?;
             match self.lockstep {
                 Some(_) => self.acknowledge()?,
                 None => self.journal.fetch_if_due(
@@ -128,6 +132,7 @@ impl Session {
         }
         self.journal
             .fetch(self.follower.bus(), &self.name, self.run, &mut self.sink)?;
+        self.fetch_scenery(true)?;
         // Leaving lockstep first lets the simulator go on while the file is finished.
         self.lockstep = None;
         self.drain()?;
@@ -331,6 +336,7 @@ impl Session {
                     self.meet(header.epoch)?;
                     let is_first = !std::mem::replace(&mut self.has_snapshot, true);
                     (self.run.sim_nanos, self.newest_tick) = (header.sim_nanos, header.tick);
+                    self.scenery.look(header);
                     if is_first {
                         self.drain_documents(true)?;
                     }
@@ -373,6 +379,7 @@ impl Session {
             (self.newest_tick, self.run.sim_nanos, self.has_snapshot) = (0, 0, false);
             self.documents.begin_file();
             self.journal.begin_file();
+            self.scenery.begin_file();
         }
         self.run.epoch = epoch;
         Ok(())
@@ -386,6 +393,13 @@ impl Session {
             &mut self.snapshot_converter,
             &mut self.sink,
         )
+    }
+
+    /// Files the map's objects if they have changed; `now`: before the next tick, not a little later.
+    fn fetch_scenery(&mut self, now: bool) -> anyhow::Result<()> {
+        let bus = self.follower.bus();
+        self.scenery
+            .fetch_if_due(now, bus, &self.name, self.run, &self.sink)
     }
 
     /// In lockstep: acknowledges a tick after everything of it was taken.

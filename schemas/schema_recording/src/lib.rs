@@ -5,7 +5,8 @@
 //! grows), [`read`] (whole samples of a file of any length), [`pattern`] (which topics), [`walk`] (records
 //! one after another, whole or damaged), [`wire`] (protocol buffers by
 //! hand), [`bag`] (files whose schemas are not ours), [`codec`] (payloads
-//! that are stored smaller), [`journal`] (what acted on the world).
+//! that are stored smaller), [`journal`] (what acted on the world),
+//! [`scenery`] (objects of the map).
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
@@ -16,6 +17,7 @@ pub mod journal;
 pub mod messages;
 pub mod pattern;
 pub mod read;
+pub mod scenery;
 pub mod walk;
 pub mod wire;
 pub mod write;

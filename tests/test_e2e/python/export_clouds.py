@@ -94,6 +94,14 @@ for instance_row in tables.instance:
         assert row["instance_token"] == instance_row["token"] and row["visibility_token"] in "1234"
         last, token, n = token, row["next"], n + 1
     assert n == instance_row["nbr_annotations"] and last == instance_row["last_annotation_token"]
+# Parked cars stand still, and the same car is the same instance throughout.
+parked = {}
+for row in tables.sample_annotation:
+    if [tables.get("attribute", attribute)["name"] for attribute in row["attribute_tokens"]] == ["vehicle.parked"]:
+        assert row["category_name"] == "vehicle.car"
+        parked.setdefault(row["instance_token"], []).append(row["translation"] + row["rotation"])
+assert len(parked) >= 5 and max(map(len, parked.values())) >= 3, {token: len(rows) for token, rows in parked.items()}
+assert all((np.ptp(rows, axis=0) == 0).all() for rows in parked.values())
 moving = [tables.box_velocity(row["token"]) for row in tables.sample_annotation]
 assert np.nanmax(np.linalg.norm(moving, axis=1)) < 40
 print(f"nuScenes: {n_points} points, {share:.4f} equal; {n_boxes} boxes with {n_inside} points; {n_radar} radar points")
@@ -140,13 +148,22 @@ world_from_camera = np.loadtxt(root / f"data_poses/{name}/cam0_to_world.txt")
 poses = np.loadtxt(root / f"data_poses/{name}/poses.txt")
 chained = poses[5, 1:].reshape(3, 4) @ np.vstack([to_pose["image_00"], [0, 0, 0, 1]])
 assert np.abs(chained - world_from_camera[5, 1:].reshape(4, 4)[:3]).max() < 1e-6
-boxes = {}
+cars = {ident: thing for ident, thing in truth.scenery.items() if thing["class"] == 14}
+boxes, still = {}, {}
 for child in ET.parse(root / f"data_3d_bboxes/train/{name}.xml").getroot():
     matrix = {tag: np.array(child.find(tag).find("data").text.split(), float) for tag in ("transform", "vertices", "faces")}
     transform = matrix["transform"].reshape(4, 4)
     corners = matrix["vertices"].reshape(8, 3) @ transform[:3, :3].T + transform[:3, 3]
-    boxes.setdefault(int(child.find("timestamp").text), []).append((int(child.find("semanticId_orig").text), int(child.find("instanceId").text), corners))
-n_boxes, n_points, n_equal = 0, 0, 0.0
+    entry = int(child.find("semanticId_orig").text), int(child.find("instanceId").text), corners
+    first, last, time = (int(child.find(tag).text) for tag in ("start_frame", "end_frame", "timestamp"))
+    # Parked cars are there once, for all frames.
+    assert (time == -1) == (child.find("dynamic").text == "0") and (time == -1 or first == last == time)
+    for frame in range(first, last + 1):
+        boxes.setdefault(frame, []).append(entry)
+    if time == -1:
+        [ident] = [ident for ident, car in cars.items() if np.abs(transform[:3, 3] - car["box_pose"]["translation_m"]).max() < 1e-3]
+        still[ident] = np.linalg.inv(transform)
+n_boxes, n_points, n_equal, n_in_cars = 0, 0, 0.0, 0
 frames = sorted((root / f"data_2d_raw/{name}/image_00/data_rect").iterdir())
 assert len(frames) == len(poses) == len(ticks)
 for path, tick in list(zip(frames, ticks))[::3]:
@@ -160,6 +177,14 @@ for path, tick in list(zip(frames, ticks))[::3]:
     uv, depth = project(cloud[:, :3], rect @ np.linalg.inv(velo_from_camera))
     n, share = agreement(uv, depth, truth.frames[topics[2]][tick]["id"], truth.frames[topics[1]][tick], inner(truth.frames[topics[1]][tick]))
     n_points, n_equal = n_points + n, n_equal + n * share
+    # Points that the lidar says are a parked car's lie in its box.
+    world_from_velo = world_from_camera[frame, 1:].reshape(4, 4) @ np.linalg.inv(velo_from_camera)
+    ids = truth.frames[topics[2]][tick]["id"]
+    for ident in set(np.unique(ids)) & set(still):
+        at = np.c_[cloud[ids == ident, :3], np.ones((ids == ident).sum())] @ (still[ident] @ world_from_velo).T
+        size = 2 * np.array(cars[ident]["box_half_m"])
+        assert ((np.abs(at[:, :3]) - 0.5) * size < 0.01).all(), (frame, ident, np.abs(at).max(axis=0))
+        n_in_cars += len(at)
     for label, number, corners in boxes.get(frame, []):
         at, depth = project(corners, rect @ camera_from_world)
         rows, columns = np.nonzero(numbered == label * 1000 + number)
@@ -169,5 +194,6 @@ for path, tick in list(zip(frames, ticks))[::3]:
             n_boxes += 1
 share = n_equal / n_points
 assert n_boxes >= 10 and share > 0.97, (n_boxes, share)
-print(f"KITTI-360: {n_boxes} boxes round their pixels; {n_points} points, {share:.4f} equal")
+assert len(still) == len(cars) > 50 and n_in_cars > 50, (len(still), len(cars), n_in_cars)
+print(f"KITTI-360: {n_boxes} boxes round their pixels, {len(still)} cars of the map with {n_in_cars} points; {n_points} points, {share:.4f} equal")
 print("ok")

@@ -21,7 +21,7 @@ topics = [f"ego/{camera}/{kind}" for kind in ("semantic", "instance")]
 truth = Recording(recording, topics)
 coco = COCO(f"{rle}/annotations/instances_train.json")
 outlines = COCO(f"{polygons}/annotations/instances_train.json")
-n_masks = n_categories = 0
+n_masks = n_categories = n_parked = 0
 for image in coco.loadImgs(coco.getImgIds()):
     if image["camera"] != camera:
         continue
@@ -39,6 +39,9 @@ for image in coco.loadImgs(coco.getImgIds()):
         assert annotation["bbox"] == box and annotation["area"] == mask.sum()
         for name in ("visible_fraction", "truncation", "occlusion"):
             assert 0 <= annotation.get(name, 0) <= 1
+        if annotation["track_id"] in truth.scenery and annotation["category_id"] == 3:
+            assert annotation["type_id"] == "parked_car" and annotation["visible_fraction"] > 0
+            n_parked += 1
         labelled |= mask
         n_masks += 1
     things = np.isin(semantic, sum(CLASSES.values(), ())) & (instance != 0)
@@ -69,7 +72,7 @@ for image in coco.loadImgs(coco.getImgIds()):
         low, high = path.min(axis=0), path.max(axis=0)
         assert np.abs([*low, *(high - low)] - np.array(annotation["bbox"])).max() < 0.01
         n_categories += 1
-assert n_masks > 50, n_masks
+assert n_masks > 50 and n_parked > 20, (n_masks, n_parked)
 
 # The truth judged against itself is perfect.
 results = [{key: annotation[key] for key in ("image_id", "category_id", "segmentation", "bbox")} | {"score": 1.0}
@@ -83,4 +86,4 @@ for kind in ("segm", "bbox"):
 yaml = Path(f"{yolo}/detect/data.yaml").read_text()
 assert "train: images/train" in yaml and "2: car" in yaml
 assert list(Path(f"{yolo}/segment/images/train").iterdir())
-print(f"ok: {n_masks} masks, {n_categories} boxes")
+print(f"ok: {n_masks} masks, {n_parked} of parked cars, {n_categories} boxes")

@@ -294,6 +294,10 @@ def check_motion(messages, frames, snapshots):
         assert np.allclose([q.x, q.y, q.z, q.w], frame.rotation)
     for (_, fix), frame in zip(messages["/ego/gnss/fix"], frames["ego/gnss/gnss"], strict=True):
         assert (fix.latitude, fix.longitude, fix.altitude) == struct.unpack_from("<3d", frame.payload)
+    [(_, parked)] = messages["/world/scenery"]
+    assert len(parked.detections) > 50 and all(int(car.id) >> 31 for car in parked.detections)
+    assert {car.results[0].hypothesis.class_id for car in parked.detections} == {"Car"}
+    assert all(3 < car.bbox.size.x < 8 and 1.4 < car.bbox.size.y < 2.6 for car in parked.detections)
     assert [seconds(clock.clock) for _, clock in messages["/clock"]] == [nanos for _, nanos, _ in snapshots]
     for (nanos, odom), (_, objects), (_, when, records) in zip(messages["/ego/odom"], messages["/world/objects"], snapshots, strict=True):
         assert nanos == when and odom.child_frame_id == "ego/base_link"

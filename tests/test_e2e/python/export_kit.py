@@ -21,11 +21,17 @@ class Recording:
     def __init__(self, path, topics):
         self.frames = {topic: {} for topic in topics}
         self.actors = {}
+        self.scenery = {}
         own = {f"/{topic}/gantry": topic for topic in topics}
         shown = {f"/{topic}": topic for topic in topics}
         waiting = {}
         with open(path, "rb") as file:
             reader = make_reader(file, decoder_factories=[DecoderFactory()])
+            for attachment in reader.iter_attachments():
+                if attachment.name.startswith("scenery."):
+                    found = json.loads(attachment.data)
+                    assert found["complete"] and attachment.name == f"scenery.{found['tick']}.json"
+                    self.scenery |= {thing["id"]: thing for thing in found["objects"]}
             wanted = [*own, *shown, "/world/actors"]
             for _, channel, message, decoded in reader.iter_decoded_messages(topics=wanted):
                 if channel.topic == "/world/actors":

@@ -12,7 +12,8 @@ use test_kit::patience::eventually;
 use test_kit::sandbox::repository;
 use test_kit::{Process, Sandbox};
 
-/// A rectified pair, a camera that looks elsewhere, both lidars at one place, and motion.
+/// A rectified pair, a camera that looks elsewhere, both lidars at one place, and motion, in a street
+/// with traffic and parked cars.
 const RIG: &str = r#"version = 1
 [scenario]
 map = "Town10HD"
@@ -20,6 +21,8 @@ seed = 7
 tick_hz = 20
 vehicles = 40
 walkers = 60
+[ego]
+spawn_point = 126
 [sensor.front]
 kind = "camera"
 modalities = ["rgb", "depth", "semantic", "instance", "flow"]

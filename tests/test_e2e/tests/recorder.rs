@@ -4,6 +4,7 @@
 use std::path::Path;
 
 use nix::sys::signal::Signal;
+use schema_recording::scenery::tick_of;
 use test_e2e::recording::{Sequences, gapless, sequences};
 use test_e2e::{
     SMALL_RIG, SMALL_RIG_TOPICS, assert_nothing_left, counter, join_bus, spawn_consumer,
@@ -79,6 +80,8 @@ fn lockstep_records_every_frame_of_every_topic_and_sigterm_completes_the_file() 
     assert_eq!(info["complete"], true);
     let mut attachments: Vec<String> = serde_json::from_value(info["attachments"].clone()).unwrap();
     attachments.sort();
+    let scenery = attachments.pop().unwrap_or_default();
+    assert!(tick_of(&scenery).is_some_and(|tick| tick <= 1), "{scenery}");
     assert_eq!(attachments, ["Town10HD.xodr", "launch.toml"]);
     assert_eq!(info["metadata"]["losses"], serde_json::json!({}));
     let again = spawn_consumer(&sandbox, "gantry-record", &["--out", "drive.mcap"])

@@ -1,12 +1,15 @@
 //! `gantry-record` beside a real daemon: sets of files, rings that are written on request, and disks
 //! that are full or closed.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use nix::sys::signal::Signal;
+use schema_frames::{Command, CommandReply};
+use schema_recording::read::RecordingFile;
+use schema_recording::scenery::{SceneryList, tick_of};
 use test_e2e::recording::{gapless, sequences};
 use test_e2e::{
-    SMALL_RIG, SMALL_RIG_TOPICS, assert_nothing_left, counter, join_bus, spawn_consumer,
+    SMALL_RIG, SMALL_RIG_TOPICS, ask, assert_nothing_left, counter, join_bus, spawn_consumer,
     start_daemon,
 };
 use test_kit::sandbox::binary_path;
@@ -27,6 +30,19 @@ fn files(sandbox: &Sandbox, stem: &str) -> Vec<PathBuf> {
     found
 }
 
+/// The lists of what stands on the map in a recording, in the order of their ticks.
+fn scenery(path: &Path) -> Vec<SceneryList> {
+    let file = RecordingFile::open(path).unwrap();
+    let names = file.attachment_names();
+    let of_scenery = names.into_iter().filter(|it| tick_of(it).is_some());
+    let read = |name| file.attachment(name).unwrap().expect("it is listed");
+    let mut lists: Vec<SceneryList> = of_scenery
+        .map(|name| serde_json::from_slice(&read(name)).unwrap())
+        .collect();
+    lists.sort_by_key(|list| list.tick);
+    lists
+}
+
 #[test]
 fn a_set_of_files_has_every_tick_once_and_can_be_joined() {
     let sandbox = Sandbox::new("record-set");
@@ -39,9 +55,20 @@ fn a_set_of_files_has_every_tick_once_and_can_be_joined() {
         "1s",
     ];
     let recorder = spawn_consumer(&sandbox, "gantry-record", &words);
-    eventually("three files", || {
-        (files(&sandbox, "drive_").len() >= 3).then_some(())
-    });
+    let n_files = |n: usize| {
+        eventually("another file", || {
+            (files(&sandbox, "drive_").len() >= n).then_some(())
+        });
+    };
+    n_files(2);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let hide = Command::ShowLayers {
+        layers: 16,
+        shown: false,
+    };
+    assert!(matches!(ask(&mut client, hide), CommandReply::Done));
+    n_files(4);
     recorder.stop().expect_code(0);
     let names = files(&sandbox, "drive_");
     let mut last = 0;
@@ -71,6 +98,32 @@ fn a_set_of_files_has_every_tick_once_and_can_be_joined() {
     words.extend(names.iter().map(|path| path.to_str().unwrap()));
     words.push("whole.mcap");
     sandbox.spawn("gantry-record", &words).wait().expect_code(0);
+    // What stands on the map is kept in each file and all that is made of them: parked cars until
+    // they are hidden.
+    let until = format!("{}s", last / 40);
+    let trimmed = ["trim", "whole.mcap", "half.mcap", "--to", &until];
+    sandbox
+        .spawn("gantry-record", &trimmed)
+        .wait()
+        .expect_code(0);
+    let latest = names.last().expect("four files");
+    for path in [
+        latest,
+        &sandbox.path("whole.mcap"),
+        &sandbox.path("half.mcap"),
+    ] {
+        let lists = scenery(path);
+        let n_cars = |list: &SceneryList, shown: bool| {
+            let cars = list.objects.iter().filter(|it| it.class == 14);
+            cars.filter(|car| car.shown == shown).count()
+        };
+        let [before, after] = &lists[..] else {
+            panic!("{} lists in {}", lists.len(), path.display());
+        };
+        assert!(before.tick <= 1 && after.tick > 20, "{}", after.tick);
+        assert!(n_cars(before, true) > 50 && n_cars(before, false) == 0);
+        assert_eq!(n_cars(after, false), n_cars(before, true));
+    }
     let whole = sequences(&sandbox.path("whole.mcap"));
     assert_eq!(gapless(&whole, "/world/snapshot").1, last);
     for topic in SMALL_RIG_TOPICS {
@@ -111,6 +164,7 @@ fn a_ring_is_written_by_command_and_by_signal_and_leaves_nothing_behind() {
     ] {
         assert!(found.contains_key(document), "{document}");
     }
+    assert_eq!(scenery(&sandbox.path("crash_0001.mcap")).len(), 1);
     recorder.signal(Signal::SIGUSR1);
     eventually("a second file", || {
         sandbox.path("crash_0002.mcap").exists().then_some(())

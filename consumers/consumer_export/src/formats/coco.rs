@@ -1,7 +1,7 @@
 //! COCO: `annotations/instances_<part>.json` and `images/<part>/`.
 //!
 //! Boxes and areas are those of visible pixels. Beside COCO's own fields annotations carry `track_id`,
-//! and for actors `visible_fraction`, `truncation`, `occlusion` and `type_id`.
+//! and for what has a box in space `visible_fraction`, `truncation`, `occlusion` and `type_id`.
 
 use std::io::Write as _;
 use std::sync::Arc;

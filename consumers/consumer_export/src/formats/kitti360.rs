@@ -246,8 +246,12 @@ impl Exporter for Kitti360 {
         }
         for body in bodies(world, scenario.carrier_id) {
             let label = classes::of(body.class).kitti360;
+            if body.is_scenery() {
+                files.boxes.note_still(&body, label, n);
+                continue;
+            }
             let number = self.instances.number(label, body.id);
-            files.boxes.write(&body, label, number, n)?;
+            files.boxes.add(&body, label, number, n)?;
         }
         self.n_here += 1;
         Ok(())
@@ -255,7 +259,8 @@ impl Exporter for Kitti360 {
 
     fn end(&mut self, _: &Scenario, _: &Tree) -> anyhow::Result<Value> {
         let files = self.files.take().expect("a scenario has begun");
-        files.boxes.finish()?;
+        let number = &mut |label, id| self.instances.number(label, id);
+        files.boxes.finish(number)?;
         files.times.into_iter().try_for_each(PartFile::finish)?;
         files.poses.finish()?;
         files.cam0_to_world.finish()?;

@@ -20,7 +20,7 @@ pub struct Object {
     pub category: u8,
     /// Its pixels.
     pub mask: Mask,
-    /// Its body, if it is an actor with a box, and the rest of the truth about it.
+    /// Its body, if it has a box in space, and the rest of the truth about it.
     pub body: Option<(Body, BoxTruth)>,
 }
 

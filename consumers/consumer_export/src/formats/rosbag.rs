@@ -13,6 +13,7 @@ use anyhow::Context as _;
 use nalgebra::Isometry3;
 use schema_frames::{GnssSample, ImuSample, Modality};
 use schema_recording::bag::{BagFile, BagMessage};
+use schema_recording::scenery::SceneryBox;
 use schema_recording::write::ChunkCompression;
 use schema_types::space::sensor_from_camera;
 use serde_json::json;
@@ -28,6 +29,10 @@ use crate::options::Options;
 use crate::scenario::{Scenario, Topic};
 use crate::ticks::{TickFrame, TickSet};
 use crate::tree::{PartFile, Tree};
+use crate::truth::Body;
+
+/// Topics whose newest message holds until the next one, besides those of texts.
+const LATCHED: [&str; 2] = ["/tf_static", "/world/scenery"];
 
 /// Writes bags for ROS 2.
 #[derive(Debug)]
@@ -37,6 +42,8 @@ pub struct Ros2Bag {
     cdr: Cdr,
     /// Words of event cameras, by topic.
     encoders: HashMap<Arc<str>, Encoder>,
+    /// Objects of the map when their boxes were written last.
+    scenery: Arc<[SceneryBox]>,
 }
 
 /// A bag under construction.
@@ -58,7 +65,7 @@ impl std::fmt::Debug for Bag {
 impl Bag {
     fn write(&mut self, topic: &str, kind: Message, nanos: u64, cdr: &Cdr) -> anyhow::Result<()> {
         if !self.channels.contains_key(topic) {
-            let latched = matches!(kind, Message::Text) || topic == "/tf_static";
+            let latched = matches!(kind, Message::Text) || LATCHED.contains(&topic);
             let quality = ("offered_qos_profiles".into(), quality_of_service(latched));
             let id = self
                 .file
@@ -115,6 +122,7 @@ impl Ros2Bag {
             bag: None,
             cdr: Cdr::new(),
             encoders: HashMap::new(),
+            scenery: Arc::default(),
         }
     }
 
@@ -253,6 +261,7 @@ impl Exporter for Ros2Bag {
         tree: &Tree,
     ) -> anyhow::Result<()> {
         self.encoders.clear();
+        self.scenery = Arc::default();
         let name = &scenario.name;
         let part = tree.begin(&format!("{}/{name}/{name}_0.mcap", scenario.split))?;
         // LZ4's bytes are the same on every machine, whatever its number of cores.
@@ -301,6 +310,13 @@ impl Exporter for Ros2Bag {
                 messages::odometry(&mut self.cdr, nanos, &child, record);
                 let topic = format!("/{}/odom", ros_name(&scenario.rig));
                 bag.write(&topic, Message::Odometry, nanos, &self.cdr)?;
+            }
+            if world.scenery != self.scenery {
+                self.scenery = world.scenery.clone();
+                let bodies = self.scenery.iter().filter_map(Body::of_scenery);
+                messages::scenery(&mut self.cdr, nanos, &bodies.collect::<Vec<_>>());
+                let topic = "/world/scenery";
+                bag.write(topic, Message::Detection3DArray, nanos, &self.cdr)?;
             }
             messages::objects(&mut self.cdr, nanos, world);
             bag.write(

@@ -27,11 +27,16 @@ impl PointCounts {
         bodies: &[Body],
     ) -> PointCounts {
         let sensor_from_world = world_from_sensor.inverse();
+        let square = |p: &[f32; 3]| p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
+        let furthest = points_m.iter().map(square).fold(0.0f32, f32::max).sqrt();
         let in_box = bodies.iter().map(|body| {
             let box_from_sensor = (sensor_from_world * body.world_from_box).inverse();
             let centre = box_from_sensor.inverse().translation.vector.cast::<f32>();
             let half = body.half_m.add_scalar(POINT_SLACK_M);
             let reach = (half.norm() as f32).powi(2) * 1.001;
+            if centre.norm() > furthest * 1.001 + reach.sqrt() {
+                return 0;
+            }
             let inside = |p: &&[f32; 3]| {
                 let (dx, dy, dz) = (p[0] - centre.x, p[1] - centre.y, p[2] - centre.z);
                 dx * dx + dy * dy + dz * dz <= reach && {

@@ -12,7 +12,7 @@ use crate::truth::{Body, Camera, Images, PointCounts, bodies, box_truths, segmen
 /// One line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Label {
-    /// Actor id; `None` for a region that nobody cares about.
+    /// Object id; `None` for a region that nobody cares about.
     pub id: Option<u32>,
     /// KITTI's type, or `DontCare`.
     pub kind: &'static str,
@@ -31,7 +31,7 @@ pub struct Label {
 }
 
 /// Labels of a tick for a camera: bodies that it sees by rising id, then regions that show something
-/// that cannot be labelled (objects of the map such as parked cars, and what is too small).
+/// that cannot be labelled (what is too small, and cars of the map in recordings without their boxes).
 pub fn labels(
     scenario: &Scenario,
     tick: &TickSet,
@@ -85,7 +85,7 @@ pub fn labels(
         }
         labels.push(label(body, &truth, &camera_from_world, &view));
     }
-    // Things of the map look like labelled ones, and have no box in space.
+    // Things of the map without a box in space look like labelled ones.
     if let (Some(ids), Some(classes)) = (&ids, &classes) {
         let is_thing = |class: u8| matches!(class, 12..=19);
         let of_map = segments(ids, Some(classes), view.width)

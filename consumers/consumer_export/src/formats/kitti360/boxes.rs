@@ -1,5 +1,6 @@
 //! KITTI-360's boxes in space (an XML file per sequence), and its labels.
 
+use std::collections::BTreeMap;
 use std::io::Write as _;
 
 use anyhow::Context as _;
@@ -105,6 +106,8 @@ const FACES: [[u8; 3]; 12] = [
 pub struct Boxes {
     file: PartFile,
     n: u64,
+    /// Cars of the map: label, and the first and the last frame in which they are shown.
+    still: BTreeMap<u32, (Body, u8, [u64; 2])>,
 }
 
 const CANNOT: &str = "cannot write the boxes of a scenario";
@@ -116,14 +119,37 @@ impl Boxes {
     /// If the disk refuses.
     pub fn begin(mut file: PartFile) -> anyhow::Result<Boxes> {
         writeln!(file, "<?xml version=\"1.0\"?>\n<opencv_storage>").context(CANNOT)?;
-        Ok(Boxes { file, n: 0 })
+        Ok(Boxes {
+            file,
+            n: 0,
+            still: BTreeMap::new(),
+        })
     }
 
     /// Adds a body at a frame.
     ///
     /// # Errors
     /// If the disk refuses.
-    pub fn write(&mut self, body: &Body, label: u8, number: u16, frame: u64) -> anyhow::Result<()> {
+    pub fn add(&mut self, body: &Body, label: u8, number: u16, frame: u64) -> anyhow::Result<()> {
+        self.write(body, label, number, Some(frame), [frame; 2])
+    }
+
+    /// Notes that a body of the map is shown in a frame; it is written once, at the end.
+    pub fn note_still(&mut self, body: &Body, label: u8, frame: u64) {
+        let noted = self.still.entry(body.id);
+        let noted = noted.or_insert_with(|| (body.clone(), label, [frame; 2]));
+        noted.2[1] = frame;
+    }
+
+    /// Writes a body: of one frame, or one that stands still from the first to the last.
+    fn write(
+        &mut self,
+        body: &Body,
+        label: u8,
+        number: u16,
+        frame: Option<u64>,
+        [first, last]: [u64; 2],
+    ) -> anyhow::Result<()> {
         let (name, kitti_id, _, _) = LABELS[usize::from(label)];
         if kitti_id < 0 {
             return Ok(());
@@ -151,8 +177,10 @@ impl Boxes {
                 "  <{tag} type_id=\"opencv-matrix\"><rows>{rows}</rows><cols>{columns}</cols><dt>{kind}</dt><data>{data}</data></{tag}>\n"
             )
         };
+        let timestamp = frame.map_or(-1, |frame| frame as i64);
+        let dynamic = u8::from(frame.is_some());
         let text = format!(
-            "<object{n}>\n  <index>{n}</index>\n  <label>{name}</label>\n  <semanticId_orig>{label}</semanticId_orig>\n  <semanticId>{kitti_id}</semanticId>\n  <instanceId>{number}</instanceId>\n  <category>{}</category>\n  <timestamp>{frame}</timestamp>\n  <dynamic>1</dynamic>\n  <start_frame>{frame}</start_frame>\n  <end_frame>{frame}</end_frame>\n{}{}{}</object{n}>\n",
+            "<object{n}>\n  <index>{n}</index>\n  <label>{name}</label>\n  <semanticId_orig>{label}</semanticId_orig>\n  <semanticId>{kitti_id}</semanticId>\n  <instanceId>{number}</instanceId>\n  <category>{}</category>\n  <timestamp>{timestamp}</timestamp>\n  <dynamic>{dynamic}</dynamic>\n  <start_frame>{first}</start_frame>\n  <end_frame>{last}</end_frame>\n{}{}{}</object{n}>\n",
             if body.kind == schema_frames::ActorKind::Walker {
                 "human"
             } else {
@@ -165,11 +193,14 @@ impl Boxes {
         self.file.write_all(text.as_bytes()).context(CANNOT)
     }
 
-    /// All boxes are there.
+    /// All boxes are there; `number` gives those of the map their numbers, by label and id.
     ///
     /// # Errors
     /// If the disk refuses.
-    pub fn finish(mut self) -> anyhow::Result<()> {
+    pub fn finish(mut self, number: &mut dyn FnMut(u8, u32) -> u16) -> anyhow::Result<()> {
+        for (id, (body, label, frames)) in std::mem::take(&mut self.still) {
+            self.write(&body, label, number(label, id), None, frames)?;
+        }
         writeln!(self.file, "</opencv_storage>").context(CANNOT)?;
         self.file.finish()
     }

@@ -10,6 +10,7 @@ use schema_types::Class;
 
 use super::cdr::Cdr;
 use crate::ticks::{TickFrame, World};
+use crate::truth::Body;
 
 /// The frame of the world.
 pub const MAP: &str = "map";
@@ -91,13 +92,28 @@ pub fn objects(cdr: &mut Cdr, nanos: u64, world: &World) {
             .map_or([0.0; 3], |actor| actor.body_box.centre_m.map(f64::from));
         let at = record.world_from_actor.isometry()
             * Isometry3::translation(centre[0], centre[1], centre[2]);
-        stamp(cdr, nanos).text(MAP);
-        let class = Class(record.class).info().map_or("Unlabeled", |it| it.name);
-        cdr.u32(1).text(class).f64(1.0);
-        pose(cdr, &at).f64s(&[0.0; 36]);
-        pose(cdr, &at).f64s(&record.half_box_m.map(|half| 2.0 * f64::from(half)));
-        cdr.text(&record.id.to_string());
+        let size_m = record.half_box_m.map(|half| 2.0 * f64::from(half));
+        detection(cdr, nanos, record.class, record.id, &at, size_m);
     }
+}
+
+/// `vision_msgs/Detection3DArray`: the boxes of vehicles and people that belong to the map.
+pub fn scenery(cdr: &mut Cdr, nanos: u64, bodies: &[Body]) {
+    begin(cdr, nanos, MAP).u32(bodies.len() as u32);
+    for body in bodies {
+        let at = &body.world_from_box;
+        detection(cdr, nanos, body.class, body.id, at, body.size_m());
+    }
+}
+
+/// `vision_msgs/Detection3D`.
+fn detection(cdr: &mut Cdr, nanos: u64, class: u8, id: u32, at: &Isometry3<f64>, size_m: [f64; 3]) {
+    stamp(cdr, nanos).text(MAP);
+    let class = Class(class).info().map_or("Unlabeled", |it| it.name);
+    cdr.u32(1).text(class).f64(1.0);
+    pose(cdr, at).f64s(&[0.0; 36]);
+    pose(cdr, at).f64s(&size_m);
+    cdr.text(&id.to_string());
 }
 
 /// ROS's name of an image's elements, `None` if the modality is no image.

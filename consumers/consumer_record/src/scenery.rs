@@ -1,0 +1,139 @@
+//! Objects of the map in a recording, with their boxes: an attachment `scenery.<tick>.json` when the
+//! recording begins, and another one whenever the map or what of it is shown has changed.
+
+use std::time::{Duration, Instant};
+
+use schema_bus::{Bus, mono_now};
+use schema_frames::scenery::SceneryObjectInfo;
+use schema_frames::{Command, CommandBatch, CommandReply, SnapshotHeader};
+use schema_recording::scenery::{SceneryBox, SceneryList, attachment_name};
+
+use crate::documents::Run;
+use crate::queue::Job;
+use crate::sink::Sink;
+
+/// Least time between two requests, outside lockstep and after one that failed: the whole answer is a
+/// megabyte for a large town.
+const FETCH_EVERY: Duration = Duration::from_millis(200);
+/// How long the daemon may take to answer.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
+/// Most bytes of all lists of a file: hundreds of a large town's.
+const MAX_BYTES: usize = 64 << 20;
+
+/// Follows what stands on the map of the run that a file is about.
+#[derive(Default)]
+pub(crate) struct Scenery {
+    /// First tick, and its time, from which on the newest list may not hold.
+    due: Option<(u64, u64)>,
+    /// Of the newest snapshot.
+    episode: Option<u32>,
+    /// Objects of the newest list.
+    filed: Option<Vec<SceneryBox>>,
+    n_bytes: usize,
+    not_before: Option<Instant>,
+    last_failed: bool,
+    /// Whether nothing more is filed: who publishes the world has no scenery, as a replay, or the
+    /// lists have become too long.
+    is_over: bool,
+}
+
+impl Scenery {
+    /// Prepares for a new file, which must hold all again.
+    pub(crate) fn begin_file(&mut self) {
+        *self = Scenery::default();
+    }
+
+    /// Learns from a snapshot whether the scenery has changed.
+    pub(crate) fn look(&mut self, header: &SnapshotHeader) {
+        let is_other_map = self.episode.replace(header.episode) != Some(header.episode);
+        if is_other_map || header.flags & SnapshotHeader::SCENERY_CHANGED != 0 {
+            self.due.get_or_insert((header.tick, header.sim_nanos));
+        }
+    }
+
+    /// Asks for the scenery if it has changed, and files it if it is another one. Whoever does not
+    /// answer is asked again later.
+    pub(crate) fn fetch_if_due(
+        &mut self,
+        now: bool,
+        bus: &Bus,
+        name: &str,
+        run: Run,
+        sink: &Sink,
+    ) -> anyhow::Result<()> {
+        let Some((tick, sim_nanos)) = self.due.filter(|_| !self.is_over && run.epoch != 0) else {
+            return Ok(());
+        };
+        let is_soon = self.not_before.is_some_and(|at| Instant::now() < at);
+        if is_soon && (self.last_failed || !now) {
+            return Ok(());
+        }
+        let question = CommandBatch::new(vec![Command::Scenery]);
+        let asked = mono_now();
+        let answer = bus
+            .command_client(&format!("{name}-scenery"))
+            .map_err(anyhow::Error::from)
+            .and_then(|mut client| Ok(client.request(&question, ANSWER_TIMEOUT)?));
+        self.not_before = Some(Instant::now() + FETCH_EVERY);
+        self.last_failed = true;
+        let answer = match answer {
+            Ok(answer) if answer.epoch == run.epoch.to_string() => answer,
+            Ok(_) => return Ok(()),
+            Err(error) => {
+                tracing::debug!(%error, "the scenery is not there");
+                return Ok(());
+            }
+        };
+        match answer.replies.into_iter().next() {
+            Some(CommandReply::Scenery { objects, .. }) => {
+                (self.last_failed, self.due) = (false, None);
+                let millis = mono_now().0.saturating_sub(asked.0) / 1_000_000;
+                tracing::debug!(tick, n = objects.len(), millis, "the scenery");
+                self.file(tick, sim_nanos, objects, sink)
+            }
+            Some(CommandReply::Refused { error }) => {
+                tracing::debug!(error, "there is no scenery to record");
+                self.is_over = true;
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn file(
+        &mut self,
+        tick: u64,
+        sim_nanos: u64,
+        objects: Vec<SceneryObjectInfo>,
+        sink: &Sink,
+    ) -> anyhow::Result<()> {
+        let objects: Vec<SceneryBox> = objects.into_iter().filter_map(SceneryBox::of).collect();
+        // A world that has none, as a replay, needs no list that says so.
+        if self.filed.as_deref().unwrap_or_default() == objects {
+            return Ok(());
+        }
+        let mut list = SceneryList {
+            tick,
+            complete: true,
+            objects,
+        };
+        let mut data = serde_json::to_vec(&list)?;
+        self.n_bytes += data.len();
+        if self.n_bytes > MAX_BYTES {
+            tracing::warn!(
+                limit_bytes = MAX_BYTES,
+                "the scenery has changed so often that it is no longer recorded; exports give the map's objects no boxes from here on"
+            );
+            self.is_over = true;
+            (list.complete, list.objects) = (false, Vec::new());
+            data = serde_json::to_vec(&list)?;
+        }
+        self.filed = Some(list.objects);
+        sink.push(Job::Attach {
+            name: attachment_name(tick),
+            media_type: "application/json",
+            data,
+            log_nanos: sim_nanos,
+        })
+    }
+}
