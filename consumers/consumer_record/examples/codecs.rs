@@ -4,8 +4,12 @@
 use std::collections::BTreeMap;
 use std::hint::black_box;
 
+use consumer_record::coder::FrameCoder;
+use consumer_record::frames::TopicName;
+use consumer_record::options::Coding;
 use schema_frames::{FrameHeader, Modality};
 use schema_recording::codec::{Encoder, decode};
+use schema_recording::messages::Entry;
 use schema_recording::read::{RecordingFile, Selection, What};
 
 type Frame = (FrameHeader, Vec<u8>);
@@ -171,4 +175,28 @@ fn pictures(row: &dyn Fn(&str, Work<'_>)) {
             .collect();
         qoi::encode_to_vec(&pixels, header.width, header.height).map_or(0, |file| file.len())
     });
+    lossy(row);
+}
+
+/// What `--jpeg 90` and `--video h264` make of colour.
+fn lossy(row: &dyn Fn(&str, Work<'_>)) {
+    let coder = |coding| FrameCoder::new(coding).expect("codecs");
+    let name = TopicName::new("ego/front/rgb").expect("a topic of colour");
+    let bytes_of = |entries: Vec<Entry>| entries.iter().map(|it| it.bytes.len()).sum();
+    let mut jpeg = coder(Coding {
+        jpeg_quality: Some(90),
+        ..Coding::default()
+    });
+    row("jpeg 90", &mut |(header, payload)| {
+        bytes_of(jpeg.entries(&name, header, payload, &mut Vec::with_capacity))
+    });
+    for qp in [18, 23, 28] {
+        let mut video = coder(Coding {
+            video_qp: Some(qp),
+            ..Coding::default()
+        });
+        row(&format!("h264 {qp}"), &mut |(header, payload)| {
+            bytes_of(video.entries(&name, header, payload, &mut Vec::with_capacity))
+        });
+    }
 }

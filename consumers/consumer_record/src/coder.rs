@@ -2,14 +2,17 @@
 //! programs get a picture that they can show. Colour may be stored as JPEG or video instead, which
 //! is smaller and not lossless.
 
+use std::sync::Arc;
+
 use image::codecs::jpeg::JpegEncoder;
 use schema_frames::{FrameHeader, Modality};
 use schema_recording::codec::{Encoder, PNG};
 use schema_recording::messages::Entry;
 
 use crate::frames::{TopicName, frame, frame_entries};
-use crate::options::Coding;
+use crate::options::{Coding, KEY_EVERY_NANOS};
 use crate::previews::{compressed, has_preview, preview};
+use crate::video::{H264_NAME, Videos};
 
 /// Name of JPEG in `foxglove.CompressedImage` and `gantry.Frame`.
 pub const JPEG: &str = "jpeg";
@@ -18,6 +21,7 @@ pub const JPEG: &str = "jpeg";
 pub struct FrameCoder {
     coding: Coding,
     encoder: Option<Encoder>,
+    videos: Option<Arc<Videos>>,
 }
 
 impl FrameCoder {
@@ -27,12 +31,41 @@ impl FrameCoder {
     /// If zstd cannot be set up.
     pub fn new(coding: Coding) -> anyhow::Result<FrameCoder> {
         let encoder = coding.lossless.then(Encoder::new).transpose()?;
-        Ok(FrameCoder { coding, encoder })
+        let videos = coding.video_qp.map(|qp| Arc::new(Videos::new(qp)));
+        Ok(FrameCoder {
+            coding,
+            encoder,
+            videos,
+        })
+    }
+
+    /// One for another thread, which goes on with the same videos.
+    ///
+    /// # Errors
+    /// If zstd cannot be set up.
+    pub fn another(&self) -> anyhow::Result<FrameCoder> {
+        Ok(FrameCoder {
+            videos: self.videos.clone(),
+            ..FrameCoder::new(self.coding)?
+        })
     }
 
     /// The messages of a frame; `payload` and `header` as for [`frame_entries`].
     pub fn entries(
         &mut self,
+        name: &TopicName,
+        header: &FrameHeader,
+        payload: &[u8],
+        reuse: &mut dyn FnMut(usize) -> Vec<u8>,
+    ) -> Vec<Entry> {
+        let second = header.sim_nanos / KEY_EVERY_NANOS;
+        self.entries_in(second, name, header, payload, reuse)
+    }
+
+    /// The same, of a frame that is filed in a certain simulated second.
+    pub fn entries_in(
+        &mut self,
+        second: u64,
         name: &TopicName,
         header: &FrameHeader,
         payload: &[u8],
@@ -49,6 +82,12 @@ impl FrameCoder {
                 elsewhere(name, header, JPEG, reuse),
                 compressed(name, header, JPEG, &file),
             ];
+        }
+        if modality == Modality::Rgb
+            && let Some(videos) = &self.videos
+            && let Some(video) = videos.entry(name, header, payload, second)
+        {
+            return vec![elsewhere(name, header, H264_NAME, reuse), video];
         }
         let coded = self
             .encoder

@@ -12,7 +12,7 @@ use schema_recording::messages::Batch;
 use schema_recording::write::{ChunkCompression, Recording, Written};
 
 use crate::context::Context;
-use crate::options::Split;
+use crate::options::{KEY_EVERY_NANOS, Split};
 use crate::queue::Job;
 
 /// Metadata record at the beginning of a file of a set.
@@ -34,6 +34,7 @@ pub struct Files {
     base: PathBuf,
     compression: ChunkCompression,
     split: Split,
+    on_seconds: bool,
     set: String,
     part: u32,
     current: Recording,
@@ -63,6 +64,7 @@ impl Files {
             base: base.to_path_buf(),
             compression,
             split,
+            on_seconds: false,
             set: new_set(),
             part: 1,
             syncer: Syncer::start(current.file()?)?,
@@ -76,6 +78,11 @@ impl Files {
             files.begin_part("")?;
         }
         Ok(files)
+    }
+
+    /// Lets every further file begin at a whole simulated second, where videos have key frames.
+    pub fn on_seconds(self, on_seconds: bool) -> Files {
+        Files { on_seconds, ..self }
     }
 
     /// Path of the file that is being written.
@@ -116,7 +123,9 @@ impl Files {
 
     fn batch(&mut self, batch: &Batch) -> anyhow::Result<()> {
         if self.split.is_on() {
-            if batch.log_nanos > self.last_nanos && self.is_due(batch.log_nanos)? {
+            let step = if self.on_seconds { KEY_EVERY_NANOS } else { 1 };
+            let is_later = batch.log_nanos / step > self.last_nanos / step;
+            if is_later && self.is_due(batch.log_nanos)? {
                 self.next_part(batch.log_nanos)?;
             }
             self.context.batch(batch);
@@ -129,6 +138,11 @@ impl Files {
     fn is_due(&self, now_nanos: u64) -> anyhow::Result<bool> {
         let Some(first) = self.first_nanos else {
             return Ok(false);
+        };
+        // Files of seconds last whole seconds, whenever the first message of one came.
+        let first = match self.on_seconds {
+            true => first - first % KEY_EVERY_NANOS,
+            false => first,
         };
         let by_time = self.split.max_sim_nanos;
         if by_time.is_some_and(|max| now_nanos.saturating_sub(first) >= max) {

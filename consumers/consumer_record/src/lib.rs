@@ -7,7 +7,7 @@
 //!
 //! Modules in reading order: [`options`] and [`session`] (a recording from start to end),
 //! [`discover`], [`frames`], [`results`] and [`snapshots`] (conversion to [`schema_recording::messages`]),
-//! [`sink`], [`queue`], [`coder`], [`writer`] and [`files`] (into the file), [`dump`] (a ring on
+//! [`sink`], [`queue`], [`coder`], [`video`], [`writer`] and [`files`] (into the file), [`dump`] (a ring on
 //! request); [`info`], [`cat`], [`edit`], [`recover`] and [`convert`]
 //! (from the file).
 //!
@@ -24,7 +24,6 @@
 //! assert_eq!(topics, ["/ego/front/semantic/gantry", "/ego/front/semantic"]);
 //! ```
 
-#![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
 pub mod amounts;
@@ -39,6 +38,7 @@ pub mod dump;
 pub mod edit;
 pub mod files;
 pub mod frames;
+pub mod h264;
 mod in_step;
 pub mod info;
 mod journal;
@@ -56,4 +56,5 @@ pub mod select;
 pub mod session;
 pub mod sink;
 pub mod snapshots;
+pub mod video;
 pub mod writer;

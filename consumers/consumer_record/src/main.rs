@@ -67,6 +67,14 @@ struct Args {
     #[arg(long, value_name = "Q", value_parser = clap::value_parser!(u8).range(1..=100))]
     jpeg: Option<u8>,
 
+    /// Store colour images as video of this format and nothing else of them: smallest, not lossless
+    #[arg(long, value_enum, value_name = "FORMAT", conflicts_with = "jpeg")]
+    video: Option<VideoArg>,
+
+    /// Quantiser of --video, 1 to 51: the lower, the better and larger
+    #[arg(long, value_name = "N", default_value_t = 23, value_parser = clap::value_parser!(u8).range(1..=51), requires = "video")]
+    video_qp: u8,
+
     /// Threads that code payloads [default: half of the processors, at most 4]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
     threads: Option<u16>,
@@ -213,6 +221,12 @@ enum CodecArg {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum VideoArg {
+    /// H.264 in foxglove.CompressedVideo, a key frame every simulated second
+    H264,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum PreviewsArg {
     /// None
     None,
@@ -276,6 +290,7 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
             lossless: args.codec == CodecArg::Lossless,
             previews: args.previews == PreviewsArg::Small,
             jpeg_quality: args.jpeg,
+            video_qp: args.video.map(|VideoArg::H264| args.video_qp),
             n_threads: args.threads.unwrap_or(0) as usize,
         },
         split: Split {

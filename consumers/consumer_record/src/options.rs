@@ -56,6 +56,10 @@ impl Options {
     }
 }
 
+/// Simulated time from one key frame of a video to the next, nanoseconds. With video, files begin
+/// at its multiples, so that each begins with key frames.
+pub const KEY_EVERY_NANOS: u64 = 1_000_000_000;
+
 /// How payloads of frames are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Coding {
@@ -65,6 +69,8 @@ pub struct Coding {
     pub previews: bool,
     /// Colour images as JPEG of this quality, 1 to 100, instead of their payload.
     pub jpeg_quality: Option<u8>,
+    /// Colour images as H.264 video with this quantiser, 1 to 51, instead of their payload.
+    pub video_qp: Option<u8>,
     /// Threads that code; 0 for as many as suit the machine.
     pub n_threads: usize,
 }
@@ -75,6 +81,7 @@ impl Default for Coding {
             lossless: true,
             previews: true,
             jpeg_quality: None,
+            video_qp: None,
             n_threads: 0,
         }
     }
@@ -91,7 +98,7 @@ impl Coding {
 
     /// Whether frames go into the file as they come.
     pub fn is_plain(&self) -> bool {
-        !self.lossless && self.jpeg_quality.is_none()
+        !self.lossless && self.jpeg_quality.is_none() && self.video_qp.is_none()
     }
 
     /// Threads that code: half of the processors, at least one, at most four.

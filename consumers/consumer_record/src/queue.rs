@@ -1,16 +1,17 @@
 //! The queue between the reading thread and the writer thread, bounded in bytes. Frames pass through
-//! coding threads on their way and keep their place.
+//! coding threads on their way and keep their place; those of a video are coded one after the other.
 
-use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, Sender, TrySendError, bounded, unbounded};
-use schema_frames::FrameHeader;
+use schema_frames::{FrameHeader, Modality};
 use schema_recording::messages::Batch;
 
 use crate::frames::TopicName;
+use crate::options::KEY_EVERY_NANOS;
 
 /// Something for the writer to do.
 #[derive(Debug)]
@@ -61,6 +62,15 @@ impl Job {
             Job::Metadata { .. } => 0,
         }
     }
+
+    /// Simulated time of messages, nanoseconds.
+    fn log_nanos(&self) -> u64 {
+        match self {
+            Job::Batch(batch) => batch.log_nanos,
+            Job::Frame(job) => job.batch.log_nanos,
+            Job::Attach { .. } | Job::Metadata { .. } => 0,
+        }
+    }
 }
 
 /// Largest number of waiting jobs; the bound in bytes is reached first in practice.
@@ -75,9 +85,12 @@ const MIN_SPARE_BYTES: usize = 64 << 10;
 #[derive(Debug)]
 pub struct Queue {
     slots: Sender<Slot>,
-    work: Sender<Work>,
+    work: Sender<Task>,
     shared: Arc<Shared>,
     limit_bytes: usize,
+    /// Newest simulated time that was queued, as the writer will see it.
+    newest_nanos: AtomicU64,
+    lanes: Mutex<BTreeMap<Arc<str>, Arc<Lane>>>,
 }
 
 /// The writer's side.
@@ -90,7 +103,7 @@ pub struct Outlet {
 /// The coding threads' side.
 #[derive(Clone, Debug)]
 pub struct Workbench {
-    work: Receiver<Work>,
+    work: Receiver<Task>,
     shared: Arc<Shared>,
 }
 
@@ -106,7 +119,55 @@ enum Slot {
 #[derive(Debug)]
 struct Work {
     job: Box<FrameJob>,
+    /// Simulated second that the file is in.
+    second: u64,
     done: Sender<Batch>,
+}
+
+/// Something for a coding thread to do.
+#[derive(Debug)]
+enum Task {
+    Frame(Work),
+    /// The frames that wait in a lane, unless another thread is at them.
+    Lane(Arc<Lane>),
+}
+
+/// Frames of one topic that are coded one after the other.
+#[derive(Debug, Default)]
+struct Lane {
+    /// What waits, and whether a thread is at it.
+    state: Mutex<(VecDeque<Work>, bool)>,
+}
+
+impl Lane {
+    fn state(&self) -> std::sync::MutexGuard<'_, (VecDeque<Work>, bool)> {
+        self.state
+            .lock()
+            .unwrap_or_else(|poisoned| poisoned.into_inner())
+    }
+
+    fn push(&self, work: Work) {
+        self.state().0.push_back(work);
+    }
+
+    /// The first frame for a thread that comes; none if another one is there.
+    fn begin(&self) -> Option<Work> {
+        let mut state = self.state();
+        if state.1 {
+            return None;
+        }
+        let work = state.0.pop_front();
+        state.1 = work.is_some();
+        work
+    }
+
+    /// The next frame for the thread that is there; without one it leaves.
+    fn next(&self) -> Option<Work> {
+        let mut state = self.state();
+        let work = state.0.pop_front();
+        state.1 = work.is_some();
+        work
+    }
 }
 
 #[derive(Debug, Default)]
@@ -115,6 +176,8 @@ struct Shared {
     /// Writers that have not ended: 0 or 1.
     writers: AtomicUsize,
     spare: Mutex<Vec<Vec<u8>>>,
+    /// Whether a topic's colour images are coded one after the other.
+    colour_in_order: AtomicBool,
 }
 
 impl Shared {
@@ -163,6 +226,8 @@ pub fn queue(limit_bytes: usize) -> (Queue, Workbench, Outlet) {
             work: work_sender,
             shared: shared.clone(),
             limit_bytes,
+            newest_nanos: AtomicU64::new(0),
+            lanes: Mutex::default(),
         },
         Workbench {
             work,
@@ -198,10 +263,15 @@ impl Queue {
             return Err(Refused::Full(job));
         }
         self.shared.bytes.fetch_add(n_bytes, Ordering::AcqRel);
+        let newest = self.newest_nanos.load(Ordering::Acquire);
+        let newest = newest.max(job.log_nanos());
+        self.newest_nanos.store(newest, Ordering::Release);
         let slot = match job {
             Job::Frame(job) => {
                 let (done, batch) = bounded(1);
-                if self.work.send(Work { job, done }).is_err() {
+                let second = newest / KEY_EVERY_NANOS;
+                let task = self.task(Work { job, second, done });
+                if self.work.send(task).is_err() {
                     return Err(Refused::Closed);
                 }
                 Slot::Coming(batch)
@@ -216,6 +286,20 @@ impl Queue {
             }
             TrySendError::Full(Slot::Coming(_)) | TrySendError::Disconnected(_) => Refused::Closed,
         })
+    }
+
+    fn task(&self, work: Work) -> Task {
+        let is_colour = work.job.header.modality() == Some(Modality::Rgb);
+        if !is_colour || !self.shared.colour_in_order.load(Ordering::Acquire) {
+            return Task::Frame(work);
+        }
+        let mut lanes = self
+            .lanes
+            .lock()
+            .unwrap_or_else(|poisoned| poisoned.into_inner());
+        let lane = lanes.entry(work.job.batch.source.clone()).or_default();
+        lane.push(work);
+        Task::Lane(lane.clone())
     }
 
     /// Queues, waiting for room as long as the writer lives.
@@ -245,36 +329,69 @@ impl Queue {
 }
 
 impl Workbench {
-    /// Codes frame after frame until the reading side is gone. `code` gets the frame and a source of
-    /// buffers, and makes its messages.
+    /// Has the colour images of a topic coded one after the other, in the order of the file. To be
+    /// called before the first frame is queued.
+    pub fn keep_colour_in_order(&self) {
+        self.shared.colour_in_order.store(true, Ordering::Release);
+    }
+
+    /// Codes frame after frame until the reading side is gone. `code` gets the frame, the simulated
+    /// second that the file is in there and a source of buffers, and makes its messages.
     pub fn run(
         &self,
         mut code: impl FnMut(
             &FrameJob,
+            u64,
             &mut dyn FnMut(usize) -> Vec<u8>,
         ) -> Vec<schema_recording::messages::Entry>,
     ) {
-        while let Ok(Work { mut job, done }) = self.work.recv() {
-            let before = job.batch.queued_bytes() + job.payload.len();
-            let mut entries = code(&job, &mut |n| self.shared.buffer(n));
-            entries.append(&mut job.batch.entries);
-            let mut batch = job.batch;
-            batch.entries = entries;
-            let after = batch.queued_bytes();
-            // What waits is as large as it has become.
-            if after > before {
-                self.shared
-                    .bytes
-                    .fetch_add(after - before, Ordering::AcqRel);
-            } else {
-                self.shared
-                    .bytes
-                    .fetch_sub(before - after, Ordering::AcqRel);
+        while let Ok(task) = self.work.recv() {
+            match task {
+                Task::Frame(work) => self.code(work, &mut code),
+                Task::Lane(lane) => {
+                    let mut work = lane.begin();
+                    while let Some(of) = work {
+                        self.code(of, &mut code);
+                        work = lane.next();
+                    }
+                }
             }
-            self.shared.give_back(std::iter::once(job.payload));
-            // A writer that has ended does not want it any more.
-            let _ = done.send(batch);
         }
+    }
+
+    fn code(
+        &self,
+        work: Work,
+        code: &mut impl FnMut(
+            &FrameJob,
+            u64,
+            &mut dyn FnMut(usize) -> Vec<u8>,
+        ) -> Vec<schema_recording::messages::Entry>,
+    ) {
+        let Work {
+            mut job,
+            second,
+            done,
+        } = work;
+        let before = job.batch.queued_bytes() + job.payload.len();
+        let mut entries = code(&job, second, &mut |n| self.shared.buffer(n));
+        entries.append(&mut job.batch.entries);
+        let mut batch = job.batch;
+        batch.entries = entries;
+        let after = batch.queued_bytes();
+        // What waits is as large as it has become.
+        if after > before {
+            self.shared
+                .bytes
+                .fetch_add(after - before, Ordering::AcqRel);
+        } else {
+            self.shared
+                .bytes
+                .fetch_sub(before - after, Ordering::AcqRel);
+        }
+        self.shared.give_back(std::iter::once(job.payload));
+        // A writer that has ended does not want it any more.
+        let _ = done.send(batch);
     }
 }
 
@@ -392,7 +509,7 @@ mod tests {
         let coder = |delay: u64| {
             let bench = bench.clone();
             std::thread::spawn(move || {
-                bench.run(|job, buffer| {
+                bench.run(|job, _, buffer| {
                     // Odd ones take longer, so that they are overtaken.
                     let millis = delay * (job.batch.sequence % 2) as u64;
                     std::thread::sleep(Duration::from_millis(millis));

@@ -11,7 +11,7 @@ use schema_recording::write::{ChunkCompression, Recording, Written};
 use crate::context::Context;
 use crate::dump::{DumpRequest, Dumped};
 use crate::files::file_of_set;
-use crate::options;
+use crate::options::{self, KEY_EVERY_NANOS};
 use crate::queue::Job;
 
 /// The newest batches, and what a file of them must hold besides.
@@ -19,6 +19,7 @@ pub struct Ring {
     base: PathBuf,
     compression: ChunkCompression,
     settings: options::Ring,
+    on_seconds: bool,
     /// What holds at the oldest batch.
     context: Context,
     batches: VecDeque<Arc<Batch>>,
@@ -43,6 +44,7 @@ impl Ring {
             base: base.to_path_buf(),
             compression,
             settings,
+            on_seconds: false,
             context: Context::default(),
             batches: VecDeque::new(),
             n_bytes: 0,
@@ -50,6 +52,11 @@ impl Ring {
             running: Vec::new(),
             finished: Vec::new(),
         }
+    }
+
+    /// Lets what is kept begin at a whole simulated second, where videos have key frames.
+    pub fn on_seconds(self, on_seconds: bool) -> Ring {
+        Ring { on_seconds, ..self }
     }
 
     /// Takes a job in; the oldest is forgotten.
@@ -77,14 +84,19 @@ impl Ring {
 
     fn forget(&mut self) {
         let newest = self.batches.back().map_or(0, |batch| batch.log_nanos);
-        let oldest_kept = newest.saturating_sub(self.settings.keep_nanos);
+        let step = if self.on_seconds { KEY_EVERY_NANOS } else { 1 };
+        let oldest_kept = newest.saturating_sub(self.settings.keep_nanos) / step;
+        // Of a second that does not fit nothing is kept.
+        let mut forgotten = None;
         while let Some(oldest) = self.batches.front() {
-            let is_old = oldest.log_nanos < oldest_kept;
+            let second = oldest.log_nanos / step;
+            let is_old = second < oldest_kept || (self.on_seconds && forgotten >= Some(second));
             if !is_old && self.n_bytes <= self.settings.max_bytes {
                 break;
             }
             self.n_bytes -= bytes_of(oldest);
             self.context.batch(oldest);
+            forgotten = forgotten.max(Some(second));
             self.batches.pop_front();
         }
     }

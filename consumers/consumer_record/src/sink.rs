@@ -49,14 +49,17 @@ impl Output {
     /// What a run of the simulator is written to; runs are counted from 1.
     pub(crate) fn create(options: &Options, run_number: u32) -> anyhow::Result<Output> {
         let base = file_of_run(&options.out, run_number);
+        let on_seconds = options.coding.video_qp.is_some();
         let (path, target) = match &options.ring {
             Some(ring) => {
                 let requests = ring.requests.clone();
-                let ring = Ring::new(&base, options.compression, ring.clone());
+                let ring =
+                    Ring::new(&base, options.compression, ring.clone()).on_seconds(on_seconds);
                 (base, Target::Ring(Box::new(ring), requests))
             }
             None => {
-                let files = Files::create(&base, options.compression, options.split)?;
+                let files = Files::create(&base, options.compression, options.split)?
+                    .on_seconds(on_seconds);
                 (files.path(), Target::Files(Box::new(files)))
             }
         };

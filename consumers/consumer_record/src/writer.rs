@@ -38,13 +38,19 @@ pub fn start_coders(bench: &Workbench, coding: Coding) -> anyhow::Result<()> {
     if coding.is_plain() {
         return Ok(());
     }
+    if coding.video_qp.is_some() {
+        bench.keep_colour_in_order();
+    }
+    let first = FrameCoder::new(coding).context("cannot set up the codecs")?;
     for _ in 0..coding.threads() {
         let bench = bench.clone();
-        let mut coder = FrameCoder::new(coding).context("cannot set up the codecs")?;
+        let mut coder = first.another().context("cannot set up the codecs")?;
         std::thread::Builder::new()
             .name("coder".to_string())
             .spawn(move || {
-                bench.run(|job, reuse| coder.entries(&job.name, &job.header, &job.payload, reuse));
+                bench.run(|job, second, reuse| {
+                    coder.entries_in(second, &job.name, &job.header, &job.payload, reuse)
+                });
             })
             .context("cannot start a coding thread")?;
     }
