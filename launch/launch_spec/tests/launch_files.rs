@@ -199,7 +199,7 @@ fn what_a_process_starts_in_is_checked() {
             "process.a.venv is 3, but must be the path of a folder in quotes at launch/town.toml:8:8",
             "process.b.nice is \"low\", but must be a whole number from -20 to 19 at launch/town.toml:11:8",
             "process.b.params is 3, but must be a table at launch/town.toml:12:10",
-            "process.c.lockstep is true, but no process of the launch runs simd, whose ticks could wait for it at launch/town.toml:15:12",
+            "process.c.lockstep is true, but no process of the launch runs simd or gantry-replay, whose ticks could wait for it at launch/town.toml:15:12",
             "[process.d] has no cmd; give cmd = [\"program\", \"argument\"] at launch/town.toml:16:10",
             "process.d.params.x is nan, but JSON has no such number at launch/town.toml:17:5",
             "process.d.params.y.z has \"${nam}\", which is nothing the launcher replaces, did you mean \"name\"? at launch/town.toml:18:11",
