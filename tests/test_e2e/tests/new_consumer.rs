@@ -133,6 +133,9 @@ fn a_python_consumer_passes_its_tests_and_runs_from_its_launch_file() {
         "-rs",
         "-W",
         "error",
+        // Where it stands is said before the patience of this test ends.
+        "-o",
+        "faulthandler_timeout=60",
         project.to_str().unwrap(),
     ];
     let pytest = |extra: &[&str]| {
