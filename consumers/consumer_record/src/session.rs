@@ -69,6 +69,8 @@ struct Session {
     sink: Sink,
     run: Run,
     newest_tick: u64,
+    /// Whether topics are listed once more before the next tick is acknowledged.
+    list_before_ack: bool,
     /// Whether the first snapshot of this run has arrived. Before it, documents have no simulated
     /// time.
     has_snapshot: bool,
@@ -107,6 +109,7 @@ impl Session {
             sink,
             run: Run::default(),
             newest_tick: 0,
+            list_before_ack: false,
             has_snapshot: false,
             waiting_said: false,
             last_try: None,
@@ -211,7 +214,10 @@ impl Session {
         self.drain_results()?;
         let name = self.options.lockstep_name.as_ref().unwrap_or(&self.name);
         match InStep::join(self.follower.bus(), name, &format!("{}-end", self.name)) {
-            Ok(step) => self.lockstep = Some(step),
+            Ok(step) => {
+                self.lockstep = Some(step);
+                self.list_before_ack = true;
+            }
             Err(error) => {
                 if !std::mem::replace(&mut self.waiting_said, true) {
                     tracing::info!(%error, "not in lockstep yet, trying on");
@@ -410,6 +416,13 @@ impl Session {
         };
         if !step.is_complete(tick, &mut self.journal, self.run, &mut self.sink)? {
             return Ok(());
+        }
+        if std::mem::take(&mut self.list_before_ack) {
+            // Others may have joined later, but before this tick, and brought topics of their own.
+            // The list of the thread may be half a second old, and a fast run over by then.
+            let topics = self.follower.bus().topics()?;
+            self.follow_new(topics)?;
+            self.follower.wait(Duration::ZERO)?;
         }
         self.drain()?;
         match &mut self.lockstep {

@@ -81,7 +81,10 @@ fn a_pipeline_gets_every_frame_of_a_recording_and_publishes_its_own_results() {
     assert!(!ended.says("started drive"), "nobody drives in a recording");
     let again = sequences(&sandbox.path("again.mcap"));
     assert_eq!(again["/ego/front/rgb/gantry"], *frames);
-    assert!(!again["/detector/mean/gantry"].is_empty());
+    // The recorder may find the topic only when the first tick is complete, so that it misses its
+    // result, but no later one.
+    let n_results = again["/detector/mean/gantry"].len();
+    assert!((39..=40).contains(&n_results), "{n_results} results of 40");
     assert_nothing_left(&sandbox);
 }
 
