@@ -217,10 +217,8 @@ impl H264 {
         };
         // SAFETY: the encoder lives and is initialized; the planes have the size that is told, and
         // outlive the call; what is found is ours to fill.
-        told(
-            unsafe { encode(self.raw, &raw const source, &raw mut *self.found) },
-            "the picture",
-        )?;
+        let code = unsafe { encode(self.raw, &raw const source, &raw mut *self.found) };
+        told(code, "the picture")?;
         let is_made = matches!(
             self.found.eFrameType,
             sys::videoFrameTypeIDR | sys::videoFrameTypeP
