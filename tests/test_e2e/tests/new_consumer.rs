@@ -142,7 +142,8 @@ fn a_python_consumer_passes_its_tests_and_runs_from_its_launch_file() {
         let words = [&words[..], extra].concat();
         sandbox
             .spawn_program("pytest", &python, &words, &env)
-            .wait()
+            // The simulator of its tests says itself what it waited for in vain, after two minutes.
+            .wait_longer(std::time::Duration::from_secs(600))
     };
     let ended = pytest(&[]).expect_code(0);
     assert!(ended.says("3 passed"), "{:#?}", ended.lines);
