@@ -90,13 +90,13 @@ class Recordings(unittest.TestCase):
 
     def test_rows_hold_one_tick_of_every_topic(self):
         drive = gantry.Recording(self.sample)
-        rows = list(drive.sync("ego/front/rgb", "ego/front/depth", snapshots=True))
+        rows = list(drive.sync(["ego/front/rgb", "ego/front/depth"], snapshots=True))
         self.assertEqual([row.tick for row in rows], list(range(1, N_TICKS + 1)))
         for row in rows:
             self.assertEqual({frame.tick for frame in row.values()}, {row.tick})
             self.assertEqual(row.snapshot.tick, row.tick)
         with self.assertRaisesRegex(gantry.GantryError, "no frames of ego/front/rbg; it has .*ego/front/rgb"):
-            drive.sync("ego/front/rbg")
+            drive.sync(["ego/front/rbg"])
 
     def test_results_of_every_type_are_what_another_reader_finds(self):
         bodies, wholes = {}, {}

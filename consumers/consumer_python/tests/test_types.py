@@ -33,7 +33,7 @@ with gantry.publish("mine/tensor", "tensor") as topic, gantry.lockstep("mine") a
 drive = gantry.Recording("drive.mcap")
 for frame in drive.frames("ego/front/rgb", start=1.0):
     assert_type(frame, gantry.Frame)
-for recorded in drive.sync("ego/front/rgb", snapshots=True):
+for recorded in drive.sync(["ego/front/rgb"], snapshots=True):
     assert_type(recorded.snapshot, gantry.Snapshot | None)
 
 async def main() -> None:

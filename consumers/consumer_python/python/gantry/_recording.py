@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from typing import Any, Callable, Iterator, NamedTuple, TypeVar
+from typing import Any, Callable, Iterator, NamedTuple, Sequence, TypeVar
 
 from ._errors import GantryError
 from ._frame import Frame
@@ -170,7 +170,7 @@ class Recording:
 
         return self._read(("frame", "result", "snapshot", "document", "foreign"), topics, start, end, make)
 
-    def sync(self, *topics: str, start: float = 0.0, end: float | None = None, snapshots: bool = False) -> Iterator[Row]:
+    def sync(self, topics: Sequence[str], start: float = 0.0, end: float | None = None, *, snapshots: bool = False) -> Iterator[Row]:
         """Reads frames tick by tick, of the ticks of which every topic has one, as `gantry.sync` does live.
 
         Topics are names without patterns. With `snapshots` each row has the world of its tick.
@@ -182,7 +182,7 @@ class Recording:
             known = ", ".join(topic.name for topic in self.topics if topic.kind == "frame")
             raise GantryError(f"{self.path} has no frames of {', '.join(unknown)}; it has {known or 'none'}")
         kinds = ("frame", "snapshot") if snapshots else ("frame",)
-        return self._rows(kinds, topics, start, end, snapshots)
+        return self._rows(kinds, tuple(topics), start, end, snapshots)
 
     def _rows(self, kinds: tuple[str, ...], topics: tuple[str, ...], start: float, end: float | None, snapshots: bool) -> Iterator[Row]:
         # A file holds one start of the simulator, so the tick alone says what belongs together.
