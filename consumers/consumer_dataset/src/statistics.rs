@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use base64::Engine as _;
-use consumer_export::recording::{TickReader, scenario};
-use consumer_export::scenario::Scenario;
-use consumer_export::ticks::{TickFrame, TickSet};
-use consumer_export::truth::{Body, Camera, Images, bodies, box_truths};
+use consumer_truth::recording::{TickReader, scenario};
+use consumer_truth::scenario::Scenario;
+use consumer_truth::ticks::{TickFrame, TickSet};
+use consumer_truth::{Body, Camera, Images, bodies, box_truths};
 use image::{Rgb, RgbImage, imageops};
 use schema_frames::{LidarPoint, Modality, SemanticLidarPoint};
 use schema_recording::read::RecordingFile;

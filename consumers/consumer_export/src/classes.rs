@@ -3,7 +3,7 @@
 use schema_frames::ActorKind;
 use schema_types::class::CLASSES;
 
-use crate::truth::Body;
+use consumer_truth::Body;
 
 /// One class in every format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

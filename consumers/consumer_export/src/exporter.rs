@@ -2,9 +2,9 @@
 
 use schema_frames::Modality;
 
-use crate::scenario::{Scenario, Topic};
-use crate::ticks::TickSet;
 use crate::tree::Tree;
+use consumer_truth::scenario::{Scenario, Topic};
+use consumer_truth::ticks::TickSet;
 
 /// Name of a format on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, clap::ValueEnum)]

@@ -1,13 +1,12 @@
 //! Turns recordings into training sets: images, clouds, events, calibrations and labels in the
 //! trees that the formats' own tools open.
 //!
-//! In reading order: [`options`] (what is asked), [`scenario`] (what a recording holds),
-//! [`ticks`] and [`recording`] (a recording as one set of frames per tick), [`manifest`] (how far an
-//! export is), [`tree`] (the folder that grows, whole
-//! files only), [`truth`] (boxes, masks and occlusion from exact images), [`classes`] (CARLA's
-//! classes in each format's words), [`exporter`] (what a format is), [`formats`] (one module per format), [`live`] (recordings of launch
-//! files), [`run`] (everything together). A format is an [`exporter::Exporter`]; it is handed whole ticks, one after the other,
-//! and never a whole recording.
+//! In reading order: [`options`] (what is asked), [`manifest`] (how far an export is), [`tree`] (the
+//! folder that grows, whole files only), [`classes`] (CARLA's classes in each format's words),
+//! [`exporter`] (what a format is), [`formats`] (one module per format), [`live`] (recordings of
+//! launch files), [`run`] (everything together). What is true about a tick is `consumer_truth`'s. A
+//! format is an [`exporter::Exporter`]; it is handed whole ticks, one after the other, and never a
+//! whole recording.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
@@ -19,9 +18,5 @@ pub mod live;
 pub mod manifest;
 pub mod options;
 pub mod picture;
-pub mod recording;
 pub mod run;
-pub mod scenario;
-pub mod ticks;
 pub mod tree;
-pub mod truth;

@@ -174,7 +174,7 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
         let mut name = args.scenario.get(at).cloned();
         let mut path = file.clone();
         if is_launch(file) {
-            let own = consumer_export::recording::scenario_name(file);
+            let own = consumer_truth::recording::scenario_name(file);
             let own = own.strip_suffix(".toml").unwrap_or(&own).to_string();
             match live.record(file, at, &options, &|| shutdown.requested())? {
                 Some(recording) => path = recording,

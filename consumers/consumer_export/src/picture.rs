@@ -3,7 +3,7 @@
 use anyhow::Context as _;
 
 use crate::options::ImageForm;
-use crate::ticks::TickFrame;
+use consumer_truth::ticks::TickFrame;
 
 /// A colour frame (B G R A) as tight R G B.
 pub fn rgb_of(frame: &TickFrame) -> Vec<u8> {

@@ -15,10 +15,10 @@ use crate::exporter::{DoneScenario, Exporter};
 use crate::formats;
 use crate::manifest::{Found, Manifest, Recording};
 use crate::options::{Options, deal};
-use crate::recording::{TickReader, scenario, scenario_name};
-use crate::scenario::Scenario;
-use crate::ticks::TickSet;
 use crate::tree::Tree;
+use consumer_truth::recording::{TickReader, scenario, scenario_name};
+use consumer_truth::scenario::Scenario;
+use consumer_truth::ticks::TickSet;
 
 /// What became of an export.
 #[derive(Clone, Debug, Serialize)]

@@ -15,10 +15,10 @@ use crate::classes;
 use crate::exporter::{DoneScenario, Exporter, Format};
 use crate::options::{MaskForm, Options};
 use crate::picture;
-use crate::scenario::{Scenario, Topic};
-use crate::ticks::TickSet;
 use crate::tree::{Job, PartFile, Tree};
-use crate::truth::masks::runs_text;
+use consumer_truth::masks::runs_text;
+use consumer_truth::scenario::{Scenario, Topic};
+use consumer_truth::ticks::TickSet;
 
 /// Writes COCO.
 pub struct Coco {

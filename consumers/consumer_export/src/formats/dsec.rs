@@ -23,9 +23,9 @@ use crate::exporter::{DoneScenario, Exporter, Format, missing};
 use crate::formats::trajectory;
 use crate::options::{ImageForm, Options};
 use crate::picture;
-use crate::scenario::{Scenario, Sensor, Topic};
-use crate::ticks::{TickFrame, TickSet};
 use crate::tree::{PartFile, Tree};
+use consumer_truth::scenario::{Scenario, Sensor, Topic};
+use consumer_truth::ticks::{TickFrame, TickSet};
 
 /// Names of the sides in paths.
 const SIDES: [&str; 2] = ["left", "right"];

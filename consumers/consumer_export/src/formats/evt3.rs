@@ -15,9 +15,9 @@ use self::words::{Encoder, Event, MAX_SIDE_PX};
 use crate::exporter::{DoneScenario, Exporter, Format, missing};
 use crate::formats::trajectory;
 use crate::options::Options;
-use crate::scenario::{Scenario, Topic};
-use crate::ticks::{TickFrame, TickSet};
 use crate::tree::{PartFile, Tree};
+use consumer_truth::scenario::{Scenario, Topic};
+use consumer_truth::ticks::{TickFrame, TickSet};
 
 /// Writes EVT 3.0.
 #[derive(Debug)]

@@ -10,8 +10,8 @@ use launch_cli::wrong_usage;
 
 use crate::exporter::{Format, missing};
 use crate::options::Options;
-use crate::scenario::{Scenario, Sensor, Topic};
-use crate::ticks::{TickFrame, TickSet, World};
+use consumer_truth::scenario::{Scenario, Sensor, Topic};
+use consumer_truth::ticks::{TickFrame, TickSet, World};
 
 /// A cloud with what its sensor tells about each point.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -18,9 +18,9 @@ use super::family::{Cloud, Motion, camera_pair, first_topic};
 use crate::exporter::{DoneScenario, Exporter, Format};
 use crate::options::Options;
 use crate::picture;
-use crate::scenario::{Scenario, Sensor, Topic};
-use crate::ticks::{TickFrame, TickSet};
 use crate::tree::{Job, PartFile, Tree};
+use consumer_truth::scenario::{Scenario, Sensor, Topic};
+use consumer_truth::ticks::{TickFrame, TickSet};
 use text::Calibration;
 
 /// Writes KITTI.

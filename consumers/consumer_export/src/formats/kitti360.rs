@@ -23,10 +23,10 @@ use crate::classes;
 use crate::exporter::{DoneScenario, Exporter, Format};
 use crate::options::Options;
 use crate::picture;
-use crate::scenario::{Scenario, Sensor, Topic};
-use crate::ticks::TickSet;
 use crate::tree::{Job, PartFile, Tree};
-use crate::truth::bodies;
+use consumer_truth::bodies;
+use consumer_truth::scenario::{Scenario, Sensor, Topic};
+use consumer_truth::ticks::TickSet;
 
 /// Writes KITTI-360.
 pub struct Kitti360 {

@@ -25,11 +25,11 @@ use crate::classes;
 use crate::exporter::{DoneScenario, Exporter, Format, missing};
 use crate::options::Options;
 use crate::picture;
-use crate::scenario::{Scenario, Sensor, Topic};
-use crate::ticks::{TickFrame, TickSet};
 use crate::tree::{Job, Tree};
 use annotations::Annotations;
 use channels::{Channel, channels};
+use consumer_truth::scenario::{Scenario, Sensor, Topic};
+use consumer_truth::ticks::{TickFrame, TickSet};
 use tables::{Record, Sweeps, TABLES, Tables, pose_json, token};
 
 /// Folder of the tables; tools take it for their version.

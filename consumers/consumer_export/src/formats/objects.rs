@@ -7,9 +7,9 @@ use schema_frames::Modality;
 use crate::classes;
 use crate::exporter::{Format, missing};
 use crate::options::Options;
-use crate::scenario::{Scenario, Sensor};
-use crate::ticks::TickSet;
-use crate::truth::{Body, BoxTruth, Camera, Images, Mask, bodies, box_truths, segments};
+use consumer_truth::scenario::{Scenario, Sensor};
+use consumer_truth::ticks::TickSet;
+use consumer_truth::{Body, BoxTruth, Camera, Images, Mask, bodies, box_truths, segments};
 
 /// An object that some pixels show.
 #[derive(Clone, Debug)]

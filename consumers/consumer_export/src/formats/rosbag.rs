@@ -26,10 +26,10 @@ use super::evt3;
 use super::evt3::words::Encoder;
 use crate::exporter::{DoneScenario, Exporter};
 use crate::options::Options;
-use crate::scenario::{Scenario, Topic};
-use crate::ticks::{TickFrame, TickSet};
 use crate::tree::{PartFile, Tree};
-use crate::truth::Body;
+use consumer_truth::Body;
+use consumer_truth::scenario::{Scenario, Topic};
+use consumer_truth::ticks::{TickFrame, TickSet};
 
 /// Topics whose newest message holds until the next one, besides those of texts.
 const LATCHED: [&str; 2] = ["/tf_static", "/world/scenery"];
@@ -245,7 +245,7 @@ impl Exporter for Ros2Bag {
 
     fn wants(&self, scenario: &Scenario, topic: &Topic) -> bool {
         let is_camera = topic.modality.sensor_kind() == schema_frames::SensorKind::Camera;
-        let is_wanted = |camera: &&crate::scenario::Sensor| camera.name == *topic.sensor;
+        let is_wanted = |camera: &&consumer_truth::scenario::Sensor| camera.name == *topic.sensor;
         let cameras = || scenario.cameras(&self.cameras).unwrap_or_default();
         !topic.modality.is_event() && (!is_camera || cameras().iter().any(is_wanted))
     }

@@ -19,10 +19,10 @@ use crate::classes;
 use crate::exporter::{DoneScenario, Exporter, Format, missing};
 use crate::options::Options;
 use crate::picture;
-use crate::scenario::{Scenario, Sensor, Topic};
-use crate::ticks::{TickFrame, TickSet};
 use crate::tree::{Job, PartFile, Tree};
-use crate::truth::{Body, bodies};
+use consumer_truth::scenario::{Scenario, Sensor, Topic};
+use consumer_truth::ticks::{TickFrame, TickSet};
+use consumer_truth::{Body, bodies};
 
 /// Writes SemanticKITTI.
 pub struct SemanticKitti {

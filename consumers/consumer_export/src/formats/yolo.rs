@@ -15,9 +15,9 @@ use crate::classes;
 use crate::exporter::{DoneScenario, Exporter, Format};
 use crate::options::Options;
 use crate::picture;
-use crate::scenario::{Scenario, Topic};
-use crate::ticks::TickSet;
 use crate::tree::Tree;
+use consumer_truth::scenario::{Scenario, Topic};
+use consumer_truth::ticks::TickSet;
 
 /// Writes YOLO.
 pub struct Yolo {

@@ -5,8 +5,8 @@ use schema_frames::DvsEvent;
 
 use super::hdf5::{Column, Entry, Hdf5File, Number};
 use crate::formats::evt3::micros;
-use crate::ticks::TickFrame;
 use crate::tree::PartFile;
+use consumer_truth::ticks::TickFrame;
 
 /// A file of events that grows.
 #[derive(Debug)]

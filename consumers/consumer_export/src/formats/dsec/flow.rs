@@ -1,6 +1,6 @@
 //! Optical flow in DSEC's form: 16-bit images with x, y and a flag.
 
-use crate::ticks::TickFrame;
+use consumer_truth::ticks::TickFrame;
 
 /// Steps of a pixel in the images.
 const STEPS_PER_PX: f64 = 128.0;

@@ -5,9 +5,9 @@ use schema_frames::{FrameHeader, Modality};
 
 use crate::classes;
 use crate::formats::family::{Cloud, wrapped_rad};
-use crate::scenario::{Scenario, Sensor};
-use crate::ticks::TickSet;
-use crate::truth::{Body, Camera, Images, PointCounts, bodies, box_truths, segments};
+use consumer_truth::scenario::{Scenario, Sensor};
+use consumer_truth::ticks::TickSet;
+use consumer_truth::{Body, Camera, Images, PointCounts, bodies, box_truths, segments};
 
 /// One line.
 #[derive(Clone, Debug, PartialEq)]
@@ -102,7 +102,7 @@ pub fn labels(
 
 fn label(
     body: &Body,
-    truth: &crate::truth::BoxTruth,
+    truth: &consumer_truth::BoxTruth,
     camera_from_world: &Isometry3<f64>,
     view: &Camera,
 ) -> Label {

@@ -4,8 +4,8 @@ use nalgebra::{Isometry3, Matrix4};
 use schema_frames::Modality;
 
 use crate::formats::family::{Motion, matrix, numbers, projection, row34, world_from_carrier};
-use crate::scenario::{Scenario, Sensor};
-use crate::ticks::World;
+use consumer_truth::scenario::{Scenario, Sensor};
+use consumer_truth::ticks::World;
 
 /// Matrices of a rig.
 #[derive(Clone, Debug)]

@@ -8,7 +8,7 @@ use nalgebra::{Matrix4, Vector3};
 
 use crate::formats::family::matrix;
 use crate::tree::PartFile;
-use crate::truth::Body;
+use consumer_truth::Body;
 
 /// Name, number in files of boxes (`kittiId`), whether objects are numbered, colour; the index is the
 /// label id of images.

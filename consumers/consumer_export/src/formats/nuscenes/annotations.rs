@@ -10,9 +10,9 @@ use super::channels::Channel;
 use super::tables::{Tables, pose_json, token};
 use crate::classes;
 use crate::formats::family::Cloud;
-use crate::scenario::Scenario;
-use crate::ticks::TickSet;
-use crate::truth::{Body, Camera, Images, PointCounts, bodies, box_truths};
+use consumer_truth::scenario::Scenario;
+use consumer_truth::ticks::TickSet;
+use consumer_truth::{Body, Camera, Images, PointCounts, bodies, box_truths};
 
 /// Annotations whose successors are not known yet: the last one of each instance.
 #[derive(Debug, Default)]

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::tables::{pose_json, token};
 use crate::options::{ImageForm, Options};
-use crate::scenario::{Scenario, Sensor};
+use consumer_truth::scenario::{Scenario, Sensor};
 
 /// A sensor under its name in nuScenes.
 #[derive(Clone, Debug, PartialEq)]
@@ -195,7 +195,7 @@ mod tests {
     use schema_frames::FrameHeader;
 
     use super::*;
-    use crate::scenario::Topic;
+    use consumer_truth::scenario::Topic;
 
     fn camera(name: &str, yaw_deg: f64) -> Sensor {
         let first = FrameHeader::new(Modality::Rgb);

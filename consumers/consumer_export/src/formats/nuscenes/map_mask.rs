@@ -3,7 +3,7 @@
 use schema_roads::{LaneKind, RoadMap};
 
 use crate::picture;
-use crate::truth::camera::{convex, rows};
+use consumer_truth::camera::{convex, rows};
 
 /// Pixels per metre, as the devkit assumes.
 const PIXELS_PER_M: f64 = 10.0;

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use schema_frames::RadarDetection;
 
-use crate::ticks::{TickFrame, World};
+use consumer_truth::ticks::{TickFrame, World};
 
 /// Radial speed over ground from which a detection counts as moving, m/s.
 const MOVING_MPS: f32 = 0.5;

@@ -9,8 +9,8 @@ use schema_frames::{
 use schema_types::Class;
 
 use super::cdr::Cdr;
-use crate::ticks::{TickFrame, World};
-use crate::truth::Body;
+use consumer_truth::Body;
+use consumer_truth::ticks::{TickFrame, World};
 
 /// The frame of the world.
 pub const MAP: &str = "map";

@@ -2,6 +2,10 @@
 //! points per box. It follows from snapshots and from exact images alone, so whoever has a
 //! recording can compute it again.
 //!
+//! In reading order: [`scenario`] (what a recording holds), [`ticks`] and [`recording`] (a recording
+//! as one set of frames per tick), [`bodies`], [`camera`], [`boxes`], [`segments`], [`masks`] and
+//! [`points`] (the truth about one tick).
+//!
 //! # Words
 //!
 //! - A **body** is an actor with a box: a vehicle, a walker or a prop. Its box is that of
@@ -31,12 +35,18 @@
 //! without such lists, have no box in space. They do have pixels and points: [`segments`] lists
 //! them like bodies, with class, mask and visible box.
 
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
 pub mod bodies;
 pub mod boxes;
 pub mod camera;
 pub mod masks;
 pub mod points;
+pub mod recording;
+pub mod scenario;
 pub mod segments;
+pub mod ticks;
 
 pub use bodies::{Body, bodies};
 pub use boxes::{BoxTruth, Images, box_truths};

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Point3};
 
-use super::bodies::Body;
+use crate::bodies::Body;
 
 /// How far outside of a box a point still counts, metres: bodies touch their boxes from inside, and
 /// points are rounded to `f32`.

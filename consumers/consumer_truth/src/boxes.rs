@@ -2,9 +2,9 @@
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::bodies::Body;
-use super::camera::{Camera, Outline, area_px, bounds, clipped, rows};
-use super::segments::{by_id, segments};
+use crate::bodies::Body;
+use crate::camera::{Camera, Outline, area_px, bounds, clipped, rows};
+use crate::segments::{by_id, segments};
 
 /// How much nearer than a body's box something must be to cover it, metres: kerbs and slopes cut
 /// into boxes by less.

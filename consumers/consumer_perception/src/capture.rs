@@ -1,0 +1,152 @@
+//! What a program did in one run of one scenario: every result with its times, which frames there
+//! were, and what the processes used.
+
+use std::sync::Arc;
+
+use schema_frames::{InputRecord, ResultHeader};
+use serde::{Deserialize, Serialize};
+
+/// How a program is run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// In lockstep: every frame is waited for, so time plays no part.
+    Offline,
+    /// In real time (or a multiple of it): the program gets what it can keep up with.
+    Streaming,
+    /// A constant stream, as many frames as asked for: latency only.
+    Stress,
+}
+
+/// One run.
+#[derive(Clone, Debug)]
+pub struct Capture {
+    /// Name of the program.
+    pub program: String,
+    /// Name of the scenario.
+    pub scenario: String,
+    /// How it ran.
+    pub mode: Mode,
+    /// Simulated seconds per second of the wall clock that were asked for; 0 in lockstep.
+    pub speed: f64,
+    /// Simulated time over time of the machine's monotonic clock, in order of both.
+    pub clock: Clock,
+    /// Every result that was published, in order of arrival, also late, repeated and wrong ones.
+    pub results: Vec<CapturedResult>,
+    /// Frames of the program's inputs that were there to be taken, by topic and tick.
+    pub frames: Vec<SentFrame>,
+    /// Results that the benchmark's own reader lost, because a program sent faster than it reads.
+    pub n_lost: u64,
+    /// What the processes used, sampled.
+    pub usage: Vec<Usage>,
+    /// What went wrong, a sentence each: a crash, a restart, a result that cannot be read.
+    pub faults: Vec<String>,
+}
+
+/// A result as it arrived.
+#[derive(Clone, Debug)]
+pub struct CapturedResult {
+    /// Topic without the domain.
+    pub topic: Arc<str>,
+    /// Its header, checked.
+    pub header: ResultHeader,
+    /// Its body.
+    pub body: Arc<[u8]>,
+    /// Which frames it answers.
+    pub inputs: Vec<InputRecord>,
+    /// When the benchmark held it, nanoseconds of the monotonic clock. When it was published stands
+    /// in the header.
+    pub held_mono_nanos: u64,
+}
+
+/// A frame of an input topic.
+#[derive(Clone, Debug)]
+pub struct SentFrame {
+    /// Topic without the domain.
+    pub topic: Arc<str>,
+    /// Its tick.
+    pub tick: u64,
+    /// Number of its firing.
+    pub seq: u64,
+    /// Its simulated time, nanoseconds.
+    pub sim_nanos: u64,
+    /// When it was published, nanoseconds of the monotonic clock.
+    pub published_mono_nanos: u64,
+}
+
+/// What a process and its children used up to a moment.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Usage {
+    /// Name of the process: the program, the simulator or the replay.
+    pub process: String,
+    /// Nanoseconds of the monotonic clock.
+    pub mono_nanos: u64,
+    /// Processor time so far, seconds.
+    pub cpu_secs: f64,
+    /// Memory of its own, bytes.
+    pub own_bytes: u64,
+}
+
+/// Simulated time over the monotonic clock, from snapshots.
+#[derive(Clone, Debug, Default)]
+pub struct Clock {
+    points: Vec<(u64, u64)>,
+}
+
+impl Clock {
+    /// A snapshot of simulated time `sim_nanos` was published at `mono_nanos`. Points that go back
+    /// are left out.
+    pub fn push(&mut self, sim_nanos: u64, mono_nanos: u64) {
+        let goes_on = self
+            .points
+            .last()
+            .is_none_or(|(sim, mono)| sim_nanos > *sim && mono_nanos > *mono);
+        if goes_on {
+            self.points.push((sim_nanos, mono_nanos));
+        }
+    }
+
+    /// Simulated time at a moment of the monotonic clock, nanoseconds: between two snapshots in
+    /// proportion, beyond the ends at the pace of the nearest two. `None` before there are two.
+    pub fn sim_at(&self, mono_nanos: u64) -> Option<f64> {
+        if self.points.len() < 2 {
+            return None;
+        }
+        let at = self.points.partition_point(|(_, mono)| *mono <= mono_nanos);
+        let at = at.clamp(1, self.points.len() - 1);
+        let ((sim_a, mono_a), (sim_b, mono_b)) = (self.points[at - 1], self.points[at]);
+        let share = (mono_nanos as f64 - mono_a as f64) / (mono_b - mono_a) as f64;
+        Some(sim_a as f64 + share * (sim_b - sim_a) as f64)
+    }
+
+    /// Simulated seconds per second of the wall clock over the whole run; `None` before there are
+    /// two snapshots.
+    pub fn pace(&self) -> Option<f64> {
+        let ((sim_a, mono_a), (sim_b, mono_b)) = (self.points.first()?, self.points.last()?);
+        (mono_b > mono_a).then(|| (sim_b - sim_a) as f64 / (mono_b - mono_a) as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn simulated_time_follows_the_snapshots_and_goes_on_beyond_them() {
+        let mut clock = Clock::default();
+        assert_eq!(clock.sim_at(5), None);
+        for (sim, mono) in [(0, 1000), (100, 1100), (100, 1150), (200, 1300)] {
+            clock.push(sim, mono);
+        }
+        for (mono, sim) in [
+            (900, -100.0),
+            (1050, 50.0),
+            (1100, 100.0),
+            (1200, 150.0),
+            (1400, 250.0),
+        ] {
+            assert_eq!(clock.sim_at(mono), Some(sim), "{mono}");
+        }
+        assert_eq!(clock.pace(), Some(200.0 / 300.0));
+    }
+}
