@@ -8,3 +8,7 @@
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
+
+pub mod average_precision;
+pub mod coco_json;
+pub mod detection3d;
