@@ -7,7 +7,8 @@
 //!
 //! Modules in reading order: `follower` (several topics at once), `topic` (one topic), `wake` (events), `publish`
 //! (results of a program's own), `result` (those of others), [`items`] (what is in them), `snapshots` (the world of a frame's
-//! tick), `document` (texts such as the list of actors), `lockstep`, `steps` (every tick in lockstep), `run_files`.
+//! tick), `document` (texts such as the list of actors), `lockstep`, `steps` (every tick in lockstep), `program` (the base of a
+//! program that answers frames), `run_files`.
 //!
 //! ```no_run
 //! use consumer_kit::{Follower, Take};
@@ -32,6 +33,7 @@ mod document;
 mod follower;
 pub mod items;
 mod lockstep;
+mod program;
 mod publish;
 mod result;
 mod run_files;
@@ -43,6 +45,7 @@ mod wake;
 pub use document::FollowedDocument;
 pub use follower::{Follower, MAX_WAIT, TopicId};
 pub use lockstep::{Lockstep, LockstepError};
+pub use program::{Frames, InputId, Program, ProgramError};
 pub use publish::{ListLoan, PublishError, Publisher};
 pub use result::FollowedResult;
 pub use run_files::file_of_run;

@@ -15,6 +15,7 @@ from typing import Any
 import numpy.typing as npt
 from typing_extensions import assert_type
 import gantry
+import gantry.bench
 
 with gantry.open("ego/front/rgb") as camera, gantry.open("mine/boxes", result="boxes2d") as boxes:
     assert_type(camera, gantry.Topic[gantry.Frame])
@@ -35,6 +36,17 @@ for frame in drive.frames("ego/front/rgb", start=1.0):
     assert_type(frame, gantry.Frame)
 for recorded in drive.sync(["ego/front/rgb"], snapshots=True):
     assert_type(recorded.snapshot, gantry.Snapshot | None)
+
+@gantry.bench.program(inputs={"image": "ego/front/rgb"}, output=("mine/found", "boxes2d"))
+def detect(image: gantry.Frame) -> npt.NDArray[Any]:
+    return gantry.boxes2d([[0, 0]], [[image.tick, 4]])
+
+class Detector(gantry.bench.Program):
+    inputs = {"image": "ego/front/rgb"}
+    outputs = [gantry.bench.Output("mine/found", "boxes2d", classes=["person"])]
+
+assert_type(gantry.bench.run(detect), gantry.bench.RunCounts)
+gantry.bench.run(Detector(), lockstep="detector", n=3)
 
 async def main() -> None:
     async for row in gantry.sync(["ego/front/rgb"], snapshots=True):

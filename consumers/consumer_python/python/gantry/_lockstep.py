@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import time
 from typing import AsyncIterator, Iterator
 
+from . import _layout
 from ._asyncio import Readable
 from ._control import note_tick
 from ._domain import resolve
 from ._errors import GantryError
 from ._load import native
 from ._world import Snapshot, parse_snapshot
+
+#: Between two questions whether a tick has ended, seconds.
+_ASK_AGAIN_SECS = 0.0005
 
 
 class Tick(int):
@@ -44,6 +50,7 @@ class Lockstep:
         self._native = native.Lockstep(domain, name, timeout)
         self._readable = Readable(self._native.fileno)
         self._closed = False
+        self._last = 0
 
     def __enter__(self) -> Lockstep:
         return self
@@ -74,6 +81,20 @@ class Lockstep:
         """Says that this program is done with the last tick, before the next one is asked for."""
         self._native.acknowledge()
 
+    def wait_frames(self, timeout: float = 60.0) -> None:
+        """Waits until every frame of the last tick was sent, also those that cameras still draw.
+
+        Afterwards an input without a frame of this tick has none: its sensor did not fire. Raises
+        `GantryError` after `timeout` seconds without an answer, and if lockstep was left.
+        """
+        if self._closed:
+            raise GantryError(f"lockstep {self.name!r} was left")
+        ping = json.dumps({"v": _layout.COMMAND_VERSION, "commands": [{"do": "ping"}]})
+        deadline = time.monotonic() + timeout
+        # Whoever keeps the ticks answers between two of them only, when all of the last was sent.
+        while json.loads(native.command(self._domain, ping, max(0.0, deadline - time.monotonic())))["tick"] < self._last:
+            time.sleep(_ASK_AGAIN_SECS)
+
     def next(self, timeout: float | None = None) -> Tick | None:
         """Acknowledges the last tick, and waits for the next one (None: without a limit).
 
@@ -84,6 +105,7 @@ class Lockstep:
         if found is None:
             return None
         number, _, parts = found
+        self._last = number
         note_tick(self._domain, number)
         return Tick.of(number, parse_snapshot(*parts))
 
