@@ -97,7 +97,7 @@ fn what_does_not_count_swallows_detections_as_its_kind_says() {
     // Two small detections inside of a large region, before the right one.
     let found = [at(100.0, 5.0), at(110.0, 5.0), at(0.0, 10.0)];
     let region = square(100.0, 0.0, 50.0);
-    close(ap50(&[object.clone()], &found), 1.0 / 3.0);
+    close(ap50(std::slice::from_ref(&object), &found), 1.0 / 3.0);
     close(
         ap50(&[object.clone(), Truth::crowd(0, region)], &found),
         1.0,

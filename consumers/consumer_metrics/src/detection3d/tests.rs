@@ -34,7 +34,7 @@ fn one_metre_beside_is_right_from_two_metres_on() {
     found.shape.size_m = [4.0, 2.0, 3.0];
     found.shape.yaw_rad = -0.25 + TAU;
     found.velocity_mps = Some([0.0, 4.0]);
-    let scores = scored(&[truth.clone()], &[found]);
+    let scores = scored(&[truth], &[found]);
     // A distance of exactly 1 m is not below 1 m.
     assert_eq!(
         scores.ap_at.map(Option::unwrap).map(|ap| ap.round()),
