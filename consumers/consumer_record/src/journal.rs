@@ -5,26 +5,32 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use schema_bus::{Bus, CommandClient, mono_now};
+use schema_bus::mono_now;
 use schema_frames::{Command, CommandBatch, CommandReply, JournalEntry, JournalHead, ReplyBatch};
 use schema_recording::journal::{JOURNAL_CHANNEL, Piece};
 use schema_recording::messages::{Batch, Content, Entry};
 
+use crate::asker::Asker;
 use crate::documents::Run;
 use crate::queue::{Job, Refused};
 use crate::sink::Sink;
 
 /// How often it is fetched outside lockstep.
 const FETCH_EVERY: Duration = Duration::from_millis(200);
-/// How long the daemon may take to answer.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Follows the journal of the run that a file is about.
-#[derive(Default)]
 pub(crate) struct Journal {
-    client: Option<CommandClient>,
+    asker: Asker,
+    told: Told,
+}
+
+/// What the file has of it.
+#[derive(Default)]
+struct Told {
     /// Number of the last entry that is in the file.
     after: u64,
+    /// What it was when the question that is out was asked.
+    asked: Option<u64>,
     has_head: bool,
     n_messages: u64,
     last_fetch: Option<Instant>,
@@ -33,54 +39,56 @@ pub(crate) struct Journal {
 }
 
 impl Journal {
+    /// Follows it with what `asker` asks.
+    pub(crate) fn new(asker: Asker) -> Journal {
+        Journal {
+            asker,
+            told: Told::default(),
+        }
+    }
+
     /// Prepares for a new file, which must hold the journal from its beginning.
     pub(crate) fn begin_file(&mut self) {
-        *self = Journal {
-            client: self.client.take(),
-            ..Journal::default()
-        };
+        self.told = Told::default();
     }
 
     /// What to ask for next.
     pub(crate) fn question(&self) -> CommandBatch {
-        let question = match self.is_absent {
+        let question = match self.told.is_absent {
             true => Command::Ping,
-            false => Command::Journal { after: self.after },
+            false => Command::Journal {
+                after: self.told.after,
+            },
         };
         CommandBatch::new(vec![question])
     }
 
-    /// Outside lockstep: fetches what is new several times a second.
-    pub(crate) fn fetch_if_due(
-        &mut self,
-        bus: &Bus,
-        name: &str,
-        run: Run,
-        sink: &mut Sink,
-    ) -> anyhow::Result<()> {
-        let is_due = self.last_fetch.is_none_or(|at| at.elapsed() >= FETCH_EVERY);
-        if is_due && !self.is_absent && run.epoch != 0 {
-            self.last_fetch = Some(Instant::now());
-            self.fetch(bus, name, run, sink)?;
+    /// Outside lockstep: fetches what is new several times a second, without waiting for it.
+    pub(crate) fn fetch_if_due(&mut self, run: Run, sink: &mut Sink) -> anyhow::Result<()> {
+        let mut is_more = false;
+        match self.asker.answer() {
+            // In lockstep others ask as well, so that it may be old.
+            Some(Ok(answer)) if self.told.asked == Some(self.told.after) => {
+                is_more = self.take(&answer, run, sink)?;
+            }
+            Some(Ok(_)) => is_more = true,
+            Some(Err(error)) => tracing::debug!(%error, "the journal is not there"),
+            None => {}
+        }
+        let last = self.told.last_fetch;
+        let is_due = is_more || last.is_none_or(|at| at.elapsed() >= FETCH_EVERY);
+        if is_due && !self.told.is_absent && run.epoch != 0 && !self.asker.is_out() {
+            self.told.last_fetch = Some(Instant::now());
+            self.told.asked = Some(self.told.after);
+            self.asker.ask(self.question());
         }
         Ok(())
     }
 
     /// Fetches everything that is new. A simulator that has gone has nothing more to say.
-    pub(crate) fn fetch(
-        &mut self,
-        bus: &Bus,
-        name: &str,
-        run: Run,
-        sink: &mut Sink,
-    ) -> anyhow::Result<()> {
-        while !self.is_absent && run.epoch != 0 {
-            let question = self.question();
-            let client = match &mut self.client {
-                Some(client) => client,
-                none => none.insert(bus.command_client(&format!("{name}-journal"))?),
-            };
-            match client.request(&question, ANSWER_TIMEOUT) {
+    pub(crate) fn fetch(&mut self, run: Run, sink: &mut Sink) -> anyhow::Result<()> {
+        while !self.told.is_absent && run.epoch != 0 {
+            match self.asker.ask_and_wait(self.question()) {
                 Ok(answer) => {
                     if !self.take(&answer, run, sink)? {
                         break;
@@ -114,21 +122,21 @@ impl Journal {
                 next,
                 more,
             }) => {
-                if !self.has_head {
+                if !self.told.has_head {
                     let Some(head) = head else {
                         return Ok(false);
                     };
                     tell_run(head, *first, sink)?;
-                    self.has_head = true;
+                    self.told.has_head = true;
                 }
                 if self.put(head.as_deref(), answer.tick, entries, run, sink)? {
-                    self.after = *next;
+                    self.told.after = *next;
                     return Ok(*more);
                 }
                 Ok(false)
             }
-            Some(CommandReply::Refused { error }) if !self.is_absent => {
-                self.is_absent = true;
+            Some(CommandReply::Refused { error }) if !self.told.is_absent => {
+                self.told.is_absent = true;
                 let why = format!("cannot be run again: {error}");
                 sink.push(metadata(BTreeMap::from([("rerun".to_owned(), why)])))?;
                 Ok(false)
@@ -153,7 +161,7 @@ impl Journal {
         };
         let batch = Batch {
             source: JOURNAL_CHANNEL.into(),
-            sequence: self.n_messages as u32,
+            sequence: self.told.n_messages as u32,
             log_nanos: run.sim_nanos,
             publish_nanos: sink.wall_nanos(mono_now().0),
             entries: vec![Entry {
@@ -173,7 +181,7 @@ impl Journal {
                 true
             }
         };
-        self.n_messages += u64::from(is_queued);
+        self.told.n_messages += u64::from(is_queued);
         Ok(is_queued)
     }
 }

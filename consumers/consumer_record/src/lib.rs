@@ -27,6 +27,7 @@
 #![warn(missing_docs)]
 
 pub mod amounts;
+mod asker;
 pub mod cat;
 pub mod coder;
 mod context;

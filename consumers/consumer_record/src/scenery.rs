@@ -3,11 +3,11 @@
 
 use std::time::{Duration, Instant};
 
-use schema_bus::{Bus, mono_now};
 use schema_frames::scenery::SceneryObjectInfo;
-use schema_frames::{Command, CommandBatch, CommandReply, SnapshotHeader};
+use schema_frames::{Command, CommandBatch, CommandReply, ReplyBatch, SnapshotHeader};
 use schema_recording::scenery::{SceneryBox, SceneryList, attachment_name};
 
+use crate::asker::Asker;
 use crate::documents::Run;
 use crate::queue::Job;
 use crate::sink::Sink;
@@ -15,18 +15,24 @@ use crate::sink::Sink;
 /// Least time between two requests, outside lockstep and after one that failed: the whole answer is a
 /// megabyte for a large town.
 const FETCH_EVERY: Duration = Duration::from_millis(200);
-/// How long the daemon may take to answer.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 /// Most bytes of all lists of a file: hundreds of a large town's.
 const MAX_BYTES: usize = 64 << 20;
 
 /// Follows what stands on the map of the run that a file is about.
-#[derive(Default)]
 pub(crate) struct Scenery {
+    asker: Asker,
+    told: Told,
+}
+
+/// What is known of the run that a file is about.
+#[derive(Default)]
+struct Told {
     /// First tick, and its time, from which on the newest list may not hold.
     due: Option<(u64, u64)>,
     /// Of the newest snapshot.
     episode: Option<u32>,
+    /// Whether it changed while a question was out.
+    is_due_again: bool,
     /// Objects of the newest list.
     filed: Option<Vec<SceneryBox>>,
     n_bytes: usize,
@@ -38,44 +44,70 @@ pub(crate) struct Scenery {
 }
 
 impl Scenery {
+    /// Follows it with what `asker` asks.
+    pub(crate) fn new(asker: Asker) -> Scenery {
+        Scenery {
+            asker,
+            told: Told::default(),
+        }
+    }
+
     /// Prepares for a new file, which must hold all again.
     pub(crate) fn begin_file(&mut self) {
-        *self = Scenery::default();
+        self.told = Told::default();
     }
 
     /// Learns from a snapshot whether the scenery has changed.
     pub(crate) fn look(&mut self, header: &SnapshotHeader) {
-        let is_other_map = self.episode.replace(header.episode) != Some(header.episode);
+        let told = &mut self.told;
+        let is_other_map = told.episode.replace(header.episode) != Some(header.episode);
         if is_other_map || header.flags & SnapshotHeader::SCENERY_CHANGED != 0 {
-            self.due.get_or_insert((header.tick, header.sim_nanos));
+            let now = (header.tick, header.sim_nanos);
+            // What was asked before may be answered before it.
+            told.is_due_again |= self.asker.is_out();
+            told.due.get_or_insert(now);
         }
     }
 
-    /// Asks for the scenery if it has changed, and files it if it is another one. Whoever does not
-    /// answer is asked again later.
-    pub(crate) fn fetch_if_due(
+    /// Asks for the scenery if it has changed, and files it if it is another one; `wait`: before the
+    /// next tick, not when the answer comes. Whoever does not answer is asked again later.
+    pub(crate) fn fetch_if_due(&mut self, wait: bool, run: Run, sink: &Sink) -> anyhow::Result<()> {
+        if let Some(answer) = self.asker.answer() {
+            self.take(answer, run, sink)?;
+        }
+        let told = &mut self.told;
+        if told.due.is_none() || told.is_over || run.epoch == 0 {
+            return Ok(());
+        }
+        let is_soon = told.not_before.is_some_and(|at| Instant::now() < at);
+        if is_soon && (told.last_failed || !wait) {
+            return Ok(());
+        }
+        told.not_before = Some(Instant::now() + FETCH_EVERY);
+        let question = CommandBatch::new(vec![Command::Scenery]);
+        if wait {
+            let answer = self.asker.ask_and_wait(question);
+            self.told.is_due_again = false;
+            self.take(answer, run, sink)
+        } else {
+            self.asker.ask(question);
+            Ok(())
+        }
+    }
+
+    /// Files an answer.
+    fn take(
         &mut self,
-        now: bool,
-        bus: &Bus,
-        name: &str,
+        answer: anyhow::Result<ReplyBatch>,
         run: Run,
         sink: &Sink,
     ) -> anyhow::Result<()> {
-        let Some((tick, sim_nanos)) = self.due.filter(|_| !self.is_over && run.epoch != 0) else {
+        let told = &mut self.told;
+        let is_due_again = std::mem::take(&mut told.is_due_again);
+        let Some((tick, sim_nanos)) = told.due else {
             return Ok(());
         };
-        let is_soon = self.not_before.is_some_and(|at| Instant::now() < at);
-        if is_soon && (self.last_failed || !now) {
-            return Ok(());
-        }
-        let question = CommandBatch::new(vec![Command::Scenery]);
-        let asked = mono_now();
-        let answer = bus
-            .command_client(&format!("{name}-scenery"))
-            .map_err(anyhow::Error::from)
-            .and_then(|mut client| Ok(client.request(&question, ANSWER_TIMEOUT)?));
-        self.not_before = Some(Instant::now() + FETCH_EVERY);
-        self.last_failed = true;
+        told.last_failed = true;
         let answer = match answer {
             Ok(answer) if answer.epoch == run.epoch.to_string() => answer,
             Ok(_) => return Ok(()),
@@ -86,20 +118,24 @@ impl Scenery {
         };
         match answer.replies.into_iter().next() {
             Some(CommandReply::Scenery { objects, .. }) => {
-                (self.last_failed, self.due) = (false, None);
-                let millis = mono_now().0.saturating_sub(asked.0) / 1_000_000;
-                tracing::debug!(tick, n = objects.len(), millis, "the scenery");
-                self.file(tick, sim_nanos, objects, sink)
+                told.last_failed = false;
+                if !is_due_again {
+                    told.due = None;
+                }
+                tracing::debug!(tick, n = objects.len(), "the scenery");
+                told.file(tick, sim_nanos, objects, sink)
             }
             Some(CommandReply::Refused { error }) => {
                 tracing::debug!(error, "there is no scenery to record");
-                self.is_over = true;
+                told.is_over = true;
                 Ok(())
             }
             _ => Ok(()),
         }
     }
+}
 
+impl Told {
     fn file(
         &mut self,
         tick: u64,

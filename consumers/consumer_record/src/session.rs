@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use consumer_kit::{Follower, Take};
 use schema_bus::{Bus, BusError, SnapshotReader, TopicDetails, mono_now, names};
 
+use crate::asker::Asker;
 use crate::discover::Discovery;
 use crate::documents::{Documents, Run};
 use crate::frames::{TopicName, frame_entries};
@@ -93,13 +94,15 @@ impl Session {
             full: BTreeMap::new(),
             full_said: false,
         };
+        let asker =
+            |what: &str| Asker::start(&options.domain, &format!("{name}-{what}"), &options.bus);
         Ok(Session {
             lockstep: None,
             results: ResultTopics::new(),
             snapshots: None,
             documents: Documents::new(),
-            journal: Journal::default(),
-            scenery: Scenery::default(),
+            journal: Journal::new(asker("journal")?),
+            scenery: Scenery::new(asker("scenery")?),
             follower: Follower::on(bus),
             names: BTreeMap::new(),
             full: BTreeSet::new(),
@@ -125,16 +128,10 @@ impl Session {
             self.fetch_scenery(self.lockstep.is_some())?;
             match self.lockstep {
                 Some(_) => self.acknowledge()?,
-                None => self.journal.fetch_if_due(
-                    self.follower.bus(),
-                    &self.name,
-                    self.run,
-                    &mut self.sink,
-                )?,
+                None => self.journal.fetch_if_due(self.run, &mut self.sink)?,
             }
         }
-        self.journal
-            .fetch(self.follower.bus(), &self.name, self.run, &mut self.sink)?;
+        self.journal.fetch(self.run, &mut self.sink)?;
         self.fetch_scenery(true)?;
         // Leaving lockstep first lets the simulator go on while the file is finished.
         self.lockstep = None;
@@ -401,11 +398,9 @@ impl Session {
         )
     }
 
-    /// Files the map's objects if they have changed; `now`: before the next tick, not a little later.
-    fn fetch_scenery(&mut self, now: bool) -> anyhow::Result<()> {
-        let bus = self.follower.bus();
-        self.scenery
-            .fetch_if_due(now, bus, &self.name, self.run, &self.sink)
+    /// Files the map's objects if they have changed; `wait`: before the next tick, not a little later.
+    fn fetch_scenery(&mut self, wait: bool) -> anyhow::Result<()> {
+        self.scenery.fetch_if_due(wait, self.run, &self.sink)
     }
 
     /// In lockstep: acknowledges a tick after everything of it was taken.
