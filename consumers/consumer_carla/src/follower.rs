@@ -174,7 +174,7 @@ impl Follower<'_> {
                 .into_iter()
                 .map(|actor| (actor.id, actor))
                 .collect();
-            self.gateway.world.change(|known| known.actors = actors);
+            self.gateway.world.change(|known| known.list(actors));
         }
         Ok(())
     }

@@ -183,6 +183,13 @@ def check_batch(client, world):
     for actor in world.get_actors(ids):
         assert actor.get_control().hand_brake and near(actor.get_control().brake, 1.0), actor.get_control()
     assert all(not answer.error for answer in client.apply_batch_sync([commands.DestroyActor(i) for i in ids], True))
+    # Known by its number at once, although no snapshot has it before the next step.
+    born, short_lived = (answer.actor_id for answer in client.apply_batch_sync([commands.SpawnActor(car, points[i]) for i in (5, 15)], False))
+    assert world.get_actor(born).type_id == car.id and world.get_actor(born).get_physics_control().wheels
+    assert [actor.id for actor in world.get_actors([born])] == [born]
+    client.apply_batch_sync([commands.DestroyActor(short_lived)], True)
+    assert world.get_actor(short_lived) is None and len(world.get_actors([short_lived, born])) == 1
+    client.apply_batch_sync([commands.DestroyActor(born)], True)
 
 
 def check_lights(world):

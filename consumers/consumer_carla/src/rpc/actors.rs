@@ -70,7 +70,9 @@ fn actors_by_id(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let known = gateway.world.known();
     let actors: Vec<Value> = ids
         .into_iter()
-        .filter_map(|id| actors::listed_actor(&known, id))
+        .filter_map(|id| {
+            actors::listed_actor(&known, id).or_else(|| actors::unlisted_actor(&known, id))
+        })
         .collect();
     Ok(Answer::Value(actors.into()))
 }

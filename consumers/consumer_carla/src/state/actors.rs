@@ -31,6 +31,13 @@ pub fn listed_actor(known: &Known, id: u32) -> Option<Value> {
     Some(actor(known, id, info.parent_id, &described, &box_of(info)))
 }
 
+/// The structure of an actor that a client of this gateway spawned and that is not listed yet: in a
+/// stepped world it is listed with the next tick.
+pub fn unlisted_actor(known: &Known, id: u32) -> Option<Value> {
+    let own = known.own.get(&id)?;
+    Some(new_actor(known, id, own.parent, &own.description))
+}
+
 /// The structure of an actor that was spawned a moment ago and is not listed yet.
 pub fn new_actor(known: &Known, id: u32, parent: u32, description: &Description) -> Value {
     let no_body = BodyBox {

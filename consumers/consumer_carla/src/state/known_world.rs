@@ -74,6 +74,14 @@ impl Known {
         }
     }
 
+    /// Takes over a new list of actors. Whoever was listed and is not any more is gone.
+    pub fn list(&mut self, actors: BTreeMap<u32, ActorInfo>) {
+        for id in self.actors.keys().filter(|id| !actors.contains_key(id)) {
+            self.own.remove(id);
+        }
+        self.actors = actors;
+    }
+
     /// CARLA's id of the running episode, once a simulator was seen.
     pub fn episode_id(&self) -> Option<u64> {
         let info = self.info.as_ref()?;
