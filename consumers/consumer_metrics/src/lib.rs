@@ -9,6 +9,18 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+mod assignment;
 pub mod average_precision;
+pub mod classes;
 pub mod coco_json;
+pub mod depth;
 pub mod detection3d;
+pub mod driving;
+pub mod event_flow;
+pub mod flow;
+pub mod lanes;
+mod numbers;
+pub mod odometry;
+pub mod sizes;
+pub mod stereo;
+pub mod tracking;

@@ -1,0 +1,352 @@
+//! Tracks: HOTA (Luiten et al., 2021), CLEAR MOT (Bernardin and Stiefelhagen, 2008) and the
+//! identity measures (Ristani et al., 2016), as the public code of TrackEval computes them.
+//!
+//! How alike a truth and a result are is given, 0 to 1: the overlap of boxes, or how near centres
+//! are. HOTA is the mean over 19 thresholds of it, 0.05, 0.10 … 0.95; CLEAR and identity use one.
+//! In each frame the truths that are ignored take part in one assignment of largest likeness, and
+//! results that fall to them are taken out with them, as MOTChallenge does with its distractors.
+//! Identities hold within a sequence; the sequences' counts are added, and HOTA's association is
+//! weighted with what was found in each.
+
+mod clear;
+mod hota;
+mod identity;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::Serialize;
+
+use crate::assignment::{Pair, best_pairs};
+use crate::numbers::{existing, share};
+use crate::sizes::{SizesDiffer, same};
+
+/// Likeness less one rounding error still reaches a threshold.
+const ROUNDING: f64 = f64::EPSILON;
+
+/// Overlap (intersection over union) of boxes in an image (left, top, right, bottom; pixels), as
+/// [`Frame::similarity`] wants it.
+#[must_use]
+pub fn iou_similarity(truths: &[[f64; 4]], results: &[[f64; 4]]) -> Vec<f64> {
+    let area = |it: &[f64; 4]| (it[2] - it[0]).max(0.0) * (it[3] - it[1]).max(0.0);
+    all_pairs(truths, results, |truth, result| {
+        let shared = area(&[
+            truth[0].max(result[0]),
+            truth[1].max(result[1]),
+            truth[2].min(result[2]),
+            truth[3].min(result[3]),
+        ]);
+        let union = area(truth) + area(result) - shared;
+        if union > 0.0 { shared / union } else { 0.0 }
+    })
+}
+
+/// How near centres are, as [`Frame::similarity`] wants it: 1 at the same place, 0 from
+/// `zero_at_m` on. With `zero_at_m` 4 and a threshold of 0.5 centres within 2 m match.
+#[must_use]
+pub fn centre_similarity(truths: &[[f64; 3]], results: &[[f64; 3]], zero_at_m: f64) -> Vec<f64> {
+    all_pairs(truths, results, |truth, result| {
+        let square: f64 = truth.iter().zip(result).map(|(a, b)| (a - b).powi(2)).sum();
+        (1.0 - square.sqrt() / zero_at_m).max(0.0)
+    })
+}
+
+fn all_pairs<T>(truths: &[T], results: &[T], of: impl Fn(&T, &T) -> f64) -> Vec<f64> {
+    let of_truth = |truth| results.iter().map(move |result| (truth, result));
+    let pairs = truths.iter().flat_map(of_truth);
+    pairs.map(|(truth, result)| of(truth, result)).collect()
+}
+
+/// What a frame shows and what was said about it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Frame<'a> {
+    /// Identities of the objects.
+    pub truths: &'a [u64],
+    /// Which of them are ignored; empty: none.
+    pub ignored: &'a [bool],
+    /// Identities of the tracks. One that is there twice counts once as itself, and otherwise as a
+    /// track of its own.
+    pub results: &'a [u64],
+    /// How alike each truth and each result are, 0 to 1: `[truth * results.len() + result]`. What
+    /// is not a number is not alike.
+    pub similarity: &'a [f64],
+}
+
+/// What is scored.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Likeness from which truth and result can match, for all but HOTA.
+    pub threshold: f64,
+}
+
+impl Default for Settings {
+    /// 0.5, as MOTChallenge has it.
+    fn default() -> Self {
+        Self { threshold: 0.5 }
+    }
+}
+
+/// A frame, with identities numbered within its sequence.
+#[derive(Clone, Debug)]
+struct Shown {
+    truths: Vec<usize>,
+    results: Vec<usize>,
+    /// Pairs that are alike at all; rows and columns are places in `truths` and `results`.
+    pairs: Vec<Pair>,
+}
+
+/// A sequence: identities hold throughout.
+#[derive(Clone, Debug, Default)]
+struct Sequence {
+    truth_numbers: BTreeMap<u64, usize>,
+    result_numbers: BTreeMap<u64, usize>,
+    /// Numbers that were given, with those of repeated results.
+    n_results: usize,
+    frames: Vec<Shown>,
+}
+
+impl Sequence {
+    /// In how many frames each truth is, and each result.
+    fn lengths(&self) -> (Vec<u64>, Vec<u64>) {
+        let mut truths = vec![0; self.truth_numbers.len()];
+        let mut results = vec![0; self.n_results];
+        for frame in &self.frames {
+            for &truth in &frame.truths {
+                truths[truth] += 1;
+            }
+            for &result in &frame.results {
+                results[result] += 1;
+            }
+        }
+        (truths, results)
+    }
+}
+
+/// Keeps what is alike, frame by frame: about 32 bytes for each pair.
+#[derive(Clone, Debug)]
+pub struct Collector {
+    settings: Settings,
+    ended: Vec<Sequence>,
+    current: Sequence,
+    n_ignored: u64,
+}
+
+impl Collector {
+    /// Nothing added yet.
+    #[must_use]
+    pub fn new(settings: Settings) -> Self {
+        Self {
+            settings,
+            ended: Vec::new(),
+            current: Sequence::default(),
+            n_ignored: 0,
+        }
+    }
+
+    /// Adds the next frame of the sequence.
+    ///
+    /// # Errors
+    ///
+    /// [`SizesDiffer`] if the lengths do not fit; nothing is added then.
+    pub fn add(&mut self, frame: Frame<'_>) -> Result<(), SizesDiffer> {
+        let n_results = frame.results.len();
+        let n_pairs = frame.truths.len() * n_results;
+        same("the table of likeness", n_pairs, frame.similarity.len())?;
+        if !frame.ignored.is_empty() {
+            same(
+                "the list of ignored",
+                frame.truths.len(),
+                frame.ignored.len(),
+            )?;
+        }
+        let likeness = frame.similarity.iter().enumerate();
+        let mut pairs: Vec<Pair> = likeness
+            .filter(|&(_, &worth)| worth > 0.0)
+            .map(|(at, &worth)| Pair {
+                row: at / n_results,
+                column: at % n_results,
+                worth: worth.min(1.0),
+            })
+            .collect();
+        let left_out = |row: usize| frame.ignored.get(row).copied().unwrap_or(false);
+        let mut gone = BTreeSet::new();
+        if frame.ignored.contains(&true) {
+            let limit = self.settings.threshold - ROUNDING;
+            let mut can_match = pairs.clone();
+            can_match.retain(|pair| pair.worth >= limit);
+            let fallen = best_pairs(&can_match).into_iter().map(|at| can_match[at]);
+            gone.extend(
+                fallen
+                    .filter(|pair| left_out(pair.row))
+                    .map(|pair| pair.column),
+            );
+        }
+        pairs.retain(|pair| !left_out(pair.row) && !gone.contains(&pair.column));
+        let kept_truths: Vec<usize> = (0..frame.truths.len())
+            .filter(|&row| !left_out(row))
+            .collect();
+        let kept_results: Vec<usize> = (0..n_results)
+            .filter(|column| !gone.contains(column))
+            .collect();
+        self.n_ignored += (frame.truths.len() - kept_truths.len()) as u64;
+        for pair in &mut pairs {
+            pair.row = kept_truths.partition_point(|&row| row < pair.row);
+            pair.column = kept_results.partition_point(|&column| column < pair.column);
+        }
+        let sequence = &mut self.current;
+        let truths = kept_truths.iter().map(|&row| {
+            let next = sequence.truth_numbers.len();
+            *sequence
+                .truth_numbers
+                .entry(frame.truths[row])
+                .or_insert(next)
+        });
+        let truths = truths.collect();
+        let mut seen = BTreeSet::new();
+        let mut results = Vec::with_capacity(kept_results.len());
+        for &column in &kept_results {
+            let id = frame.results[column];
+            let known = sequence
+                .result_numbers
+                .get(&id)
+                .filter(|_| !seen.contains(&id));
+            let number = known.copied().unwrap_or(sequence.n_results);
+            if number == sequence.n_results {
+                sequence.n_results += 1;
+            }
+            if seen.insert(id) {
+                sequence.result_numbers.insert(id, number);
+            }
+            results.push(number);
+        }
+        sequence.frames.push(Shown {
+            truths,
+            results,
+            pairs,
+        });
+        Ok(())
+    }
+
+    /// Ends the sequence: identities after this are others.
+    pub fn end_sequence(&mut self) {
+        let ended = std::mem::take(&mut self.current);
+        if !ended.frames.is_empty() {
+            self.ended.push(ended);
+        }
+    }
+
+    /// Adds another collector's sequences; this one's sequence ends with that.
+    pub fn merge(&mut self, other: &Self) {
+        self.end_sequence();
+        self.ended.extend(other.ended.iter().cloned());
+        self.current = other.current.clone();
+        self.end_sequence();
+        self.n_ignored += other.n_ignored;
+    }
+
+    /// The figures of all that was added.
+    #[must_use]
+    pub fn scores(&self) -> Scores {
+        let mut hota = hota::Sums::default();
+        let mut clear = clear::Counts::default();
+        let mut identity = identity::Counts::default();
+        let mut scores = Scores {
+            n_ignored: self.n_ignored,
+            ..Scores::default()
+        };
+        for sequence in self.ended.iter().chain([&self.current]) {
+            hota.add(sequence);
+            clear.add(sequence, self.settings.threshold);
+            identity.add(sequence, self.settings.threshold);
+            scores.n_tracks += sequence.n_results as u64;
+        }
+        hota.write(&mut scores);
+        clear.write(&mut scores);
+        identity.write(&mut scores);
+        scores
+    }
+}
+
+/// The figures; shares are 0 to 1.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Scores {
+    /// Higher order tracking accuracy.
+    pub hota: Option<f64>,
+    /// Detection accuracy.
+    pub det_a: Option<f64>,
+    /// Association accuracy.
+    pub ass_a: Option<f64>,
+    /// Mean likeness of what matches; `None` if nothing does.
+    pub loc_a: Option<f64>,
+    /// Detection recall.
+    pub det_re: Option<f64>,
+    /// Detection precision.
+    pub det_pr: Option<f64>,
+    /// Association recall.
+    pub ass_re: Option<f64>,
+    /// Association precision.
+    pub ass_pr: Option<f64>,
+    /// HOTA at each of its thresholds; empty if there is nothing to score.
+    pub hota_at: Vec<f64>,
+    /// Multiple object tracking accuracy; may be negative.
+    pub mota: Option<f64>,
+    /// Mean likeness of matches.
+    pub motp: Option<f64>,
+    /// Share of truths that are matched.
+    pub recall: Option<f64>,
+    /// Share of results that are matched.
+    pub precision: Option<f64>,
+    /// Balance of `idp` and `idr`.
+    pub idf1: Option<f64>,
+    /// Share of results with the right identity.
+    pub idp: Option<f64>,
+    /// Share of truths whose identity was told.
+    pub idr: Option<f64>,
+    /// How often a truth fell to another track than before.
+    pub n_switches: u64,
+    /// How often a truth was found again after it had been lost.
+    pub n_fragmentations: u64,
+    /// Truths that were matched in more than 80 % of their frames.
+    pub n_mostly_tracked: u64,
+    /// Truths between the other two.
+    pub n_partly_tracked: u64,
+    /// Truths that were matched in less than 20 % of their frames.
+    pub n_mostly_lost: u64,
+    /// Truths, each counted in each frame.
+    pub n_truths: u64,
+    /// Results, each counted in each frame.
+    pub n_results: u64,
+    /// Truths that were left out, each counted in each frame.
+    pub n_ignored: u64,
+    /// Tracks.
+    pub n_tracks: u64,
+}
+
+impl Scores {
+    /// The figures that exist: `HOTA`, `DetA`, `AssA`, `LocA`, `MOTA`, `MOTP`, `IDF1`, `IDP`,
+    /// `IDR`, `precision`, `recall`, and the counts `IDSW`, `Frag`, `MT`, `PT` and `ML`.
+    #[must_use]
+    pub fn named(&self) -> BTreeMap<String, f64> {
+        let count = |n: u64| share(n, 1).filter(|_| self.n_truths + self.n_results > 0);
+        existing([
+            ("HOTA", self.hota),
+            ("DetA", self.det_a),
+            ("AssA", self.ass_a),
+            ("LocA", self.loc_a),
+            ("MOTA", self.mota),
+            ("MOTP", self.motp),
+            ("IDF1", self.idf1),
+            ("IDP", self.idp),
+            ("IDR", self.idr),
+            ("precision", self.precision),
+            ("recall", self.recall),
+            ("IDSW", count(self.n_switches)),
+            ("Frag", count(self.n_fragmentations)),
+            ("MT", count(self.n_mostly_tracked)),
+            ("PT", count(self.n_partly_tracked)),
+            ("ML", count(self.n_mostly_lost)),
+        ])
+    }
+}
+
+#[cfg(test)]
+mod tests;
