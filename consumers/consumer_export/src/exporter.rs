@@ -63,6 +63,12 @@ pub struct DoneScenario {
     pub state: serde_json::Value,
 }
 
+/// A number that the last scenario left behind; 0 before the first.
+pub fn last_number(done: &[DoneScenario], name: &str) -> u64 {
+    let last = done.last().and_then(|last| last.state[name].as_u64());
+    last.unwrap_or(0)
+}
+
 /// One format. Scenarios come one after the other: `begin`, `tick` …, `end`; then `finish` once.
 ///
 /// An export that was stopped is continued with a new exporter: scenarios that were done are handed

@@ -10,9 +10,9 @@ use anyhow::Context as _;
 use schema_frames::Modality;
 use serde_json::{Value, json};
 
-use super::objects::{Object, cameras, image_name, objects, wants};
+use super::objects::{Object, cameras, image_name, keys, objects, wants};
 use crate::classes;
-use crate::exporter::{DoneScenario, Exporter, Format};
+use crate::exporter::{DoneScenario, Exporter, Format, last_number};
 use crate::options::{MaskForm, Options};
 use crate::picture;
 use crate::tree::{Job, PartFile, Tree};
@@ -87,17 +87,11 @@ impl Exporter for Coco {
     }
 
     fn wants(&self, scenario: &Scenario, topic: &Topic) -> bool {
-        let cameras = cameras(Format::Coco, scenario, &self.options).unwrap_or_default();
-        wants(topic.modality) && cameras.iter().any(|camera| camera.name == *topic.sensor)
+        wants(Format::Coco, scenario, topic, &self.options)
     }
 
     fn keys(&self, scenario: &Scenario) -> Vec<Arc<str>> {
-        let cameras = cameras(Format::Coco, scenario, &self.options).unwrap_or_default();
-        let first = cameras.first();
-        [Modality::Rgb, Modality::Instance]
-            .into_iter()
-            .filter_map(|modality| Some(first?.topic(modality)?.name.clone()))
-            .collect()
+        keys(Format::Coco, scenario, &self.options)
     }
 
     fn begin(
@@ -106,11 +100,7 @@ impl Exporter for Coco {
         done: &[DoneScenario],
         tree: &Tree,
     ) -> anyhow::Result<()> {
-        let last = |list: &str| {
-            done.last()
-                .and_then(|last| last.state[list].as_u64())
-                .unwrap_or(0)
-        };
+        let last = |list: &str| last_number(done, list);
         self.ids = LISTS.map(last);
         let index = scenario.index as usize;
         let [images, annotations] = LISTS.map(|list| tree.begin(&Coco::state(index, list)));

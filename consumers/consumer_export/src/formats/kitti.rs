@@ -15,7 +15,7 @@ use schema_frames::{FrameHeader, Modality};
 use serde_json::{Value, json};
 
 use super::family::{Cloud, Motion, camera_pair, first_topic};
-use crate::exporter::{DoneScenario, Exporter, Format};
+use crate::exporter::{DoneScenario, Exporter, Format, last_number};
 use crate::options::Options;
 use crate::picture;
 use crate::tree::{Job, PartFile, Tree};
@@ -125,11 +125,7 @@ impl Exporter for Kitti {
         done: &[DoneScenario],
         tree: &Tree,
     ) -> anyhow::Result<()> {
-        let last = |name: &str| {
-            done.last()
-                .and_then(|last| last.state[name].as_u64())
-                .unwrap_or(0)
-        };
+        let last = |name: &str| last_number(done, name);
         (self.n_frames, self.n_pairs, self.n_here) = (last("frames"), last("pairs"), 0);
         self.tracks.clear();
         (self.motion, self.before) = (Motion::default(), None);

@@ -1,13 +1,14 @@
 //! Objects in an image as COCO and YOLO want them: one per actor or object of the map and category.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use schema_frames::Modality;
 
 use crate::classes;
 use crate::exporter::{Format, missing};
 use crate::options::Options;
-use consumer_truth::scenario::{Scenario, Sensor};
+use consumer_truth::scenario::{Scenario, Sensor, Topic};
 use consumer_truth::ticks::TickSet;
 use consumer_truth::{Body, BoxTruth, Camera, Images, Mask, bodies, box_truths, segments};
 
@@ -55,10 +56,22 @@ pub fn cameras<'a>(
     Ok(cameras)
 }
 
-/// Whether a topic of such a camera is read.
-pub fn wants(modality: Modality) -> bool {
+/// Whether a topic is one of such a camera, and read.
+pub fn wants(format: Format, scenario: &Scenario, topic: &Topic, options: &Options) -> bool {
     use Modality::{Depth, Instance, Rgb, Semantic};
-    matches!(modality, Rgb | Instance | Semantic | Depth)
+    let cameras = cameras(format, scenario, options).unwrap_or_default();
+    matches!(topic.modality, Rgb | Instance | Semantic | Depth)
+        && cameras.iter().any(|camera| camera.name == *topic.sensor)
+}
+
+/// Topics whose frames make a tick a keyframe: those of the first such camera.
+pub fn keys(format: Format, scenario: &Scenario, options: &Options) -> Vec<Arc<str>> {
+    let cameras = cameras(format, scenario, options).unwrap_or_default();
+    let first = cameras.first();
+    [Modality::Rgb, Modality::Instance]
+        .into_iter()
+        .filter_map(|modality| Some(first?.topic(modality)?.name.clone()))
+        .collect()
 }
 
 /// Objects that a camera shows in a tick, by id and category; those with fewer pixels than

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use schema_frames::Modality;
 use serde_json::{Value, json};
 
-use super::objects::{Object, cameras, image_name, objects, wants};
+use super::objects::{Object, cameras, image_name, keys, objects, wants};
 use crate::classes;
 use crate::exporter::{DoneScenario, Exporter, Format};
 use crate::options::Options;
@@ -88,17 +88,11 @@ impl Exporter for Yolo {
     }
 
     fn wants(&self, scenario: &Scenario, topic: &Topic) -> bool {
-        let cameras = cameras(Format::Yolo, scenario, &self.options).unwrap_or_default();
-        wants(topic.modality) && cameras.iter().any(|camera| camera.name == *topic.sensor)
+        wants(Format::Yolo, scenario, topic, &self.options)
     }
 
     fn keys(&self, scenario: &Scenario) -> Vec<Arc<str>> {
-        let cameras = cameras(Format::Yolo, scenario, &self.options).unwrap_or_default();
-        let first = cameras.first();
-        [Modality::Rgb, Modality::Instance]
-            .into_iter()
-            .filter_map(|modality| Some(first?.topic(modality)?.name.clone()))
-            .collect()
+        keys(Format::Yolo, scenario, &self.options)
     }
 
     fn begin(&mut self, _: &Scenario, _: &[DoneScenario], _: &Tree) -> anyhow::Result<()> {
