@@ -23,6 +23,11 @@ pub struct CocoResult {
     pub segmentation: Option<CocoRuns>,
 }
 
+/// Area of truths that do not count and are no crowd. COCO's own tools do not read `ignore`, but leave
+/// out what has an area beyond all of their ranges, so that they give the figures of
+/// [`crate::average_precision`].
+pub const IGNORED_AREA_PX: f64 = 2e10;
+
 /// One element of `annotations` in a ground-truth file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CocoTruth {
@@ -34,11 +39,11 @@ pub struct CocoTruth {
     pub category_id: u32,
     /// Left, top, width and height, pixels.
     pub bbox: [f64; 4],
-    /// Area, square pixels.
+    /// Area, square pixels; [`IGNORED_AREA_PX`] of what does not count.
     pub area: f64,
     /// 1 for a region with many objects that are not told apart.
     pub iscrowd: u8,
-    /// 1 for what does not count. COCO's own tools read `iscrowd` alone.
+    /// 1 for what does not count.
     pub ignore: u8,
     /// Its mask.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -124,7 +129,11 @@ impl CocoTruth {
             image_id,
             category_id: truth.class,
             bbox,
-            area: truth.area_px,
+            area: if truth.ignore && !truth.crowd {
+                IGNORED_AREA_PX
+            } else {
+                truth.area_px
+            },
             iscrowd: u8::from(truth.crowd),
             ignore: u8::from(truth.ignore),
             segmentation,

@@ -25,8 +25,6 @@ def scores(case):
             own += [truth | {"category_id": name} for name in classes]
     for number, truth in enumerate(own, 1):
         truth["id"] = number
-        if truth["ignore"]:
-            truth["area"] = BEYOND
     images = [{"id": number, "width": width, "height": height} for number in range(1, case["n_images"] + 1)]
     categories = [{"id": name} for name in classes]
     truth = COCO()

@@ -151,14 +151,28 @@ impl RunMask {
     pub fn from_pixels(
         width: u32,
         height: u32,
+        has: impl FnMut(u32, u32) -> bool,
+    ) -> Result<RunMask, MaskError> {
+        RunMask::from_part(width, height, [0, 0, width, height], has)
+    }
+
+    /// The same for a mask that lies inside a rectangle (first column and row, column and row behind
+    /// the last), which alone is asked about; what of it lies outside of the image is left out.
+    ///
+    /// # Errors
+    /// If the image has more than `u32::MAX` pixels.
+    pub fn from_part(
+        width: u32,
+        height: u32,
+        [x0, y0, x1, y1]: [u32; 4],
         mut has: impl FnMut(u32, u32) -> bool,
     ) -> Result<RunMask, MaskError> {
         if u64::from(width) * u64::from(height) > u64::from(u32::MAX) {
             return Err(MaskError::TooLarge { width, height });
         }
         let mut intervals: Vec<[u32; 2]> = Vec::new();
-        for column in 0..width {
-            for row in (0..height).filter(|row| has(column, *row)) {
+        for column in x0..x1.min(width) {
+            for row in (y0..y1.min(height)).filter(|row| has(column, *row)) {
                 let at = column * height + row;
                 match intervals.last_mut() {
                     Some(last) if last[1] == at => last[1] = at + 1,

@@ -195,6 +195,10 @@ fn masks_say_the_same_as_their_pixels() {
         assert_eq!(mask.area(), n(&|i| a[i]));
         assert_eq!(mask.intersection(&other), n(&|i| a[i] && b[i]));
         if let Some([x0, y0, x1, y1]) = mask.bounds() {
+            let around = [x0, y0, x1 + rng.u32(0..3), y1 + rng.u32(0..3)];
+            let has = |x: u32, y: u32| a[(y * width + x) as usize];
+            let part = RunMask::from_part(width, height, around, has);
+            assert_eq!(part.as_ref(), Ok(&mask));
             for (i, _) in a.iter().enumerate().filter(|(_, inside)| **inside) {
                 let (x, y) = (i as u32 % width, i as u32 / width);
                 assert!((x0..x1).contains(&x) && (y0..y1).contains(&y));
