@@ -6,10 +6,9 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use nix::sys::signal::Signal;
-use test_e2e::{SMALL_RIG, spawn_consumer, start_daemon, venv_program};
-use test_kit::client::{counter, join_bus};
+use test_e2e::SMALL_RIG;
+use test_e2e::exports::{record_drive, run_python};
 use test_kit::patience::eventually;
-use test_kit::sandbox::repository;
 use test_kit::{Process, Sandbox};
 
 /// A rectified pair, a camera that looks elsewhere, both lidars at one place, and motion, in a street
@@ -85,36 +84,8 @@ const FORMATS: [&str; 6] = [
     "kitti-360",
 ];
 
-/// Records so many ticks of a driven world into `drive.mcap`, payloads as they are.
-fn record(sandbox: &Sandbox, launch: &str, n_ticks: u64) {
-    let daemon = start_daemon(sandbox, launch, &["--unpaced", "--await-lockstep", "2"]);
-    let driver = spawn_consumer(sandbox, "gantry-drive", &["--lockstep"]);
-    let recorder = spawn_consumer(
-        sandbox,
-        "gantry-record",
-        &["--out", "drive.mcap", "--lockstep", "--codec", "none"],
-    );
-    let bus = join_bus(sandbox, "test");
-    let mut client = bus.command_client("test").unwrap();
-    eventually("all ticks", || {
-        (counter(&mut client, "ticks") >= n_ticks).then_some(())
-    });
-    drop(client);
-    drop(bus);
-    recorder.stop().expect_code(0);
-    driver.stop().expect_code(0);
-    daemon.stop().expect_code(0);
-}
-
 fn export(sandbox: &Sandbox, words: &[&str]) -> Process {
     sandbox.spawn("gantry-export", words)
-}
-
-fn python(sandbox: &Sandbox, script: &str, words: &[&str]) -> test_kit::process::Ended {
-    let script = repository().join("tests/test_e2e/python").join(script);
-    let words = [&[script.to_str().unwrap()], words].concat();
-    let checked = sandbox.spawn_program("python", &venv_program("python"), &words, &[]);
-    checked.wait_longer(Duration::from_secs(300)).expect_code(0)
 }
 
 /// Every file below a folder: relative path and bytes.
@@ -148,7 +119,7 @@ fn assert_same(one: &Path, other: &Path) {
 #[test]
 fn sets_open_in_the_formats_own_tools_and_projections_meet_the_pixels() {
     let sandbox = Sandbox::new("exportsets");
-    record(&sandbox, RIG, 260);
+    record_drive(&sandbox, RIG, 260);
     for format in FORMATS {
         export(
             &sandbox,
@@ -164,16 +135,16 @@ fn sets_open_in_the_formats_own_tools_and_projections_meet_the_pixels() {
         .wait()
         .expect_code(0);
     let coco = ["drive.mcap", "left", "coco", "outlines", "yolo"];
-    python(&sandbox, "export_coco.py", &coco);
-    python(&sandbox, "export_kitti.py", &["drive.mcap", "kitti"]);
+    run_python(&sandbox, "export_coco.py", &coco);
+    run_python(&sandbox, "export_kitti.py", &["drive.mcap", "kitti"]);
     let clouds = ["drive.mcap", "nuscenes", "semantickitti", "kitti-360"];
-    python(&sandbox, "export_clouds.py", &clouds);
+    run_python(&sandbox, "export_clouds.py", &clouds);
 }
 
 #[test]
 fn an_export_that_was_killed_goes_on_to_the_tree_of_one_that_was_not() {
     let sandbox = Sandbox::new("exportkilled");
-    record(&sandbox, SMALL_RIG, 40);
+    record_drive(&sandbox, SMALL_RIG, 40);
     let copies = ["drive.mcap"; 6];
     let mut n_killed_midway = 0;
     for format in FORMATS {
@@ -217,7 +188,7 @@ fn an_export_that_was_killed_goes_on_to_the_tree_of_one_that_was_not() {
 #[test]
 fn what_cannot_be_exported_is_told_in_a_sentence() {
     let sandbox = Sandbox::new("exportfaults");
-    record(&sandbox, SMALL_RIG, 30);
+    record_drive(&sandbox, SMALL_RIG, 30);
     let whole = std::fs::read(sandbox.path("drive.mcap")).unwrap();
     std::fs::write(sandbox.path("cut.mcap"), &whole[..whole.len() * 6 / 10]).unwrap();
     std::fs::write(sandbox.path("empty.mcap"), b"").unwrap();
@@ -301,7 +272,7 @@ fn what_cannot_be_exported_is_told_in_a_sentence() {
     // A rig without cameras and labels.
     let bare = "version = 1\n[scenario]\nmap = \"Town01\"\nvehicles = 1\n[sensor.roof]\nkind = \"lidar\"\nrate_hz = 10\nchannels = 4\ncolumns = 60\n";
     let other = Sandbox::new("exportbare");
-    record(&other, bare, 12);
+    record_drive(&other, bare, 12);
     for (format, sentence) in [
         (
             "kitti",

@@ -3,10 +3,7 @@
 
 use std::path::Path;
 
-use test_e2e::{spawn_consumer, start_daemon, venv_program};
-use test_kit::client::{counter, join_bus};
-use test_kit::patience::eventually;
-use test_kit::sandbox::repository;
+use test_e2e::exports::{record_drive, run_python};
 use test_kit::{Process, Sandbox};
 
 /// A stereo pair of event cameras 0.5 m apart, and every other kind of sensor.
@@ -48,27 +45,6 @@ kind = "imu"
 kind = "gnss"
 "#;
 
-/// Records so many ticks of a driven world, with payloads as they are.
-fn record(sandbox: &Sandbox, launch: &str, n_ticks: u64) {
-    let daemon = start_daemon(sandbox, launch, &["--await-lockstep", "2"]);
-    let driver = spawn_consumer(sandbox, "gantry-drive", &["--lockstep"]);
-    let recorder = spawn_consumer(
-        sandbox,
-        "gantry-record",
-        &["--out", "drive.mcap", "--lockstep", "--codec", "none"],
-    );
-    let bus = join_bus(sandbox, "test");
-    let mut client = bus.command_client("test").unwrap();
-    eventually("all ticks", || {
-        (counter(&mut client, "ticks") >= n_ticks).then_some(())
-    });
-    drop(client);
-    drop(bus);
-    recorder.stop().expect_code(0);
-    driver.stop().expect_code(0);
-    daemon.stop().expect_code(0);
-}
-
 fn export(sandbox: &Sandbox, format: &str) -> Process {
     let words = ["drive.mcap", "--format", format, "--out", format];
     sandbox.spawn("gantry-export", &words)
@@ -81,22 +57,17 @@ fn bytes(path: &Path) -> Vec<u8> {
 #[test]
 fn the_formats_own_tools_read_what_was_recorded() {
     let sandbox = Sandbox::new("exportevents");
-    record(&sandbox, RIG, 24);
+    record_drive(&sandbox, RIG, 24);
     for format in ["dsec", "evt3", "ros2-bag"] {
         export(&sandbox, format).wait().expect_code(0);
     }
-    let script = repository().join("tests/test_e2e/python/export_events.py");
-    let words = [
-        script.to_str().unwrap(),
-        "drive.mcap",
+    let trees = [
         "dsec/train/drive",
         "evt3/train/drive",
         "ros2-bag/train/drive",
     ];
-    let checked = sandbox
-        .spawn_program("python", &venv_program("python"), &words, &[])
-        .wait()
-        .expect_code(0);
+    let words = [&["drive.mcap"], &trees[..]].concat();
+    let checked = run_python(&sandbox, "export_events.py", &words);
     for theme in ["evt3", "dsec", "bag"] {
         assert!(
             checked.says(&format!("{theme} passed")),
@@ -150,7 +121,7 @@ fn the_formats_own_tools_read_what_was_recorded() {
 fn a_recording_without_events_is_refused_and_still_makes_a_bag() {
     let sandbox = Sandbox::new("exportplain");
     let launch = "version = 1\n[scenario]\nmap = \"Town01\"\n[sensor.imu]\nkind = \"imu\"\n";
-    record(&sandbox, launch, 5);
+    record_drive(&sandbox, launch, 5);
     for format in ["dsec", "evt3"] {
         let refused = export(&sandbox, format).wait().expect_code(2);
         assert!(refused.says("event camera"), "{:?}", refused.lines);

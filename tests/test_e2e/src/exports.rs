@@ -1,0 +1,40 @@
+//! Recordings of driven worlds, and the Python programs that read them or what was made of them.
+
+use std::time::Duration;
+
+use test_kit::Sandbox;
+use test_kit::client::{counter, join_bus};
+use test_kit::patience::eventually;
+use test_kit::process::Ended;
+use test_kit::sandbox::repository;
+
+use crate::processes::{spawn_consumer, start_daemon, venv_program};
+
+/// Records so many ticks of a driven world into `drive.mcap`, payloads as they are.
+pub fn record_drive(sandbox: &Sandbox, launch: &str, n_ticks: u64) {
+    let daemon = start_daemon(sandbox, launch, &["--unpaced", "--await-lockstep", "2"]);
+    let driver = spawn_consumer(sandbox, "gantry-drive", &["--lockstep"]);
+    let recorder = spawn_consumer(
+        sandbox,
+        "gantry-record",
+        &["--out", "drive.mcap", "--lockstep", "--codec", "none"],
+    );
+    let bus = join_bus(sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    eventually("all ticks", || {
+        (counter(&mut client, "ticks") >= n_ticks).then_some(())
+    });
+    drop(client);
+    drop(bus);
+    recorder.stop().expect_code(0);
+    driver.stop().expect_code(0);
+    daemon.stop().expect_code(0);
+}
+
+/// Runs a script of `python/` in the sandbox, which must succeed.
+pub fn run_python(sandbox: &Sandbox, script: &str, words: &[&str]) -> Ended {
+    let script = repository().join("tests/test_e2e/python").join(script);
+    let words = [&[script.to_str().unwrap()], words].concat();
+    let checked = sandbox.spawn_program("python", &venv_program("python"), &words, &[]);
+    checked.wait_longer(Duration::from_secs(300)).expect_code(0)
+}
