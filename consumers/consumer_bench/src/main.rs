@@ -31,6 +31,8 @@ const EXAMPLES: &str = "Examples:
   gantry-bench chain                                      camera → a → b → c: what each process adds
   gantry-bench lockstep                                   ticks per second with 1 to 8 participants
   gantry-bench topics --for 30s                           what the running simulator delivers
+  gantry-bench reaction launch/bench/reaction.toml        from the first visible pixel to the brake
+  gantry-bench compare A.json B.json                      what changed between two reports beyond noise
   gantry-bench memory --pids 1200,1204 --for 10m --every 5s
   gantry-bench report                                     tables of docs/benchmarks from their JSON";
 
@@ -59,6 +61,14 @@ enum Bench {
     Lockstep(lockstep::LockstepArgs),
     /// Rate, losses, age and complete sets of every topic of frames and results
     Topics(topics::TopicsArgs),
+    /// How long a chain of programs takes from the first visible pixel of an obstacle to its brake
+    Reaction(consumer_perception::reaction::ReactionArgs),
+    /// Latency and accuracy of programs that perceive, against exact truth
+    Perception(consumer_perception::cli::PerceptionArgs),
+    /// What changed between two reports of the perception benchmark beyond noise
+    Compare(consumer_perception::compare::CompareArgs),
+    /// Tables and page of a report of the perception benchmark again
+    Show(consumer_perception::show::ShowArgs),
     /// Memory of processes over time
     Memory(memory::MemoryArgs),
     /// Builds the tables of docs/benchmarks from the results in raw/
@@ -90,6 +100,10 @@ fn main() -> ExitCode {
             Bench::LockstepParticipant(one) => lockstep::participant(one, &args.common.domain),
             Bench::WakeReader(reader) => wakes::reader::run(reader, &args.common.domain),
             Bench::Topics(topics) => topics::run(topics, &args.common.domain),
+            Bench::Perception(args_of) => consumer_perception::cli::run(args_of, &args.common),
+            Bench::Reaction(reaction) => consumer_perception::reaction::run(reaction, &args.common),
+            Bench::Compare(compare) => consumer_perception::compare::run(compare, args.common.color),
+            Bench::Show(show) => consumer_perception::show::run(show, args.common.color),
             Bench::Memory(memory) => memory::run(memory),
             Bench::Report(report) => pages::run(report),
             Bench::LatencyReader(reader) => latency::reader::run(reader, &args.common.domain),

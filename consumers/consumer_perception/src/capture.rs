@@ -1,13 +1,30 @@
 //! What a program did in one run of one scenario: every result with its times, which frames there
 //! were, and what the processes used.
 
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::FileExt as _;
+use std::path::PathBuf;
 use std::sync::Arc;
 
-use schema_frames::{InputRecord, ResultHeader};
+use schema_frames::{About, InputRecord, ResultHeader};
 use serde::{Deserialize, Serialize};
 
 /// How a program is run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Hash,
+    Serialize,
+    Deserialize,
+    schemars::JsonSchema,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum Mode {
     /// In lockstep: every frame is waited for, so time plays no part.
@@ -29,18 +46,106 @@ pub struct Capture {
     pub mode: Mode,
     /// Simulated seconds per second of the wall clock that were asked for; 0 in lockstep.
     pub speed: f64,
+    /// What is added to the time at which every result counts as available, nanoseconds.
+    pub added_delay_nanos: u64,
     /// Simulated time over time of the machine's monotonic clock, in order of both.
     pub clock: Clock,
     /// Every result that was published, in order of arrival, also late, repeated and wrong ones.
     pub results: Vec<CapturedResult>,
+    /// What each topic of results says about itself: names of classes, fields of points.
+    pub abouts: BTreeMap<Arc<str>, About>,
     /// Frames of the program's inputs that were there to be taken, by topic and tick.
     pub frames: Vec<SentFrame>,
-    /// Results that the benchmark's own reader lost, because a program sent faster than it reads.
+    /// Results that the benchmark's own reader lost or did not keep, because a program sent faster
+    /// than it reads, or more than [`MAX_RESULTS_PER_FRAME`].
     pub n_lost: u64,
+    /// Results that break the contract and could not be read.
+    pub n_refused: u64,
     /// What the processes used, sampled.
     pub usage: Vec<Usage>,
     /// What went wrong, a sentence each: a crash, a restart, a result that cannot be read.
     pub faults: Vec<String>,
+    /// The recording of this very run, if the program drove.
+    pub drive_recording: Option<PathBuf>,
+}
+
+/// Most results of one run that are kept for each frame that was sent; further ones count as lost.
+pub const MAX_RESULTS_PER_FRAME: usize = 64;
+/// Most bytes of bodies of one run that are kept.
+pub const MAX_BODY_BYTES: u64 = 8 << 30;
+/// Bodies up to this size stay in memory, bytes.
+const SMALL_BODY_BYTES: usize = 8 << 10;
+/// Most bytes of small bodies of one run in memory.
+const MAX_SMALL_BYTES: u64 = 256 << 20;
+
+/// The body of a result: in memory if it is small, else in a file without a name.
+#[derive(Clone, Debug)]
+pub enum Body {
+    /// In memory.
+    Held(Arc<[u8]>),
+    /// In a file that many bodies share.
+    Filed {
+        /// The file.
+        file: Arc<File>,
+        /// Where it begins.
+        at: u64,
+        /// Its bytes.
+        len: usize,
+    },
+    /// Not kept: only times count in this run.
+    Dropped,
+}
+
+impl Body {
+    /// The bytes; none of a body that was not kept.
+    ///
+    /// # Errors
+    /// If the disk cannot be read.
+    pub fn bytes(&self) -> io::Result<Arc<[u8]>> {
+        match self {
+            Body::Held(bytes) => Ok(bytes.clone()),
+            Body::Filed { file, at, len } => {
+                let mut bytes = vec![0; *len];
+                file.read_exact_at(&mut bytes, *at)?;
+                Ok(bytes.into())
+            }
+            Body::Dropped => Ok(Arc::default()),
+        }
+    }
+}
+
+/// Keeps the bodies of one run within bounds.
+#[derive(Debug, Default)]
+pub struct BodyStore {
+    file: Option<Arc<File>>,
+    filed_bytes: u64,
+    held_bytes: u64,
+}
+
+impl BodyStore {
+    /// Keeps a body; `None` if [`MAX_BODY_BYTES`] are kept already.
+    ///
+    /// # Errors
+    /// If the folder for temporary files cannot be written.
+    pub fn keep(&mut self, bytes: &[u8]) -> io::Result<Option<Body>> {
+        let len = bytes.len() as u64;
+        if bytes.len() <= SMALL_BODY_BYTES && self.held_bytes + len <= MAX_SMALL_BYTES {
+            self.held_bytes += len;
+            return Ok(Some(Body::Held(bytes.into())));
+        }
+        if self.filed_bytes + len > MAX_BODY_BYTES {
+            return Ok(None);
+        }
+        let file = match &self.file {
+            Some(file) => file.clone(),
+            None => self.file.insert(Arc::new(tempfile::tempfile()?)).clone(),
+        };
+        let at = self.filed_bytes;
+        file.write_all_at(bytes, at)?;
+        self.filed_bytes += len;
+        let len = bytes.len();
+        Ok(Some(Body::Filed { file, at, len }))
+    }
 }
 
 /// A result as it arrived.
@@ -51,7 +156,7 @@ pub struct CapturedResult {
     /// Its header, checked.
     pub header: ResultHeader,
     /// Its body.
-    pub body: Arc<[u8]>,
+    pub body: Body,
     /// Which frames it answers.
     pub inputs: Vec<InputRecord>,
     /// When the benchmark held it, nanoseconds of the monotonic clock. When it was published stands
@@ -68,9 +173,11 @@ pub struct SentFrame {
     pub tick: u64,
     /// Number of its firing.
     pub seq: u64,
+    /// Epoch of the simulator or replay that sent it; a recording that begins again has a new one.
+    pub epoch: u64,
     /// Its simulated time, nanoseconds.
     pub sim_nanos: u64,
-    /// When it was published, nanoseconds of the monotonic clock.
+    /// When it was published, nanoseconds of the monotonic clock; 0 if that is not known.
     pub published_mono_nanos: u64,
 }
 
@@ -119,6 +226,11 @@ impl Clock {
         Some(sim_a as f64 + share * (sim_b - sim_a) as f64)
     }
 
+    /// When the first and the last snapshot were published, nanoseconds of the monotonic clock.
+    pub fn mono_span(&self) -> Option<(u64, u64)> {
+        Some((self.points.first()?.1, self.points.last()?.1))
+    }
+
     /// Simulated seconds per second of the wall clock over the whole run; `None` before there are
     /// two snapshots.
     pub fn pace(&self) -> Option<f64> {
@@ -130,6 +242,21 @@ impl Clock {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn small_bodies_stay_in_memory_and_large_ones_come_back_from_the_file() {
+        let mut store = BodyStore::default();
+        let (small, large) = (vec![1; 100], vec![2; SMALL_BODY_BYTES + 1]);
+        let kept: Vec<Body> = [&small, &large, &large]
+            .iter()
+            .map(|bytes| store.keep(bytes).unwrap().unwrap())
+            .collect();
+        assert!(matches!(kept[0], Body::Held(_)) && matches!(kept[2], Body::Filed { .. }));
+        assert_eq!(&*kept[0].bytes().unwrap(), &small[..]);
+        assert_eq!(&*kept[2].bytes().unwrap(), &large[..]);
+        store.filed_bytes = MAX_BODY_BYTES;
+        assert!(store.keep(&large).unwrap().is_none());
+    }
 
     #[test]
     fn simulated_time_follows_the_snapshots_and_goes_on_beyond_them() {

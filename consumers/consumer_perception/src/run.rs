@@ -1,0 +1,633 @@
+//! One run: a program in one mode and one scenario, from the start of its processes to everything
+//! that it said.
+//!
+//! A recording is replayed to the program, or the recorded run is simulated again, in a domain of
+//! its own. Whatever the program does, the run ends: a program that crashes, keeps silent or floods
+//! its topics is a fault in the [`Capture`] and not of the benchmark.
+
+mod gate;
+mod launch;
+mod observer;
+mod usage;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use schema_bus::{Bus, names};
+use schema_frames::{Command, CommandBatch, CommandReply, StepMode, WorldInfo};
+use schema_recording::pattern;
+
+use crate::capture::{Capture, MAX_RESULTS_PER_FRAME, Mode, SentFrame};
+use crate::suite::{Program, Suite};
+use crate::truth_pass::{TruthRecording, take::Stopped};
+use crate::up::{Note, Up, new_domain};
+
+use gate::{Expected, Gate};
+use observer::Observer;
+use usage::Meter;
+
+/// Time between two looks at the bus while the clock runs: seldom enough to cost little, often
+/// enough for buffers of two images at 200 Hz.
+const LOOK_EVERY: Duration = Duration::from_millis(3);
+/// Time between two looks while processes start.
+const START_LOOK_EVERY: Duration = Duration::from_millis(20);
+/// Time without a tick after which a run counts as hanging.
+const STALL: Duration = Duration::from_secs(120);
+/// Time that results of a program which has ended have to arrive.
+const LAST_RESULTS: Duration = Duration::from_millis(300);
+/// Least time that answers to the last frame are waited for.
+const LEAST_PATIENCE: Duration = Duration::from_millis(500);
+/// Slowest answers that this wait lasts.
+const ANSWERS_PER_PATIENCE: u32 = 3;
+/// Time in which the replay answers a command.
+const COMMAND_WITHIN: Duration = Duration::from_secs(10);
+/// Most frames of a run whose results are all kept, for the bound on results.
+const MAX_KEPT_RESULTS: usize = 20_000_000;
+
+/// Where the frames come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Source {
+    /// The recording of the truth pass is replayed: nothing is rendered beside the program.
+    #[default]
+    Replay,
+    /// The simulator runs the recorded run again, and renders beside the program.
+    Live,
+}
+
+/// How a program is driven.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Drive {
+    /// Every frame is waited for.
+    Offline,
+    /// Real time, or a multiple of it.
+    Streaming {
+        /// Simulated seconds per second of the wall clock.
+        speed: f64,
+    },
+    /// A constant stream: frames at one rate, whatever the program does.
+    Constant {
+        /// Frames that are sent.
+        n_frames: u64,
+        /// Simulated seconds per second of the wall clock.
+        speed: f64,
+    },
+    /// A single stream: the next frame comes when the last one was answered.
+    Single {
+        /// Frames that are sent.
+        n_frames: u64,
+    },
+}
+
+impl Drive {
+    /// The mode under which it is reported.
+    pub fn mode(self) -> Mode {
+        match self {
+            Drive::Offline => Mode::Offline,
+            Drive::Streaming { .. } => Mode::Streaming,
+            Drive::Constant { .. } | Drive::Single { .. } => Mode::Stress,
+        }
+    }
+
+    /// Simulated seconds per second of the wall clock; 0 if frames are waited for.
+    pub fn speed(self) -> f64 {
+        match self {
+            Drive::Streaming { speed } | Drive::Constant { speed, .. } => speed,
+            Drive::Offline | Drive::Single { .. } => 0.0,
+        }
+    }
+
+    /// Frames that are sent in a stream without end.
+    fn n_frames(self) -> Option<u64> {
+        match self {
+            Drive::Constant { n_frames, .. } | Drive::Single { n_frames } => Some(n_frames),
+            Drive::Offline | Drive::Streaming { .. } => None,
+        }
+    }
+
+    fn is_in_lockstep(self) -> bool {
+        matches!(self, Drive::Offline | Drive::Single { .. })
+    }
+}
+
+/// Settings of all runs.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// Where the frames come from.
+    pub source: Source,
+    /// Added to the time at which every result counts as available.
+    pub added_delay_nanos: u64,
+    /// Processor cores of the simulator or the replay; empty: all.
+    pub cores_world: Vec<u32>,
+    /// Processor cores of programs that name none; empty: all.
+    pub cores_program: Vec<u32>,
+    /// GPU for the simulator, as `simd --adapter` takes it.
+    pub adapter: Option<String>,
+}
+
+/// What one run needs.
+#[derive(Clone, Copy, Debug)]
+pub struct Job<'a> {
+    /// The suite.
+    pub suite: &'a Suite,
+    /// The program.
+    pub program: &'a Program,
+    /// What it is shown.
+    pub truth: &'a TruthRecording,
+    /// How.
+    pub drive: Drive,
+    /// Settings of all runs.
+    pub options: &'a Options,
+    /// Folder for logs; it is made.
+    pub folder: &'a Path,
+}
+
+/// Runs a program. `progress` is told how many of how many ticks, or frames of a stream, are done.
+///
+/// # Errors
+/// [`Stopped`] if `stop` says so, or if the benchmark itself fails: the replay ends, the bus or the
+/// disk refuses. What the program does is no error but a fault in the capture.
+pub fn run(
+    job: &Job<'_>,
+    stop: &dyn Fn() -> bool,
+    progress: &dyn Fn(u64, u64),
+) -> anyhow::Result<Capture> {
+    let domain = new_domain();
+    let inputs = inputs_of(job.program, job.truth);
+    anyhow::ensure!(
+        !inputs.is_empty(),
+        launch_cli::wrong_usage(format!(
+            "[program.{}] inputs = {:?} match no input of {}; there is {}",
+            job.program.name,
+            job.program.inputs,
+            job.truth.scenario.name,
+            topics(job.truth).join(", ")
+        ))
+    );
+    let launch = launch::launch(job, &inputs)?;
+    let up = Up::start(&domain, &launch, job.folder)?;
+    let bus = Bus::open(&domain, "gantry-bench")?;
+    let n_frames = job
+        .drive
+        .n_frames()
+        .map_or_else(|| n_frames(job.truth, &inputs), |n| n as usize);
+    let most = n_frames
+        .saturating_mul(MAX_RESULTS_PER_FRAME)
+        .clamp(10_000, MAX_KEPT_RESULTS);
+    let is_stress = job.drive.mode() == Mode::Stress;
+    let observer = Observer::new(job.suite, job.program, inputs.clone(), !is_stress, most);
+    let mut run = Run {
+        job,
+        observer,
+        inputs,
+        up,
+        meter: Meter::new(),
+        stop,
+        progress,
+        faults: Vec::new(),
+        usage: Vec::new(),
+        alive: BTreeMap::new(),
+        world_ended: None,
+    };
+    let outcome = run.drive(&bus);
+    run.observer.finish(&bus);
+    let stopped = run.up.stop();
+    let capture = run.capture();
+    drop(bus);
+    outcome?;
+    stopped?;
+    Ok(capture)
+}
+
+/// Topics of a recording that a program gets.
+fn inputs_of(program: &Program, truth: &TruthRecording) -> Vec<String> {
+    let all = topics(truth);
+    let is_wanted = |topic: &String| {
+        program.inputs.is_empty()
+            || program
+                .inputs
+                .iter()
+                .any(|wanted| pattern::matches(wanted, topic))
+    };
+    all.into_iter().filter(is_wanted).collect()
+}
+
+fn topics(truth: &TruthRecording) -> Vec<String> {
+    let all = truth.inputs.iter().map(|input| input.topic.clone());
+    all.collect()
+}
+
+fn n_frames(truth: &TruthRecording, inputs: &[String]) -> usize {
+    let frames = inputs.iter().filter_map(|topic| truth.frames.get(topic));
+    frames.map(Vec::len).sum()
+}
+
+/// A run under way.
+struct Run<'a> {
+    job: &'a Job<'a>,
+    // Ports go before the launcher ends what they read.
+    observer: Observer<'a>,
+    inputs: Vec<String>,
+    up: Up,
+    meter: Meter,
+    stop: &'a dyn Fn() -> bool,
+    progress: &'a dyn Fn(u64, u64),
+    faults: Vec<String>,
+    usage: Vec<crate::capture::Usage>,
+    /// Processes of the program that were started, and whether they still run or will again.
+    alive: BTreeMap<String, bool>,
+    /// How the replay or the simulator ended, if it did.
+    world_ended: Option<String>,
+}
+
+impl Run<'_> {
+    /// From the start of the processes to the last answer.
+    fn drive(&mut self, bus: &Bus) -> anyhow::Result<()> {
+        if !self.await_ready(bus)? {
+            return Ok(());
+        }
+        let mut gate = None;
+        if self.job.drive.is_in_lockstep() {
+            let suite = self.job.suite;
+            gate = Some(Gate::join(
+                bus,
+                expected(self.job, &self.inputs),
+                !self.job.program.joins_lockstep(),
+                Duration::from_secs_f64(suite.answer_within_s),
+            )?);
+        }
+        // What waits was sent before time begins.
+        self.observer.look(bus)?;
+        self.observer.has_begun = true;
+        self.begin(bus, gate.is_some())?;
+        let outcome = self.watch(bus, &mut gate);
+        if let Some(gate) = gate.filter(|gate| gate.n_given_up > 0) {
+            self.faults.push(format!(
+                "{} of {} frames were not answered in time in lockstep",
+                gate.n_given_up, gate.n_passed
+            ));
+        }
+        outcome
+    }
+
+    /// Waits until the program's topics are there and its inputs are read. Returns whether there is
+    /// anybody to run.
+    fn await_ready(&mut self, bus: &Bus) -> anyhow::Result<bool> {
+        let began = Instant::now();
+        let within = Duration::from_secs_f64(self.job.suite.ready_within_s);
+        let mut world_since = None;
+        loop {
+            self.look_after(bus)?;
+            if bus.exists(names::WORLD_SNAPSHOT) {
+                world_since.get_or_insert_with(Instant::now);
+            }
+            let is_there = world_since.is_some() && self.observer.newest.is_some();
+            if is_there && self.observer.has_all_results() && self.is_reading(bus)? {
+                return Ok(true);
+            }
+            if self.is_over() {
+                self.faults
+                    .push("it ended before it was shown anything".to_owned());
+                return Ok(false);
+            }
+            // Simulators may take minutes to start; that is not the program's time.
+            match world_since {
+                Some(since) if since.elapsed() > within => {
+                    let what = self.missing(bus)?;
+                    self.faults.push(format!(
+                        "it was not ready within {} s ({what}), and the run began without it",
+                        within.as_secs_f64()
+                    ));
+                    return Ok(true);
+                }
+                None if began.elapsed() > STALL * 3 => anyhow::bail!(
+                    "no world has appeared for {} s; gantry up said last:\n  {}",
+                    began.elapsed().as_secs(),
+                    self.up.last_words()
+                ),
+                _ => std::thread::sleep(START_LOOK_EVERY),
+            }
+        }
+    }
+
+    /// Whether somebody else reads one of the inputs, and those who join lockstep have.
+    fn is_reading(&self, bus: &Bus) -> anyhow::Result<bool> {
+        let read = bus.topics()?.into_iter().any(|topic| {
+            // One of the readers is this program.
+            self.inputs.contains(&topic.name) && topic.subscribers > 1
+        });
+        Ok(read && self.has_joined(bus)?)
+    }
+
+    fn has_joined(&self, bus: &Bus) -> anyhow::Result<bool> {
+        let joins = |process: &&crate::suite::ProgramProcess| process.lockstep;
+        let mut names = self.job.program.processes.iter().filter(joins).peekable();
+        if names.peek().is_none() || !self.job.drive.is_in_lockstep() {
+            return Ok(true);
+        }
+        let mut reader = bus.document_reader(names::WORLD_INFO)?;
+        let Some(document) = reader.latest()? else {
+            return Ok(false);
+        };
+        let info: WorldInfo = document.json()?;
+        Ok(names.all(|process| info.lockstep.contains(&process.name)))
+    }
+
+    /// What a program lacks that is not ready.
+    fn missing(&self, bus: &Bus) -> anyhow::Result<String> {
+        if !self.observer.has_all_results() {
+            let wanted: Vec<&String> = self.job.program.results.keys().collect();
+            return Ok(match wanted.is_empty() {
+                true => "it writes no topic of a type that a task of the suite asks for".into(),
+                false => format!("nobody writes {wanted:?}"),
+            });
+        }
+        Ok(match self.has_joined(bus)? {
+            false => "it has not joined lockstep".into(),
+            true => format!("it reads none of {:?}", self.inputs),
+        })
+    }
+
+    /// Lets time begin.
+    fn begin(&mut self, bus: &Bus, in_lockstep: bool) -> anyhow::Result<()> {
+        if self.job.options.source == Source::Live {
+            // The simulator waits for somebody in lockstep, so this is its beginning.
+            if !in_lockstep {
+                drop(consumer_kit::Lockstep::join(bus, "bench", COMMAND_WITHIN)?);
+            }
+            return Ok(());
+        }
+        let mut client = bus.command_client("bench-begin")?;
+        let batch = CommandBatch::new(vec![Command::Configure {
+            mode: Some(StepMode::FreeRunning),
+            period_nanos: None,
+            longest_substep_nanos: None,
+        }]);
+        let answer = client.request(&batch, COMMAND_WITHIN)?;
+        match answer.replies.first() {
+            Some(CommandReply::Refused { error }) => {
+                anyhow::bail!("the replay does not begin: {error}")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Looks on until the last frame was answered, or nobody answers any more.
+    fn watch(&mut self, bus: &Bus, gate: &mut Option<Gate>) -> anyhow::Result<()> {
+        let mut last = (None, Instant::now());
+        let mut over_since = None;
+        let mut at_end_since = None;
+        loop {
+            self.look_after(bus)?;
+            if let Some(gate) = gate {
+                while gate.look(bus, &self.observer)? {
+                    self.observer.look(bus)?;
+                }
+            }
+            let newest = self.observer.newest;
+            if newest != last.0 {
+                last = (newest, Instant::now());
+                self.tell(gate.as_ref());
+            }
+            if last.1.elapsed() > STALL && at_end_since.is_none() {
+                self.faults.push(format!(
+                    "the world has stood still for {} s, so the run was ended",
+                    STALL.as_secs()
+                ));
+                return Ok(());
+            }
+            if self.is_over() {
+                let since = *over_since.get_or_insert_with(Instant::now);
+                if since.elapsed() > LAST_RESULTS {
+                    return Ok(());
+                }
+            }
+            if self.is_at_end(gate.as_ref()) {
+                let since = *at_end_since.get_or_insert_with(Instant::now);
+                let most = Duration::from_secs_f64(self.job.suite.patience_s);
+                let limit = (self.observer.longest_answer * ANSWERS_PER_PATIENCE)
+                    .clamp(LEAST_PATIENCE.min(most), most);
+                if self.is_all_answered() || since.elapsed() > limit {
+                    return Ok(());
+                }
+            }
+            match gate {
+                Some(gate) => gate.wait(bus, &self.observer)?,
+                None => std::thread::sleep(LOOK_EVERY),
+            }
+        }
+    }
+
+    /// Looks at everything once: stop requests, processes, the bus.
+    fn look_after(&mut self, bus: &Bus) -> anyhow::Result<()> {
+        if (self.stop)() {
+            return Err(Stopped.into());
+        }
+        for note in self.up.look()? {
+            self.note(note);
+        }
+        if self.up.ended()?.is_some() {
+            // The launcher gives up when a program was restarted too often; anything else is a
+            // failure of the benchmark.
+            for note in self.up.look()? {
+                self.note(note);
+            }
+            let by_program = self.alive.values().any(|lives| !lives);
+            anyhow::ensure!(
+                by_program,
+                "gantry up ended; it said last:\n  {}",
+                self.up.last_words()
+            );
+            self.alive.values_mut().for_each(|lives| *lives = false);
+        } else if let Some(how) = &self.world_ended {
+            anyhow::bail!(
+                "the {} ended with {how}; gantry up said last:\n  {}",
+                match self.job.options.source {
+                    Source::Replay => "replay",
+                    Source::Live => "simulator",
+                },
+                self.up.last_words()
+            );
+        }
+        let mut leaders = self.up.pids.clone();
+        leaders.insert(
+            "bench".into(),
+            nix::unistd::getpgrp().as_raw().cast_unsigned(),
+        );
+        self.meter.look(&leaders, false, &mut self.usage);
+        self.observer.search(bus)?;
+        self.observer.look(bus)
+    }
+
+    fn note(&mut self, note: Note) {
+        let is_program = |name: &str| {
+            let processes = &self.job.program.processes;
+            processes.iter().any(|process| process.name == name)
+        };
+        match note {
+            Note::Started { name, .. } if is_program(&name) => {
+                self.alive.insert(name, true);
+            }
+            Note::Ended { name, how } if is_program(&name) => {
+                let at = self.observer.newest.map_or_else(
+                    || "before the first tick".to_owned(),
+                    |(_, tick)| format!("at tick {tick}"),
+                );
+                self.faults.push(format!("{name} ended with {how} {at}"));
+                self.alive.insert(name, false);
+            }
+            Note::Ended { name, how } if name == launch::WORLD => {
+                self.world_ended = Some(how);
+            }
+            Note::Said(text) => {
+                let is_restart = text
+                    .strip_prefix("restarting ")
+                    .and_then(|rest| rest.split(' ').next())
+                    .is_some_and(is_program);
+                if is_restart {
+                    let name = text.split(' ').nth(1).unwrap_or_default().to_owned();
+                    self.alive.insert(name, true);
+                }
+                if is_restart || text.contains("giving up") {
+                    self.faults.push(text);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Whether all processes of the program were started and none will run again.
+    fn is_over(&self) -> bool {
+        self.alive.len() == self.job.program.processes.len()
+            && self.alive.values().all(|lives| !lives)
+    }
+
+    fn tell(&self, gate: Option<&Gate>) {
+        let Some((_, tick)) = self.observer.newest else {
+            return;
+        };
+        match self.job.drive.n_frames() {
+            Some(n) => (self.progress)(self.n_sent(gate).min(n), n),
+            None => {
+                let first = self.job.truth.last_tick.saturating_sub(self.n_ticks());
+                (self.progress)(tick.saturating_sub(first), self.n_ticks());
+            }
+        }
+    }
+
+    fn n_ticks(&self) -> u64 {
+        let truth = self.job.truth;
+        let secs = (truth.end_nanos - truth.begin_nanos) as f64 * 1e-9;
+        (secs * self.job.suite.tick_hz).round() as u64
+    }
+
+    /// Frames of a stream so far.
+    fn n_sent(&self, gate: Option<&Gate>) -> u64 {
+        match gate {
+            Some(gate) => gate.n_passed,
+            None => self.observer.seen.len() as u64,
+        }
+    }
+
+    /// Whether everything was shown.
+    fn is_at_end(&self, gate: Option<&Gate>) -> bool {
+        match self.job.drive.n_frames() {
+            Some(n) => self.n_sent(gate) >= n,
+            None => self
+                .observer
+                .newest
+                .is_some_and(|(_, tick)| tick >= self.job.truth.last_tick),
+        }
+    }
+
+    /// Whether the last frame of every task was answered.
+    fn is_all_answered(&self) -> bool {
+        if self.job.drive.n_frames().is_some() {
+            return false;
+        }
+        let expected = expected(self.job, &self.inputs);
+        let awaited = self.observer.awaited();
+        !awaited.is_empty()
+            && awaited.iter().all(|(topic, task)| {
+                let last = expected.ticks.get(task).and_then(BTreeSet::last);
+                last.is_none_or(|tick| self.observer.has_answered(topic, *tick))
+            })
+    }
+
+    fn capture(mut self) -> Capture {
+        let leaders = self.up.pids.clone();
+        self.meter.look(&leaders, true, &mut self.usage);
+        let job = self.job;
+        let (n_lost, n_refused) = self.observer.counts();
+        let frames = frames(job, &self.inputs, &self.observer);
+        let mut faults = self.faults;
+        faults.append(&mut self.observer.faults);
+        if n_lost > 0 {
+            faults.push(format!(
+                "{n_lost} of its results came faster than they could be kept"
+            ));
+        }
+        Capture {
+            program: job.program.name.clone(),
+            scenario: job.truth.scenario.name.clone(),
+            mode: job.drive.mode(),
+            speed: job.drive.speed(),
+            added_delay_nanos: job.options.added_delay_nanos,
+            clock: self.observer.clock,
+            results: self.observer.captured,
+            abouts: self.observer.abouts,
+            frames,
+            n_lost,
+            n_refused,
+            usage: self.usage,
+            faults,
+            drive_recording: None,
+        }
+    }
+}
+
+/// What is awaited: by task, the topics of its sensor that the program gets, and their ticks.
+fn expected(job: &Job<'_>, inputs: &[String]) -> Expected {
+    let mut expected = Expected::default();
+    for task in &job.suite.tasks {
+        let is_its = |topic: &&String| {
+            let input = job.truth.inputs.iter().find(|input| input.topic == **topic);
+            input.is_some_and(|input| task.sensor.as_deref() == Some(&input.sensor))
+        };
+        let mut topics: Vec<String> = inputs.iter().filter(is_its).cloned().collect();
+        if topics.is_empty() {
+            // A program that is shown nothing of the sensor works on results of others.
+            topics = inputs.to_vec();
+        }
+        let frames = topics
+            .iter()
+            .filter_map(|topic| job.truth.frames.get(topic));
+        let ticks = frames.flatten().map(|frame| frame.tick).collect();
+        expected.ticks.insert(task.name.clone(), ticks);
+        expected.topics.insert(task.name.clone(), topics);
+    }
+    expected
+}
+
+/// The frames that were there to be taken, with the times at which they were sent.
+fn frames(job: &Job<'_>, inputs: &[String], observer: &Observer<'_>) -> Vec<SentFrame> {
+    let mut frames: Vec<SentFrame> = observer.seen.values().cloned().collect();
+    if job.drive.n_frames().is_none() {
+        // Those that this program missed, or that a run which ended early did not reach.
+        let seen: BTreeSet<(&str, u64)> = frames
+            .iter()
+            .map(|frame| (&*frame.topic, frame.tick))
+            .collect();
+        let missed: Vec<SentFrame> = inputs
+            .iter()
+            .flat_map(|topic| job.truth.sent(topic))
+            .filter(|frame| !seen.contains(&(&*frame.topic, frame.tick)))
+            .collect();
+        frames.extend(missed);
+    }
+    match job.drive.n_frames() {
+        Some(_) => frames.sort_by_key(|frame| frame.published_mono_nanos),
+        None => frames.sort_by(|a, b| (a.tick, &a.topic).cmp(&(b.tick, &b.topic))),
+    }
+    frames
+}

@@ -1,0 +1,178 @@
+//! Holds the world still in lockstep until a program has answered what it was shown, so that programs
+//! that know nothing of lockstep get every frame.
+//!
+//! A frame is waited for as long as the suite allows, and once answers have come no longer than
+//! twenty times the slowest of them: a program that passes over frames by design would otherwise
+//! take hours.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::{Duration, Instant};
+
+use consumer_kit::{Lockstep, WakeUps};
+use schema_bus::{Bus, names};
+
+use super::observer::Observer;
+
+/// Name in lockstep.
+const NAME: &str = "bench";
+/// Longest wait for a place in lockstep.
+const JOIN_WITHIN: Duration = Duration::from_secs(30);
+/// Longest sleep between two looks.
+const NAP: Duration = Duration::from_millis(5);
+/// Least time that a frame is waited for.
+const LEAST_WAIT: Duration = Duration::from_millis(250);
+/// Waits of full length in a row, before any answer has come, after which waits are short.
+const MOST_IN_VAIN: u32 = 2;
+/// Length of these short waits.
+const SHORT_WAIT: Duration = Duration::from_secs(1);
+/// Slowest answers that a wait lasts.
+const ANSWERS_PER_WAIT: u32 = 20;
+
+/// What is waited for: topics of inputs by task, and the ticks in which they have frames.
+#[derive(Clone, Debug, Default)]
+pub struct Expected {
+    /// Topics of the task's sensor, by the task's name.
+    pub topics: BTreeMap<String, Vec<String>>,
+    /// Ticks in which one of them has a frame.
+    pub ticks: BTreeMap<String, BTreeSet<u64>>,
+}
+
+/// A place in lockstep.
+#[derive(Debug)]
+pub struct Gate {
+    lockstep: Lockstep,
+    wake_ups: WakeUps,
+    expected: Expected,
+    /// Whether answers are waited for, or only taken.
+    holds: bool,
+    answer_within: Duration,
+    /// Epoch and tick that were acknowledged last.
+    done: Option<(u64, u64)>,
+    /// The tick that is held, and since when its frames were there.
+    held: Option<((u64, u64), Instant)>,
+    in_vain: u32,
+    /// Ticks that were not answered in time.
+    pub n_given_up: u64,
+    /// Frames that were answered, or given up.
+    pub n_passed: u64,
+}
+
+impl Gate {
+    /// Takes part in lockstep.
+    ///
+    /// # Errors
+    /// If the replay or the simulator does not answer.
+    pub fn join(
+        bus: &Bus,
+        expected: Expected,
+        holds: bool,
+        answer_within: Duration,
+    ) -> anyhow::Result<Gate> {
+        let mut wake_ups = WakeUps::new();
+        wake_ups.listen(bus, names::WORLD_SNAPSHOT)?;
+        Ok(Gate {
+            lockstep: Lockstep::join(bus, NAME, JOIN_WITHIN)?,
+            wake_ups,
+            expected,
+            holds,
+            answer_within,
+            done: None,
+            held: None,
+            in_vain: 0,
+            n_given_up: 0,
+            n_passed: 0,
+        })
+    }
+
+    /// Sleeps until something may have come.
+    ///
+    /// # Errors
+    /// If the bus fails.
+    pub fn wait(&mut self, bus: &Bus, observer: &Observer<'_>) -> anyhow::Result<()> {
+        for topic in observer.result_topics() {
+            self.wake_ups.listen(bus, topic)?;
+        }
+        self.wake_ups.wait(NAP)?;
+        Ok(())
+    }
+
+    /// Lets the world go on if the newest tick is done with. Returns whether a tick was
+    /// acknowledged.
+    ///
+    /// # Errors
+    /// If the bus fails.
+    pub fn look(&mut self, bus: &Bus, observer: &Observer<'_>) -> anyhow::Result<bool> {
+        let Some(now @ (epoch, tick)) = observer.newest else {
+            return Ok(false);
+        };
+        if self.lockstep.epoch() != epoch {
+            // A recording that begins again has a new epoch, and waits for those who took part.
+            self.lockstep = rejoin(bus)?;
+            self.held = None;
+        }
+        if self.done == Some(now) || self.lockstep.epoch() != epoch {
+            return Ok(false);
+        }
+        let mut missing = false;
+        let mut expects = false;
+        if self.holds {
+            for (topic, task) in observer.awaited() {
+                let ticks = self.expected.ticks.get(&task);
+                if ticks.is_some_and(|ticks| ticks.contains(&tick)) {
+                    expects = true;
+                    missing |= !observer.has_answered(&topic, tick);
+                }
+            }
+        }
+        if missing && !self.gives_up(now, observer) {
+            return Ok(false);
+        }
+        // A replay shows the world of its first tick before that begins.
+        let is_first = self.done.is_none_or(|(before, _)| before != epoch);
+        if is_first && !self.lockstep.is_complete(tick)? {
+            return Ok(false);
+        }
+        if expects {
+            self.n_passed += 1;
+            match missing {
+                true => {
+                    self.n_given_up += 1;
+                    self.in_vain += 1;
+                }
+                false => self.in_vain = 0,
+            }
+        }
+        (self.done, self.held) = (Some(now), None);
+        self.lockstep.ack(tick)?;
+        Ok(true)
+    }
+
+    /// Whether the tick at hand was waited for long enough, since its frames were there.
+    fn gives_up(&mut self, now: (u64, u64), observer: &Observer<'_>) -> bool {
+        let (epoch, tick) = now;
+        let is_shown = self
+            .expected
+            .topics
+            .values()
+            .any(|topics| observer.has_seen(topics, epoch, tick));
+        if !is_shown {
+            return false;
+        }
+        let since = match self.held {
+            Some((held, since)) if held == now => since,
+            _ => self.held.insert((now, Instant::now())).1,
+        };
+        let longest = observer.longest_answer;
+        let limit = match (longest.is_zero(), self.in_vain >= MOST_IN_VAIN) {
+            (true, false) => self.answer_within,
+            (true, true) => SHORT_WAIT.min(self.answer_within),
+            (false, _) => (longest * ANSWERS_PER_WAIT)
+                .clamp(LEAST_WAIT.min(self.answer_within), self.answer_within),
+        };
+        since.elapsed() >= limit
+    }
+}
+
+fn rejoin(bus: &Bus) -> anyhow::Result<Lockstep> {
+    Ok(Lockstep::join(bus, NAME, JOIN_WITHIN)?)
+}

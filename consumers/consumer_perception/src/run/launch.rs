@@ -1,0 +1,175 @@
+//! The launch file of one run: a replay or a simulator, and the program.
+
+use std::fmt::Write as _;
+use std::fs;
+
+use anyhow::Context as _;
+use schema_frames::JournalHead;
+use schema_recording::journal::Piece;
+use schema_recording::read::{RecordingFile, TopicKind, What};
+use toml::{Table, Value};
+
+use super::{Drive, Job, Source};
+use crate::up::{cores, process_table};
+
+/// Name of the process that publishes the world.
+pub(super) const WORLD: &str = "world";
+/// Seconds beyond the suite's own limit after which the replay drops an idle participant.
+const SLACK_S: f64 = 5.0;
+
+/// The launch file of a run.
+///
+/// # Errors
+/// If the journal of a run that is to be simulated again cannot be read.
+pub(super) fn launch(job: &Job<'_>, inputs: &[String]) -> anyhow::Result<Table> {
+    let mut launch = Table::new();
+    let words = match job.options.source {
+        Source::Replay => replay(job, inputs),
+        Source::Live => {
+            let (words, recorded) = simulator(job)?;
+            launch = recorded;
+            words
+        }
+    };
+    launch.insert("version".into(), Value::Integer(1));
+    let words = words.into_iter().map(Value::String).collect();
+    let ready = [("service".to_owned(), Value::from("world/snapshot"))];
+    let mut world: Table = [
+        ("cmd", Value::Array(words)),
+        ("ready", Value::Table(ready.into_iter().collect())),
+    ]
+    .map(|(key, value)| (key.to_owned(), value))
+    .into_iter()
+    .collect();
+    if !job.options.cores_world.is_empty() {
+        world.insert("cores".into(), cores(&job.options.cores_world));
+    }
+    let mut processes = Table::new();
+    processes.insert(WORLD.into(), world.into());
+    for process in &job.program.processes {
+        let joins = process.lockstep && job.drive.is_in_lockstep();
+        let mut table = process_table(process, joins, &[WORLD]);
+        if process.cores.is_empty() && !job.options.cores_program.is_empty() {
+            table.insert("cores".into(), cores(&job.options.cores_program));
+        }
+        processes.insert(process.name.clone(), table.into());
+    }
+    launch.insert("process".into(), processes.into());
+    Ok(launch)
+}
+
+/// The command of a replay that stands still until it is told to begin.
+fn replay(job: &Job<'_>, inputs: &[String]) -> Vec<String> {
+    let truth = job.truth;
+    let mut words = vec![
+        "gantry-replay".to_owned(),
+        truth.path.display().to_string(),
+        "--paused".into(),
+    ];
+    match job.drive {
+        Drive::Offline | Drive::Single { .. } => words.extend(["--rate".into(), "max".into()]),
+        Drive::Streaming { speed } | Drive::Constant { speed, .. } => {
+            words.extend(["--rate".into(), speed.to_string()]);
+        }
+    }
+    words.push(match job.drive.n_frames() {
+        Some(_) => "--loop".into(),
+        None => "--hold".into(),
+    });
+    if job.drive.is_in_lockstep() {
+        let secs = (job.suite.answer_within_s + SLACK_S).ceil();
+        words.extend(["--lockstep-timeout".into(), secs.to_string()]);
+    }
+    let of_programs = |topic: &&String| {
+        let input = truth.inputs.iter().find(|input| input.topic == **topic);
+        input.is_some_and(|input| input.sensor.is_empty())
+    };
+    words.push("--results".into());
+    let results: Vec<String> = inputs.iter().filter(of_programs).cloned().collect();
+    match results.is_empty() {
+        true => words.push("none".into()),
+        false => words.extend(results),
+    }
+    // Last, because it takes all words behind it.
+    words.push("--topics".into());
+    words.extend(inputs.iter().cloned());
+    words
+}
+
+/// The command of a simulator that runs the recorded run again, and the launch file of that run.
+fn simulator(job: &Job<'_>) -> anyhow::Result<(Vec<String>, Table)> {
+    let (head, lines) = journal(job)?;
+    fs::create_dir_all(job.folder)
+        .with_context(|| format!("cannot make the folder {}", job.folder.display()))?;
+    let path = job.folder.join("journal.jsonl");
+    fs::write(&path, lines).with_context(|| format!("cannot write {}", path.display()))?;
+    let mut launch: Table = head
+        .launch
+        .parse()
+        .context("the recording's launch file cannot be read")?;
+    launch.remove("process");
+    if let Some(scenario) = launch.get_mut("scenario").and_then(Value::as_table_mut) {
+        scenario.insert("mode".into(), "free_running".into());
+    }
+    let mut words: Vec<String> = [
+        "simd",
+        "--journal",
+        &path.display().to_string(),
+        "--journal-until",
+        &job.truth.end_nanos.to_string(),
+        "--quality",
+        &head.quality,
+        "--lidars-on",
+        &head.lidars_on,
+        "--await-participant",
+        "bench",
+    ]
+    .map(str::to_owned)
+    .into();
+    if let Some(adapter) = &job.options.adapter {
+        words.extend(["--adapter".into(), adapter.clone()]);
+    }
+    if job.drive.is_in_lockstep() {
+        words.push("--unpaced".into());
+    }
+    for name in &head.added_sensors {
+        words.extend(["--added-sensor".into(), name.clone()]);
+    }
+    Ok((words, launch))
+}
+
+/// What the recorded run began with, and everything that acted on it, as lines for the simulator.
+fn journal(job: &Job<'_>) -> anyhow::Result<(JournalHead, String)> {
+    let shown = job.truth.path.display();
+    let file = RecordingFile::open(&job.truth.path)?;
+    let mut samples = file.samples_of((0, u64::MAX), |topic| topic.kind == TopicKind::Journal);
+    let (mut lines, mut head, mut last) = (String::new(), None, 0);
+    while let Some(sample) = samples.next()? {
+        let What::Journal { text } = sample.what else {
+            continue;
+        };
+        let piece: Piece = serde_json::from_str(text)
+            .with_context(|| format!("the journal of {shown} cannot be read"))?;
+        if let (None, Some(found)) = (&head, piece.head) {
+            writeln!(lines, "{}", serde_json::to_string(&found)?)?;
+            head = Some(found);
+        }
+        for entry in piece.entries {
+            if entry.n <= last {
+                continue;
+            }
+            anyhow::ensure!(
+                entry.n == last + 1 && head.is_some(),
+                "{shown} cannot be simulated again: its journal lacks entries; show it with --source replay"
+            );
+            last = entry.n;
+            writeln!(lines, "{}", serde_json::to_string(&entry)?)?;
+        }
+    }
+    let head = head.with_context(|| {
+        format!(
+            "{shown} cannot be simulated again: it has no journal; show it with --source replay"
+        )
+    })?;
+    Ok((head, lines))
+}
