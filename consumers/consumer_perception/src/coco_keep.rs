@@ -9,8 +9,8 @@ use consumer_truth::masks::runs_text;
 
 use crate::moment::Moment;
 use crate::report::coco::{Category, CocoFiles, Image, ProgramResults};
-use crate::tasks::boxes2d::Part;
 use crate::tasks::classes::Target;
+use crate::tasks::detect::Part;
 use crate::tasks::{Context, Spec};
 
 /// Most images of one task and run; later ones are left out of COCO's files.

@@ -216,3 +216,127 @@ impl<'a> Answered<'a> {
         secs.into_iter().step_by(step).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::{Body, Clock, Mode, SentFrame};
+    use schema_frames::{InputRecord, ResultHeader, ResultType};
+
+    const MS: u64 = 1_000_000;
+    const ZERO: u64 = 9_000 * MS;
+
+    /// Frames every 100 ms from tick 1 on; results as `(tick, taken, published)` in ms.
+    fn capture(n_frames: u64, results: &[(u64, u64, u64)]) -> Capture {
+        let mut clock = Clock::default();
+        clock.push(0, ZERO);
+        // Half the pace of the wall clock.
+        clock.push(1000 * MS, ZERO + 2000 * MS);
+        Capture {
+            program: "p".into(),
+            scenario: "s".into(),
+            mode: Mode::Streaming,
+            speed: 0.5,
+            added_delay_nanos: 0,
+            clock,
+            results: results
+                .iter()
+                .map(|(tick, taken, published)| {
+                    let mut header = ResultHeader::new(ResultType::Text);
+                    header.tick = *tick;
+                    header.taken_mono_nanos = ZERO + taken * MS;
+                    header.published_mono_nanos = ZERO + published * MS;
+                    header.origin_mono_nanos = ZERO + (tick - 1) * 200 * MS - MS;
+                    let mut input = InputRecord::new("a/rgb");
+                    input.tick = *tick;
+                    CapturedResult {
+                        topic: "out".into(),
+                        header,
+                        body: Body::Dropped,
+                        inputs: vec![input],
+                        held_mono_nanos: ZERO + published * MS,
+                    }
+                })
+                .collect(),
+            abouts: Default::default(),
+            frames: (0..n_frames)
+                .map(|n| SentFrame {
+                    topic: "a/rgb".into(),
+                    tick: n + 1,
+                    seq: n + 1,
+                    epoch: 0,
+                    sim_nanos: n * 100 * MS,
+                    published_mono_nanos: ZERO + n * 200 * MS,
+                })
+                .collect(),
+            n_lost: 3,
+            n_refused: 0,
+            usage: Vec::new(),
+            faults: Vec::new(),
+            drive_recording: None,
+        }
+    }
+
+    fn inputs() -> BTreeMap<Arc<str>, String> {
+        [(Arc::from("out"), "a/rgb".to_owned())].into()
+    }
+
+    #[test]
+    fn latencies_are_spans_of_the_wall_clock() {
+        let capture = capture(3, &[(2, 210, 250), (3, 430, 480)]);
+        let answered = Answered::of(&capture, &inputs(), (0, u64::MAX));
+        let latency = answered.latency();
+        for (spread, mean) in [
+            (&latency.answer, (50.0 + 80.0) / 2.0),
+            (&latency.end_to_end, (51.0 + 81.0) / 2.0),
+            (&latency.work, (40.0 + 50.0) / 2.0),
+            (&latency.age_at_use, (10.0 + 30.0) / 2.0),
+        ] {
+            assert_eq!(spread.n, 2);
+            assert!(
+                (spread.mean / mean - 1.0).abs() < 2e-3,
+                "{} {mean}",
+                spread.mean
+            );
+        }
+        let events = answered.events(0, 100);
+        assert_eq!(events.len(), 2);
+        assert!((events[0].frame_secs - 0.1).abs() < 1e-9);
+        assert!((events[0].taken_secs - 0.105).abs() < 1e-9);
+        assert!((events[0].published_secs - 0.125).abs() < 1e-9);
+        assert_eq!(answered.events(0, 1).len(), 1);
+        assert_eq!(answered.frame_secs(0, 10), [0.0, 0.1, 0.2]);
+    }
+
+    #[test]
+    fn what_misbehaves_is_counted_as_what_it_is() {
+        // Frame 1 belongs to the warm-up. Frame 2 is answered, 4 before 3, 4 again, 9 was never sent,
+        // and 6 is answered before it was sent.
+        let all = [
+            (1, 10, 20),
+            (2, 210, 250),
+            (4, 610, 620),
+            (3, 630, 640),
+            (4, 650, 660),
+            (9, 700, 710),
+            (6, 720, 730),
+        ];
+        let capture = capture(6, &all);
+        let answered = Answered::of(&capture, &inputs(), (50 * MS, u64::MAX));
+        assert_eq!(
+            answered.tally(4),
+            Counts {
+                n_frames: 5,
+                n_answered: 3,
+                n_results: 6,
+                n_unreadable: 4,
+                n_repeated: 1,
+                n_out_of_order: 1,
+                n_invented: 2,
+                n_lost: 3,
+                ..Counts::default()
+            }
+        );
+        assert_eq!(answered.latency().answer.n, 4);
+    }
+}

@@ -224,3 +224,194 @@ impl Association {
         self.mismatch += now.saturating_sub(frame) as u64;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use schema_frames::{InputRecord, ResultHeader, ResultType};
+
+    use super::*;
+    use crate::capture::{Body, Clock, Mode, SentFrame};
+
+    const ZERO_MONO: u64 = 1_000_000;
+
+    /// A capture at a simulated second per second of the wall clock.
+    fn capture(frames: &[(u64, u64)], results: &[(u64, u64)]) -> Capture {
+        let mut clock = Clock::default();
+        clock.push(0, ZERO_MONO);
+        clock.push(1000, ZERO_MONO + 1000);
+        let topic: Arc<str> = "a/rgb".into();
+        Capture {
+            program: "p".into(),
+            scenario: "s".into(),
+            mode: Mode::Streaming,
+            speed: 1.0,
+            added_delay_nanos: 0,
+            clock,
+            results: results
+                .iter()
+                .map(|(tick, published)| {
+                    let mut header = ResultHeader::new(ResultType::Text);
+                    header.tick = *tick;
+                    header.published_mono_nanos = ZERO_MONO + published;
+                    let mut input = InputRecord::new("a/rgb");
+                    input.tick = *tick;
+                    CapturedResult {
+                        topic: "out".into(),
+                        header,
+                        body: Body::Dropped,
+                        inputs: vec![input],
+                        held_mono_nanos: ZERO_MONO + published + 5,
+                    }
+                })
+                .collect(),
+            abouts: Default::default(),
+            frames: frames
+                .iter()
+                .map(|(tick, at)| SentFrame {
+                    topic: topic.clone(),
+                    tick: *tick,
+                    seq: *tick,
+                    epoch: 0,
+                    sim_nanos: *at,
+                    published_mono_nanos: ZERO_MONO + at,
+                })
+                .collect(),
+            n_lost: 0,
+            n_refused: 0,
+            usage: Vec::new(),
+            faults: Vec::new(),
+            drive_recording: None,
+        }
+    }
+
+    /// What the paper's text says, by looking at everything at every query: of the results that are
+    /// available the one that became available last; `None` without any.
+    fn direct(
+        frames: &[(u64, u64)],
+        results: &[(u64, u64)],
+        at: u64,
+        delay: u64,
+    ) -> Option<(u64, usize)> {
+        let mut newest: Option<(u64, usize)> = None;
+        for (index, (tick, published)) in results.iter().enumerate() {
+            let frame = frames.iter().find(|(own, _)| own == tick);
+            let is_sent = frame.is_some_and(|(_, sent)| published >= sent);
+            if !is_sent || published + delay > at {
+                continue;
+            }
+            if newest.is_none_or(|(before, _)| *published >= before) {
+                newest = Some((*published, index));
+            }
+        }
+        newest
+    }
+
+    #[test]
+    fn pairing_is_what_looking_at_everything_finds() {
+        let mut rng = fastrand::Rng::with_seed(15);
+        for _ in 0..400 {
+            let mut at = 0;
+            let frames: Vec<(u64, u64)> = (1..=rng.u64(1..12))
+                .map(|n| {
+                    at += rng.u64(1..60);
+                    (n * 3, at)
+                })
+                .collect();
+            let n_results = rng.usize(0..25);
+            let mut results: Vec<(u64, u64)> = (0..n_results)
+                .map(|_| {
+                    // Answers, late and early ones, twice, out of order, and to ticks without a
+                    // frame.
+                    let (tick, sent) = frames[rng.usize(..frames.len())];
+                    let tick = if rng.u8(..10) == 0 { tick + 1 } else { tick };
+                    (tick, (sent + rng.u64(0..300)).saturating_sub(30))
+                })
+                .collect();
+            // The benchmark takes results in the order of their publication.
+            results.sort_by_key(|(_, published)| *published);
+            let from = rng.u64(0..at + 1);
+            let capture = capture(&frames, &results);
+            let answers = Answers::of(&capture, "out", "a/rgb", (from, u64::MAX), 0);
+            let delay = rng.u64(0..120);
+            let mut counted = Association::default();
+            let mut expected = Association::default();
+            for at in (0..at + 300).step_by(7) {
+                let found = answers.newest(at, delay as f64);
+                let index = found.map(|found| answers.answers[found].result);
+                let want = direct(&frames, &results, at, delay).map(|(_, index)| index);
+                assert_eq!(index, want, "{frames:?} {results:?} at {at} + {delay}");
+                counted.add(&answers, at, found);
+                // The toolkit's counts, with the number of the newest frame as its "ii".
+                expected.n_queries += 1;
+                match want {
+                    None => expected.miss += 1,
+                    Some(index) => {
+                        let of = frames
+                            .iter()
+                            .position(|(tick, _)| *tick == results[index].0);
+                        let now = frames.iter().filter(|(_, sent)| *sent <= at).count() - 1;
+                        let behind = now - of.expect("it was paired");
+                        expected.in_time += u64::from(behind == 0);
+                        expected.mismatch += behind as u64;
+                    }
+                }
+            }
+            assert_eq!(counted, expected);
+            let is_there = |(tick, published): &&(u64, u64)| {
+                let frame = frames.iter().find(|(own, _)| own == tick);
+                frame.is_some_and(|(_, sent)| published >= sent)
+            };
+            let n_there = results.iter().filter(is_there).count();
+            assert_eq!(answers.n_invented as usize, results.len() - n_there);
+            let mut answered: Vec<u64> = results
+                .iter()
+                .filter(is_there)
+                .filter(|(tick, _)| frames.iter().any(|(own, at)| own == tick && *at >= from))
+                .map(|(tick, _)| *tick)
+                .collect();
+            assert_eq!(answers.n_results as usize, answered.len());
+            answered.sort_unstable();
+            answered.dedup();
+            assert_eq!(answers.n_answered as usize, answered.len());
+            assert_eq!(answers.n_repeated, answers.n_results - answers.n_answered);
+        }
+    }
+
+    #[test]
+    fn an_older_answer_that_comes_later_is_the_newest() {
+        let frames = [(1, 100), (2, 200), (3, 300)];
+        // The answer to frame 2 comes before the one to frame 1; frame 3 is answered twice.
+        let results = [(2, 210), (1, 260), (3, 320), (3, 340)];
+        let capture = capture(&frames, &results);
+        let answers = Answers::of(&capture, "out", "a/rgb", (0, 1000), 0);
+        let at = |at: u64| answers.newest(at, 0.0).map(|n| answers.answers[n].result);
+        assert_eq!(
+            [205, 210, 259, 260, 319, 339, 340].map(at),
+            [None, Some(0), Some(0), Some(1), Some(1), Some(2), Some(3)]
+        );
+        assert_eq!((answers.n_repeated, answers.n_out_of_order), (1, 1));
+        assert_eq!(answers.last_to[&2], 3);
+        // With a delay everything shifts by it.
+        assert_eq!(answers.newest(259, 50.0), None);
+        assert_eq!(answers.newest(260, 50.0), Some(0));
+    }
+
+    #[test]
+    fn whoever_says_a_later_time_than_the_result_was_held_is_not_believed() {
+        let mut capture = capture(&[(1, 100)], &[(1, 150)]);
+        capture.results[0].header.published_mono_nanos = u64::MAX / 2;
+        assert_eq!(published(&capture.results[0]), ZERO_MONO + 155);
+        capture.results[0].header.published_mono_nanos = 0;
+        assert_eq!(published(&capture.results[0]), ZERO_MONO + 155);
+    }
+
+    #[test]
+    fn a_chain_answers_the_frame_of_its_tick() {
+        let mut capture = capture(&[(1, 100), (2, 200)], &[(2, 250)]);
+        capture.results[0].inputs = vec![InputRecord::new("boxes/out")];
+        let answers = Answers::of(&capture, "out", "a/rgb", (0, 1000), 0);
+        assert_eq!(answers.answers[0].frame, 1);
+    }
+}

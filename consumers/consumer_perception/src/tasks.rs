@@ -9,6 +9,7 @@ pub mod boxes2d;
 pub mod boxes3d;
 pub mod classes;
 pub mod depth;
+pub mod detect;
 pub mod driving;
 pub mod event_flow;
 pub mod flow;
@@ -21,6 +22,9 @@ pub mod semantic;
 pub mod spaces;
 pub mod stereo;
 pub mod tracking;
+
+#[cfg(test)]
+mod tests;
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::Arc;

@@ -1,285 +1,46 @@
-//! Boxes in an image: COCO's average precision against visible boxes.
+//! Boxes in an image, against visible boxes.
 
-use std::collections::BTreeMap;
-
-use bytemuck::AnyBitPattern;
-use consumer_metrics::average_precision::{BoxPx, Collector, Detection, Pairs, Truth};
+use consumer_metrics::average_precision::BoxPx;
 use schema_frames::Box2d;
 
-use super::classes::{RIDER, Target, name_of, program_target, target_of, targets};
-use super::{Bad, Context, Drawn, Headline, Measure, Reading, Spec};
+use super::Reading;
+use super::detect::{Detect, Part, Shape, records};
 use crate::coco_keep::Kept;
-use crate::ignore::Shown;
 use crate::moment::{Moment, Object, View};
 use crate::picture::Picture;
 
-/// Distances of strata, metres.
-pub const DISTANCES_M: [(f64, f64, &str); 5] = [
-    (0.0, 10.0, "0-10"),
-    (10.0, 20.0, "10-20"),
-    (20.0, 40.0, "20-40"),
-    (40.0, 80.0, "40-80"),
-    (80.0, f64::INFINITY, "80-"),
-];
-
-/// Occlusions of strata: KITTI's levels as `consumer_export` divides them.
-pub const OCCLUSIONS: [(f64, f64, &str); 3] = [
-    (0.0, 0.1, "0-0.1"),
-    (0.1, 0.5, "0.1-0.5"),
-    (0.5, 1.01, "0.5-1"),
-];
-
-/// The strata of objects, distances first.
-pub fn object_strata() -> Vec<(&'static str, &'static str)> {
-    let distances = DISTANCES_M.map(|(_, _, part)| ("distance_m", part));
-    let occlusions = OCCLUSIONS.map(|(_, _, part)| ("occlusion", part));
-    distances.into_iter().chain(occlusions).collect()
-}
-
-/// A truth's or a detection's place among the strata; `None` where it is not known.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Place {
-    /// Distance from the camera, metres.
-    pub distance_m: Option<f64>,
-    /// Occlusion, 0..=1.
-    pub occlusion: Option<f64>,
-}
-
-impl Place {
-    /// Whether it lies in a stratum of [`object_strata`]. What is not known lies in none.
-    pub fn is_in(&self, stratum: usize) -> bool {
-        let within = |value: Option<f64>, (low, high, _): (f64, f64, &str)| {
-            value.is_some_and(|value| (low..high).contains(&value))
-        };
-        match stratum.checked_sub(DISTANCES_M.len()) {
-            None => within(self.distance_m, DISTANCES_M[stratum]),
-            Some(at) => within(self.occlusion, OCCLUSIONS[at]),
-        }
-    }
-
-    /// Whether a detection without a truth is no false alarm in a stratum: its distance is known and
-    /// another. Occlusions of what is not there do not exist, so there each counts, as KITTI does it.
-    pub fn is_elsewhere(&self, stratum: usize) -> bool {
-        stratum < DISTANCES_M.len() && self.distance_m.is_some() && !self.is_in(stratum)
-    }
-}
-
-/// What a moment and a result gave, of boxes or masks.
-pub struct Part<R> {
-    /// Who overlaps whom.
-    pub pairs: Pairs,
-    /// The truths.
-    pub truths: Vec<Truth<R>>,
-    /// What the program found.
-    pub detections: Vec<Detection<R>>,
-    /// Where the truths are.
-    pub of_truths: Vec<Place>,
-    /// Where the detections are.
-    pub of_detections: Vec<Place>,
-}
-
-/// Records behind each other in a body.
-pub fn records<T: AnyBitPattern>(body: &[u8]) -> Vec<T> {
-    body.chunks_exact(size_of::<T>())
-        .map(bytemuck::pod_read_unaligned)
-        .collect()
-}
-
-/// What a truth counts as.
-pub fn fate(spec: &Spec, targets: &[Target], object: &Object) -> Option<(u32, bool)> {
-    let shown = Shown {
-        pixels: object.n_pixels,
-        height_px: f64::from(object.bounds[3] - object.bounds[1]),
-        of_body: object
-            .of_body
-            .map(|(seen, truncation)| (seen.visible_fraction, truncation)),
-        distance_m: object.distance_m,
-    };
-    if object.class == RIDER {
-        return Some((target_of(targets, 12)?, true));
-    }
-    let number = target_of(targets, object.class)?;
-    Some((number, spec.rules.ignores(&shown)))
-}
-
-/// Where a truth is.
-pub fn place_of(object: &Object) -> Place {
-    Place {
-        distance_m: object.distance_m,
-        occlusion: object.of_body.map(|(seen, _)| seen.occlusion),
-    }
-}
-
-/// What is wrong with a matching, in words: objects that were missed, and false alarms that the
-/// program was sure of.
-pub fn bad<R>(part: &Part<R>) -> Option<Bad> {
-    let matches = part.pairs.matches(0.5);
-    let sure = |at: &&usize| part.detections[**at].score >= 0.5;
-    let n_false = matches.unmatched.iter().filter(sure).count();
-    let n_missed = matches.missed.len();
-    let area = |at: &usize| part.truths[*at].area_px.sqrt();
-    let weight: f64 = matches.missed.iter().map(area).sum();
-    let false_weight: f64 = 20.0 * n_false as f64;
-    (n_missed + n_false > 0).then(|| Bad {
-        badness: weight + false_weight,
-        why: format!(
-            "{n_missed} of {} missed, {n_false} false alarms",
-            n_missed + matches.pairs.len()
-        ),
-    })
-}
+/// Places are boxes.
+pub struct Boxes;
 
 /// The measure.
-pub struct Boxes2d {
-    spec: Spec,
-    targets: Vec<Target>,
-    kept: Kept,
-}
+pub type Boxes2d = Detect<Boxes>;
 
-impl Boxes2d {
-    /// For a task.
-    ///
-    /// # Errors
-    /// A sentence if a class cannot be asked for.
-    pub fn new(spec: &Spec) -> Result<Boxes2d, String> {
-        Ok(Boxes2d {
-            spec: spec.clone(),
-            targets: targets(&spec.classes)?,
-            kept: Kept::default(),
-        })
+impl Shape for Boxes {
+    type Region = BoxPx;
+
+    fn of_object(_: &View, object: &Object) -> Option<BoxPx> {
+        let [x0, y0, x1, y1] = object.bounds.map(f64::from);
+        Some(BoxPx::new([x0, y0], [x1, y1]))
     }
 
-    fn truths(&self, view: &View) -> (Vec<Truth<BoxPx>>, Vec<Place>) {
-        let found = view.objects.iter().filter_map(|object| {
-            let (number, ignored) = fate(&self.spec, &self.targets, object)?;
-            let [x0, y0, x1, y1] = object.bounds.map(f64::from);
-            let region = BoxPx::new([x0, y0], [x1, y1]);
-            let truth = match ignored {
-                true => Truth::ignored(number, region),
-                false => Truth::new(number, region),
-            };
-            Some((truth, place_of(object)))
-        });
-        found.unzip()
-    }
-}
-
-impl Measure for Boxes2d {
-    type Estimate = Vec<Detection<BoxPx>>;
-    type Part = Part<BoxPx>;
-    type Total = Collector;
-
-    fn headline(&self) -> Headline {
-        Headline {
-            metric: "AP",
-            unit: "",
-            higher_is_better: true,
-        }
-    }
-
-    fn begin(&mut self, context: &Context<'_>) -> anyhow::Result<()> {
-        self.kept.begin(context, &self.spec, &self.targets);
-        Ok(())
-    }
-
-    fn empty(&self) -> Collector {
-        let numbers: Vec<u32> = self.targets.iter().map(|target| target.number).collect();
-        Collector::for_classes(&numbers)
-    }
-
-    fn read(&self, reading: &Reading<'_>) -> Result<Self::Estimate, String> {
+    fn read(reading: &Reading<'_>) -> Result<Vec<(u32, f32, BoxPx)>, String> {
         let found = records::<Box2d>(reading.body).into_iter();
-        Ok(found
-            .filter_map(|found| {
-                let number = program_target(&self.targets, reading.about, found.class)?;
-                let region = BoxPx::new(found.min_px.map(f64::from), found.max_px.map(f64::from));
-                Some(Detection::new(number, f64::from(found.score), region))
-            })
-            .collect())
-    }
-
-    fn part(&self, moment: &Moment<'_>, estimate: Option<&Self::Estimate>) -> Option<Self::Part> {
-        let view = moment.view(&self.spec.truth)?;
-        let (truths, of_truths) = self.truths(view);
-        let detections = estimate.cloned().unwrap_or_default();
-        let of_detections = detections.iter().map(|found| Place {
-            distance_m: view.median_depth_m(found.region.min_px, found.region.max_px),
-            occlusion: None,
+        let boxed = found.map(|found| {
+            let region = BoxPx::new(found.min_px.map(f64::from), found.max_px.map(f64::from));
+            (found.class, found.score, region)
         });
-        Some(Part {
-            pairs: Pairs::new(&truths, &detections),
-            of_detections: of_detections.collect(),
-            truths,
-            detections,
-            of_truths,
-        })
+        Ok(boxed.collect())
     }
 
-    fn add(&self, total: &mut Collector, part: &Self::Part) {
-        total.add_pairs(&part.pairs);
+    fn corners(region: &BoxPx) -> [[f64; 2]; 2] {
+        [region.min_px, region.max_px]
     }
 
-    fn merge(&self, total: &mut Collector, other: &Collector) {
-        total.merge(other);
+    fn keep(kept: &mut Kept, moment: &Moment<'_>, part: &Part<BoxPx>) {
+        kept.add_boxes(moment, part);
     }
 
-    fn named(&self, total: &Collector) -> BTreeMap<String, f64> {
-        let scores = total.scores();
-        let mut named = scores.named();
-        named.extend(scores.named_classes(name_of));
-        named
-    }
-
-    fn counts(&self, total: &Collector) -> (u64, u64) {
-        let scores = total.scores();
-        let of = scores.classes.values();
-        of.fold((0, 0), |(n, ignored), class| {
-            (n + class.n_truths, ignored + class.n_ignored)
-        })
-    }
-
-    fn strata(&self) -> Vec<(&'static str, &'static str)> {
-        object_strata()
-    }
-
-    fn add_stratum(&self, total: &mut Collector, part: &Self::Part, stratum: usize) {
-        total.add_part(
-            &part.pairs,
-            |at| !part.of_truths[at].is_in(stratum),
-            |at| part.of_detections[at].is_elsewhere(stratum),
-        );
-    }
-
-    fn bad(&self, part: &Self::Part) -> Option<Bad> {
-        bad(part)
-    }
-
-    fn keep(&mut self, moment: &Moment<'_>, part: &Self::Part) {
-        self.kept.add_boxes(moment, part);
-    }
-
-    fn draw(&self, picture: &mut Picture, moment: &Moment<'_>, what: Drawn<'_, Self::Estimate>) {
-        match what {
-            Drawn::Truth => {
-                let view = moment.view(&self.spec.truth);
-                for truth in view.map(|view| self.truths(view).0).unwrap_or_default() {
-                    let name = name_of(truth.class);
-                    let label = if truth.ignore { "" } else { &name };
-                    let region = &truth.region;
-                    picture.rectangle(region.min_px, region.max_px, !truth.ignore, label);
-                }
-            }
-            Drawn::Result(found) => {
-                for found in found {
-                    let label = format!("{} {:.2}", name_of(found.class), found.score);
-                    let region = &found.region;
-                    picture.rectangle(region.min_px, region.max_px, true, &label);
-                }
-            }
-        }
-    }
-
-    fn coco(&mut self) -> Option<Kept> {
-        Some(std::mem::take(&mut self.kept))
+    fn draw(picture: &mut Picture, region: &BoxPx, _: usize, counts: bool, label: &str) {
+        picture.rectangle(region.min_px, region.max_px, counts, label);
     }
 }

@@ -9,8 +9,8 @@ use consumer_truth::Body;
 use nalgebra::{Isometry3, Vector3};
 use schema_frames::{Box3d, Modality, SemanticLidarPoint};
 
-use super::boxes2d::{DISTANCES_M, Place, records};
 use super::classes::{Target, name_of, program_target, target_of, targets};
+use super::detect::{DISTANCES_M, Place, records};
 use super::spaces::{EgoPoses, ground_distance_m, is_finite, normalised};
 use super::{Bad, Context, Drawn, Headline, Measure, Reading, Spec};
 use crate::ignore::Shown;
@@ -257,13 +257,13 @@ impl Measure for Boxes3d {
         let truths: Vec<Truth> = part
             .truths
             .iter()
-            .filter(|truth| truth.distance_m <= range(truth.class))
+            .filter(|truth| truth.distance_m < range(truth.class))
             .cloned()
             .collect();
         let near = part
             .detections
             .iter()
-            .filter(|found| found.distance_m <= range(found.class));
+            .filter(|found| found.distance_m < range(found.class));
         let detections: Vec<Detection> = near.cloned().collect();
         let found = matches(&truths, &detections, 2.0);
         let sure = |at: &&usize| detections[**at].score >= 0.5;

@@ -310,7 +310,7 @@ mod tests {
         // The post covers columns 15 to 24 before and 10 to 19 now. Wall pixels 20 to 24 were behind
         // it: they come from columns 20.5 to 24.5. The last column's half pixel came from outside.
         let row: Vec<usize> = (0..width as usize).filter(|at| hidden[*at]).collect();
-        assert_eq!(row, [20, 21, 22, 23]);
+        assert_eq!(row, [20, 21, 22, 23, 39]);
         // As a moving body of another number everything was hidden.
         let other = View {
             instance: vec![2; n],

@@ -13,7 +13,7 @@ use nalgebra::{Isometry3, Point3};
 use schema_frames::{Keypoint, KeypointSet, PathPoint, ResultType};
 use schema_roads::{MarkKind, RoadMap};
 
-use super::boxes2d::records;
+use super::detect::records;
 use super::spaces::{EgoPoses, is_finite};
 use super::{Bad, Context, Drawn, Headline, Measure, Reading, Spec};
 use crate::moment::{Moment, View};

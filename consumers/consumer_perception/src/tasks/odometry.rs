@@ -9,7 +9,7 @@ use consumer_metrics::odometry::{Collector, Settings};
 use nalgebra::Isometry3;
 use schema_frames::{Odometry as OdometryRecord, PoseEstimate, ResultType};
 
-use super::boxes2d::records;
+use super::detect::records;
 use super::spaces::{is_finite, normalised};
 use super::{Context, Headline, Measure, Reading, Spec};
 use crate::moment::Moment;

@@ -7,9 +7,9 @@ use consumer_metrics::tracking::{Collector, Frame, Settings, centre_similarity, 
 use nalgebra::{Isometry3, Vector3};
 use schema_frames::Track;
 
-use super::boxes2d::{fate, records};
 use super::boxes3d::Evidence;
 use super::classes::{Target, name_of, program_target, target_of, targets};
+use super::detect::{fate, records};
 use super::spaces::{EgoPoses, ground_distance_m, is_finite, normalised};
 use super::{Bad, Context, Drawn, Headline, Measure, Reading, Spec};
 use crate::moment::Moment;
