@@ -23,89 +23,18 @@
 //! [`Collector::n_invalid`].
 
 mod accumulate;
+mod objects;
 mod pairs;
 mod regions;
+mod scores;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use serde::Serialize;
-
 use accumulate::Rows;
+pub use objects::{ANY_CLASS, Detection, Truth};
 pub use pairs::{MAX_DETECTIONS, Matches, Pairs};
 pub use regions::{BoxPx, MaskError, Region, RunMask};
-
-/// Class of a truth that belongs to every class and is ignored in each: a region that is left out.
-pub const ANY_CLASS: u32 = u32::MAX;
-
-/// An object, or a region that does not count.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Truth<R> {
-    /// Its class, or [`ANY_CLASS`].
-    pub class: u32,
-    /// Where it is.
-    pub region: R,
-    /// Area by which it is small, medium or large, square pixels.
-    pub area_px: f64,
-    /// A region with many objects of its class that are not told apart; does not count.
-    pub crowd: bool,
-    /// Does not count; always so in [`ANY_CLASS`].
-    pub ignore: bool,
-}
-
-impl<R: Region> Truth<R> {
-    /// An object that counts, with the area of its region.
-    pub fn new(class: u32, region: R) -> Self {
-        let area_px = region.area();
-        Truth {
-            class,
-            region,
-            area_px,
-            crowd: false,
-            ignore: false,
-        }
-    }
-
-    /// A region of which any part may be detected any number of times.
-    pub fn crowd(class: u32, region: R) -> Self {
-        Truth {
-            crowd: true,
-            ..Truth::new(class, region)
-        }
-    }
-
-    /// An object that does not count.
-    pub fn ignored(class: u32, region: R) -> Self {
-        Truth {
-            ignore: true,
-            ..Truth::new(class, region)
-        }
-    }
-}
-
-/// Something that was detected.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Detection<R> {
-    /// Its class.
-    pub class: u32,
-    /// Where it is.
-    pub region: R,
-    /// Confidence; only its order matters.
-    pub score: f64,
-    /// Does not count as false if it finds no truth.
-    pub ignore_unmatched: bool,
-}
-
-impl<R> Detection<R> {
-    /// A detection that counts as false if it finds no truth.
-    pub fn new(class: u32, score: f64, region: R) -> Self {
-        Detection {
-            class,
-            region,
-            score,
-            ignore_unmatched: false,
-        }
-    }
-}
+pub use scores::{ClassScores, Scores};
 
 /// Takes images one by one. It keeps 32 bytes for each detection that counts.
 #[derive(Clone, Debug, Default)]
@@ -191,125 +120,6 @@ impl Collector {
             .collect();
         let all = ClassScores::mean(classes.values());
         Scores { all, classes }
-    }
-}
-
-/// Figures of all classes together and of each.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Scores {
-    /// Means over the classes that have the figure.
-    pub all: ClassScores,
-    /// Figures of each class of which there was a truth or a detection.
-    pub classes: BTreeMap<u32, ClassScores>,
-}
-
-impl Scores {
-    /// The figures of all classes together that exist.
-    pub fn named(&self) -> BTreeMap<String, f64> {
-        let named = self.all.named().into_iter();
-        named.map(|(key, value)| (key.to_owned(), value)).collect()
-    }
-
-    /// Of each class with truths those of `AP`, `AP50` and `AR100` that exist, e.g. as `AP/car`.
-    pub fn named_classes(&self, name: impl Fn(u32) -> String) -> BTreeMap<String, f64> {
-        let mut named = BTreeMap::new();
-        for (class, scores) in &self.classes {
-            for (key, value) in scores.named() {
-                if ["AP", "AP50", "AR100"].contains(&key) {
-                    named.insert(format!("{key}/{}", name(*class)), value);
-                }
-            }
-        }
-        named
-    }
-}
-
-/// Figures of a class, or means over classes, 0..=1. `None`: no truth counts.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct ClassScores {
-    /// Average precision, mean over ten thresholds of overlap.
-    pub ap: Option<f64>,
-    /// Average precision with overlaps of at least 0.5.
-    pub ap50: Option<f64>,
-    /// Average precision with overlaps of at least 0.75.
-    pub ap75: Option<f64>,
-    /// `ap` of truths up to 32² square pixels.
-    pub ap_small: Option<f64>,
-    /// `ap` of truths from 32² to 96² square pixels.
-    pub ap_medium: Option<f64>,
-    /// `ap` of truths from 96² square pixels on.
-    pub ap_large: Option<f64>,
-    /// Recall with one detection per image and class, mean over ten thresholds of overlap.
-    pub ar1: Option<f64>,
-    /// The same with ten detections.
-    pub ar10: Option<f64>,
-    /// The same with a hundred.
-    pub ar100: Option<f64>,
-    /// `ar100` of truths up to 32² square pixels.
-    pub ar_small: Option<f64>,
-    /// `ar100` of truths from 32² to 96² square pixels.
-    pub ar_medium: Option<f64>,
-    /// `ar100` of truths from 96² square pixels on.
-    pub ar_large: Option<f64>,
-    /// Truths that count.
-    pub n_truths: u64,
-    /// Truths that are ignored or a crowd, without those of [`ANY_CLASS`].
-    pub n_ignored: u64,
-    /// Detections, of each image and class at most [`MAX_DETECTIONS`].
-    pub n_detections: u64,
-}
-
-/// A figure of a class.
-type Figure = fn(&mut ClassScores) -> &mut Option<f64>;
-
-/// Every figure and its usual name.
-const FIGURES: [(&str, Figure); 12] = [
-    ("AP", |s| &mut s.ap),
-    ("AP50", |s| &mut s.ap50),
-    ("AP75", |s| &mut s.ap75),
-    ("APs", |s| &mut s.ap_small),
-    ("APm", |s| &mut s.ap_medium),
-    ("APl", |s| &mut s.ap_large),
-    ("AR1", |s| &mut s.ar1),
-    ("AR10", |s| &mut s.ar10),
-    ("AR100", |s| &mut s.ar100),
-    ("ARs", |s| &mut s.ar_small),
-    ("ARm", |s| &mut s.ar_medium),
-    ("ARl", |s| &mut s.ar_large),
-];
-
-impl ClassScores {
-    /// The figures that exist.
-    fn named(&self) -> BTreeMap<&'static str, f64> {
-        let mut own = self.clone();
-        let named = FIGURES.iter();
-        named
-            .filter_map(|(name, figure)| Some((*name, (*figure(&mut own))?)))
-            .collect()
-    }
-
-    /// Means of the figures over the classes that have them, and sums of the numbers.
-    fn mean<'a>(classes: impl Iterator<Item = &'a ClassScores>) -> ClassScores {
-        let mut all = ClassScores::default();
-        let mut n = [0.0; FIGURES.len()];
-        for class in classes {
-            let mut class = class.clone();
-            for (n, (_, figure)) in n.iter_mut().zip(FIGURES) {
-                if let Some(value) = *figure(&mut class) {
-                    *figure(&mut all).get_or_insert(0.0) += value;
-                    *n += 1.0;
-                }
-            }
-            all.n_truths += class.n_truths;
-            all.n_ignored += class.n_ignored;
-            all.n_detections += class.n_detections;
-        }
-        for (n, (_, figure)) in n.iter().zip(FIGURES) {
-            if let Some(sum) = figure(&mut all) {
-                *sum /= n;
-            }
-        }
-        all
     }
 }
 

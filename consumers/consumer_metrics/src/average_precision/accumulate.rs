@@ -1,7 +1,7 @@
 //! What became of every detection of one class, and its figures.
 
-use super::ClassScores;
 use super::pairs::{ClassPairs, by_score};
+use super::scores::ClassScores;
 
 /// Thresholds of overlap: 0.50, 0.55 … 0.95, rounded as an even division of the span is.
 const OVERLAPS: [f64; 10] = {

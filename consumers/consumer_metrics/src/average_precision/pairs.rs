@@ -3,7 +3,8 @@
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
-use super::{ANY_CLASS, Detection, Region, Truth};
+use super::objects::{ANY_CLASS, Detection, Truth};
+use super::regions::Region;
 
 /// Detections of an image and class that count, best scores first.
 pub const MAX_DETECTIONS: usize = 100;

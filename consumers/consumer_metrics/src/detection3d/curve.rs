@@ -1,7 +1,7 @@
 //! What became of every detection of one class, and its curves of precision and errors over recall.
 
 use super::frame::{Detection, Truth, best_first, distance, nearest};
-use super::{DISTANCES_M, Heading};
+use super::settings::{DISTANCES_M, Heading};
 
 /// Names of the errors, in the order in which they are kept.
 pub(super) const ERRORS: [&str; 5] = ["ATE", "ASE", "AOE", "AVE", "AAE"];

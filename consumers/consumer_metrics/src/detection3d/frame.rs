@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 
-use super::MAX_DETECTIONS;
 use crate::average_precision::Matches;
+
+/// Detections of a frame that count, best scores first.
+pub const MAX_DETECTIONS: usize = 500;
 
 /// A box that stands upright.
 #[derive(Clone, Copy, Debug, PartialEq)]
