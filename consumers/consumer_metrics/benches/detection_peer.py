@@ -1,10 +1,13 @@
 """Time of pycocotools for the boxes that `--example detection_bench -- IMAGES FOLDER` writes.
 
-python consumers/consumer_metrics/benches/detection_peer.py FOLDER
+python consumers/consumer_metrics/benches/detection_peer.py FOLDER [FILE]
+
+With a FILE, which the bench wrote with --json, it adds its row there.
 """
 
 import contextlib
 import io
+import json
 import sys
 import time
 from pathlib import Path
@@ -24,4 +27,16 @@ with contextlib.redirect_stdout(io.StringIO()):
     evaluation.summarize()
     end = time.perf_counter()
 n = len(evaluation.params.imgIds)
-print(f"pycocotools: {(evaluated - begin) * 1e6 / n:.2f} µs an image, scores {(end - evaluated) * 1e3:.1f} ms, value {evaluation.stats[0]:.6f}")
+row = {
+    "name": "boxes in images, pycocotools",
+    "n_images": n,
+    "add_us": (evaluated - begin) * 1e6 / n,
+    "scores_ms": (end - evaluated) * 1e3,
+    "value": evaluation.stats[0],
+}
+print(f"{row['name']}: {row['add_us']:.2f} µs an image, scores {row['scores_ms']:.1f} ms, value {row['value']:.6f}")
+if len(sys.argv) > 2:
+    file = Path(sys.argv[2])
+    result = json.loads(file.read_text())
+    result["rows"].append(row)
+    file.write_text(json.dumps(result, indent=2) + "\n")
