@@ -1,24 +1,61 @@
 //! What a benchmark says: the whole of `report.json`, of which terminal, page and comparison show
 //! parts.
+//!
+//! In reading order: the types here, [`spread`] and [`throughput`] (how they are made), [`metrics`]
+//! (what is better), [`rows`] (the lines of the tables), [`terminal`], [`write`] (the folder of a
+//! report), [`schema`], [`hgrm`], [`coco`], [`ros2`], [`bench`] (files for others' programs),
+//! [`page`] with [`plot`] (HTML), [`compare`] and [`show`] (subcommands).
 
 use std::collections::BTreeMap;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::capture::Mode;
+
+pub mod bench;
+pub mod coco;
+pub mod compare;
+pub mod hgrm;
+pub mod metrics;
+pub mod page;
+pub mod plot;
+pub mod ros2;
+pub mod rows;
+pub mod schema;
+pub mod show;
+pub mod spread;
+pub mod terminal;
+pub mod throughput;
+pub mod write;
+
+pub use coco::CocoFiles;
+pub use terminal::terminal;
+pub use throughput::Throughput;
+pub use write::{Files, Written, read, write_all};
 
 /// Number of this form; it rises when a field changes its meaning or goes.
 pub const REPORT_VERSION: u32 = 1;
 
 /// A benchmark, whole.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Report {
-    /// [`REPORT_VERSION`].
+    /// Number of the form, 1.
     pub version: u32,
     /// Name of the suite.
     pub suite: String,
     /// SHA-256 of the suite's text, of the build and of the seed: equal means the same frames.
     pub suite_hash: String,
+    /// The suite itself, TOML.
+    #[serde(default)]
+    pub suite_text: String,
+    /// The command that made this report, word by word.
+    #[serde(default)]
+    pub command: Vec<String>,
+    /// What else a reader wants to know of how it ran, e.g. `source` (recording or live) and the
+    /// cores of the simulator.
+    #[serde(default)]
+    pub settings: BTreeMap<String, String>,
     /// Version and commit of Gantry.
     pub build: String,
     /// Seed of all that is random.
@@ -31,14 +68,14 @@ pub struct Report {
     pub machine: Machine,
     /// What was shown, in order.
     pub scenarios: Vec<ScenarioInfo>,
-    /// What was measured: one entry for each program, mode and speed.
+    /// What was measured: one entry for each program, mode, speed and added delay.
     pub runs: Vec<Run>,
     /// What a reader must know before believing a figure: a pace that was missed, a busy machine.
     pub warnings: Vec<String>,
 }
 
 /// The machine.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Machine {
     /// Model of the processor.
     pub cpu: String,
@@ -48,12 +85,15 @@ pub struct Machine {
     pub memory_bytes: u64,
     /// What rendered.
     pub adapter: String,
+    /// Release of the kernel.
+    #[serde(default)]
+    pub kernel: String,
     /// Load average over a minute when it began.
     pub load: f64,
 }
 
 /// A scenario, as it was shown to every program.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 pub struct ScenarioInfo {
     /// Name, unique within the suite.
     pub name: String,
@@ -68,7 +108,7 @@ pub struct ScenarioInfo {
 }
 
 /// One program in one mode.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Run {
     /// Name of the program.
     pub program: String,
@@ -78,6 +118,9 @@ pub struct Run {
     pub mode: Mode,
     /// Simulated seconds per second of the wall clock that were asked for; 0 in lockstep.
     pub speed: f64,
+    /// Milliseconds that every result was held back by, on top of its own.
+    #[serde(default)]
+    pub added_delay_ms: f64,
     /// Processor cores of the program; empty: all.
     pub cores: Vec<u32>,
     /// Its priority, if it has one of its own.
@@ -97,7 +140,7 @@ pub struct Run {
 }
 
 /// One program in one mode and one scenario.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 pub struct ScenarioRun {
     /// Name of the scenario.
     pub scenario: String,
@@ -109,14 +152,20 @@ pub struct ScenarioRun {
     pub latency: Latency,
     /// Counts of this scenario alone.
     pub counts: Counts,
+    /// Rates and jitter by the wall clock.
+    #[serde(default)]
+    pub throughput: Throughput,
     /// Each result and what became of it, for the time line; at most a few thousand.
     pub events: Vec<ResultEvent>,
+    /// Simulated seconds of the frames that could be answered, over the time of `events`.
+    #[serde(default)]
+    pub frame_secs: Vec<f64>,
     /// Frames with the worst results, with pictures beside the report.
     pub worst: Vec<WorstFrame>,
 }
 
 /// How right a program was at one task.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 pub struct TaskScore {
     /// The task, as suites name it, e.g. `boxes2d`.
     pub task: String,
@@ -124,6 +173,9 @@ pub struct TaskScore {
     pub topic: String,
     /// Name of the metric that stands for the task, e.g. `AP`.
     pub headline: String,
+    /// Its unit, e.g. `px`; empty if it has none.
+    #[serde(default)]
+    pub unit: String,
     /// Whether more of it is better.
     pub higher_is_better: bool,
     /// Results against the truth of the frame they answer, by metric: accuracy without time.
@@ -141,7 +193,7 @@ pub struct TaskScore {
 }
 
 /// A point of the curve of accuracy over added delay.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct CurvePoint {
     /// Delay that was added to every result, milliseconds.
     pub delay_ms: f64,
@@ -150,7 +202,7 @@ pub struct CurvePoint {
 }
 
 /// The headline metric over a part of the truth.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct Stratum {
     /// What divides, e.g. `distance_m`, `occlusion`, `light`, `speed_mps`.
     pub by: String,
@@ -165,7 +217,7 @@ pub struct Stratum {
 }
 
 /// How long results took, milliseconds.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Latency {
     /// From the first pixel or ray that went into a result (the frame's origin) to its publication.
     pub end_to_end: Spread,
@@ -178,7 +230,7 @@ pub struct Latency {
 }
 
 /// A distribution, milliseconds.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 pub struct Spread {
     /// How many.
     pub n: u64,
@@ -201,7 +253,7 @@ pub struct Spread {
 }
 
 /// What became of frames and results.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Counts {
     /// Frames that could be answered.
     pub n_frames: u64,
@@ -230,10 +282,13 @@ pub struct Counts {
 }
 
 /// What a process used.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ProcessUsage {
     /// Its name.
     pub process: String,
+    /// Whether it belongs to the program; if not, it is the simulator's or the benchmark's.
+    #[serde(default)]
+    pub of_program: bool,
     /// Processor time per second of the wall clock.
     pub cpu_cores: f64,
     /// Processor time per answered frame, milliseconds.
@@ -243,8 +298,11 @@ pub struct ProcessUsage {
 }
 
 /// A result on the time line; times in simulated seconds since the scenario began.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct ResultEvent {
+    /// Topic of the result.
+    #[serde(default)]
+    pub topic: String,
     /// Time of the frame that it answers.
     pub frame_secs: f64,
     /// When the program took the frame.
@@ -256,7 +314,7 @@ pub struct ResultEvent {
 }
 
 /// A frame whose result is among the worst.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 pub struct WorstFrame {
     /// The task.
     pub task: String,
