@@ -10,18 +10,16 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::numbers::{existing, mean, percent};
-use crate::sizes::{SizesDiffer, same, same_if_any};
+use crate::errors::{Errors, masked};
+use crate::numbers::existing;
+use crate::sizes::SizesDiffer;
 
 /// Counts window by window.
 #[derive(Clone, Debug, Default)]
 pub struct Collector {
-    error_sum_px: f64,
-    angle_sum_rad: f64,
     /// More than 1, 2 and 3 pixels wrong.
-    n_bad: [u64; 3],
-    n_answered: u64,
-    n_scored: u64,
+    errors: Errors<3>,
+    angle_sum_rad: f64,
     n_ignored: u64,
 }
 
@@ -44,55 +42,45 @@ impl Collector {
         result_px: &[[f32; 2]],
         mask: Option<&[bool]>,
     ) -> Result<(), SizesDiffer> {
-        same("the result", truth_px.len(), result_px.len())?;
-        same_if_any("the mask", truth_px.len(), mask)?;
-        for (at, (truth, result)) in truth_px.iter().zip(result_px).enumerate() {
-            let ([u, v], [x, y]) = (truth.map(f64::from), result.map(f64::from));
-            if !(u.is_finite() && v.is_finite()) || mask.is_some_and(|mask| !mask[at]) {
+        for pair in masked(truth_px, result_px, mask)? {
+            let is_known = |([u, v], _): &([f32; 2], [f32; 2])| u.is_finite() && v.is_finite();
+            let Some((truth, result)) = pair.filter(is_known) else {
                 self.n_ignored += 1;
                 continue;
-            }
-            self.n_scored += 1;
-            let mut error = f64::INFINITY;
-            if x.is_finite() && y.is_finite() {
-                error = (x - u).hypot(y - v);
-                self.error_sum_px += error;
+            };
+            let ([u, v], [x, y]) = (truth.map(f64::from), result.map(f64::from));
+            let is_answer = x.is_finite() && y.is_finite();
+            if is_answer {
                 // By the sine too: the cosine alone loses small angles.
                 let sine = (v - y).hypot(x - u).hypot(u * y - v * x);
                 self.angle_sum_rad += sine.atan2(u * x + v * y + 1.0);
-                self.n_answered += 1;
             }
-            for (limit, count) in [1.0, 2.0, 3.0].into_iter().zip(&mut self.n_bad) {
-                *count += u64::from(error > limit);
-            }
+            let error = is_answer.then_some((x - u).hypot(y - v));
+            self.errors
+                .add(error, |error| [1.0, 2.0, 3.0].map(|limit| error > limit));
         }
         Ok(())
     }
 
     /// Adds another collector's windows.
     pub fn merge(&mut self, other: &Self) {
-        self.error_sum_px += other.error_sum_px;
+        self.errors.merge(&other.errors);
         self.angle_sum_rad += other.angle_sum_rad;
-        for (mine, theirs) in self.n_bad.iter_mut().zip(other.n_bad) {
-            *mine += theirs;
-        }
-        self.n_answered += other.n_answered;
-        self.n_scored += other.n_scored;
         self.n_ignored += other.n_ignored;
     }
 
     /// The figures of all that was added.
     #[must_use]
     pub fn scores(&self) -> Scores {
-        let [pe1, pe2, pe3] = self.n_bad.map(|bad| percent(bad, self.n_scored));
+        let [pe1, pe2, pe3] = self.errors.wrong_percent();
         Scores {
-            epe_px: mean(self.error_sum_px, self.n_answered),
+            epe_px: self.errors.mean_px(),
             pe1,
             pe2,
             pe3,
-            ae_deg: mean(self.angle_sum_rad.to_degrees(), self.n_answered),
-            density: percent(self.n_answered, self.n_scored),
-            n_scored: self.n_scored,
+            ae_deg: self.errors.mean_of(self.angle_sum_rad.to_degrees()),
+            density: self.errors.density_percent(),
+            n_scored: self.errors.n_scored,
             n_ignored: self.n_ignored,
         }
     }

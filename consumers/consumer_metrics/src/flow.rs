@@ -9,8 +9,9 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::numbers::{existing, mean, percent};
-use crate::sizes::{SizesDiffer, same, same_if_any};
+use crate::errors::{Errors, is_outlier, masked};
+use crate::numbers::existing;
+use crate::sizes::{SizesDiffer, same_if_any};
 
 /// Which pixels count, and as what.
 #[derive(Clone, Copy, Debug, Default)]
@@ -34,55 +35,24 @@ pub struct Collector {
     n_ignored: u64,
 }
 
-#[derive(Clone, Copy, Debug, Default)]
-struct Part {
-    error_sum_px: f64,
-    /// More than 1, 3 and 5 pixels wrong, and outliers by KITTI's rule.
-    n_bad: [u64; 4],
-    n_answered: u64,
-    n_scored: u64,
+/// More than 1, 3 and 5 pixels wrong, and outliers by KITTI's rule.
+type Part = Errors<4>;
+
+fn part_scores(part: &Part) -> PartScores {
+    let [px1, px3, px5, fl] = part.wrong_percent();
+    PartScores {
+        epe_px: part.mean_px(),
+        fl,
+        px1,
+        px3,
+        px5,
+        density: part.density_percent(),
+        n_scored: part.n_scored,
+    }
 }
 
-impl Part {
-    fn add(&mut self, error_px: Option<f64>, truth_length_px: f64) {
-        self.n_scored += 1;
-        let error = error_px.unwrap_or(f64::INFINITY);
-        if error_px.is_some() {
-            self.error_sum_px += error;
-            self.n_answered += 1;
-        }
-        let is_outlier = error > 3.0 && error > 0.05 * truth_length_px;
-        let is_bad = [error > 1.0, error > 3.0, error > 5.0, is_outlier];
-        for (count, is_bad) in self.n_bad.iter_mut().zip(is_bad) {
-            *count += u64::from(is_bad);
-        }
-    }
-
-    fn merge(&mut self, other: &Self) {
-        self.error_sum_px += other.error_sum_px;
-        for (mine, theirs) in self.n_bad.iter_mut().zip(other.n_bad) {
-            *mine += theirs;
-        }
-        self.n_answered += other.n_answered;
-        self.n_scored += other.n_scored;
-    }
-
-    fn scores(&self) -> PartScores {
-        let [px1, px3, px5, fl] = self.n_bad.map(|bad| percent(bad, self.n_scored));
-        PartScores {
-            epe_px: mean(self.error_sum_px, self.n_answered),
-            fl,
-            px1,
-            px3,
-            px5,
-            density: percent(self.n_answered, self.n_scored),
-            n_scored: self.n_scored,
-        }
-    }
-
-    fn scores_if_any(&self) -> Option<PartScores> {
-        (self.n_scored > 0).then(|| self.scores())
-    }
+fn part_scores_if_any(part: &Part) -> Option<PartScores> {
+    (part.n_scored > 0).then(|| part_scores(part))
 }
 
 impl Collector {
@@ -103,28 +73,31 @@ impl Collector {
         result_px: &[[f32; 2]],
         masks: Masks<'_>,
     ) -> Result<(), SizesDiffer> {
-        same("the result", truth_px.len(), result_px.len())?;
-        same_if_any("the mask", truth_px.len(), masks.scored)?;
         same_if_any("the mask of what moves", truth_px.len(), masks.moving)?;
         same_if_any("the mask of what is hidden", truth_px.len(), masks.occluded)?;
-        for (at, (truth, result)) in truth_px.iter().zip(result_px).enumerate() {
-            let [u, v] = truth.map(f64::from);
-            if !(u.is_finite() && v.is_finite()) || masks.scored.is_some_and(|mask| !mask[at]) {
+        for (at, pair) in masked(truth_px, result_px, masks.scored)?.enumerate() {
+            let is_known = |([u, v], _): &([f32; 2], [f32; 2])| u.is_finite() && v.is_finite();
+            let Some((truth, result)) = pair.filter(is_known) else {
                 self.n_ignored += 1;
                 continue;
-            }
-            let length = u.hypot(v);
-            let error = (f64::from(result[0]) - u).hypot(f64::from(result[1]) - v);
-            let error = error.is_finite().then_some(error);
-            self.all.add(error, length);
+            };
+            let ([u, v], [x, y]) = (truth.map(f64::from), result.map(f64::from));
+            let error = Some((x - u).hypot(y - v)).filter(|error| error.is_finite());
+            let add = |part: &mut Part| {
+                part.add(error, |error| {
+                    let is_outlier = is_outlier(error, u.hypot(v));
+                    [error > 1.0, error > 3.0, error > 5.0, is_outlier]
+                });
+            };
+            add(&mut self.all);
             match masks.moving.map(|mask| mask[at]) {
-                Some(true) => self.moving.add(error, length),
-                Some(false) => self.still.add(error, length),
+                Some(true) => add(&mut self.moving),
+                Some(false) => add(&mut self.still),
                 None => {}
             }
             match masks.occluded.map(|mask| mask[at]) {
-                Some(true) => self.occluded.add(error, length),
-                Some(false) => self.visible.add(error, length),
+                Some(true) => add(&mut self.occluded),
+                Some(false) => add(&mut self.visible),
                 None => {}
             }
         }
@@ -145,11 +118,11 @@ impl Collector {
     #[must_use]
     pub fn scores(&self) -> Scores {
         Scores {
-            all: self.all.scores(),
-            moving: self.moving.scores_if_any(),
-            still: self.still.scores_if_any(),
-            occluded: self.occluded.scores_if_any(),
-            visible: self.visible.scores_if_any(),
+            all: part_scores(&self.all),
+            moving: part_scores_if_any(&self.moving),
+            still: part_scores_if_any(&self.still),
+            occluded: part_scores_if_any(&self.occluded),
+            visible: part_scores_if_any(&self.visible),
             n_ignored: self.n_ignored,
         }
     }

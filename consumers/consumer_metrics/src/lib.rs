@@ -16,6 +16,7 @@ pub mod coco_json;
 pub mod depth;
 pub mod detection3d;
 pub mod driving;
+mod errors;
 pub mod event_flow;
 pub mod flow;
 pub mod lanes;

@@ -9,8 +9,9 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::numbers::{existing, mean, percent};
-use crate::sizes::{SizesDiffer, same, same_if_any};
+use crate::errors::{Errors, is_outlier, masked};
+use crate::numbers::existing;
+use crate::sizes::SizesDiffer;
 
 /// Disparity of a point of this depth, pixels.
 #[must_use]
@@ -21,11 +22,8 @@ pub fn disparity_px(depth_m: f32, fx_px: f64, baseline_m: f64) -> f32 {
 /// Counts image by image.
 #[derive(Clone, Debug, Default)]
 pub struct Collector {
-    error_sum_px: f64,
     /// More than 1, 2 and 3 pixels wrong, and outliers by KITTI's rule.
-    n_bad: [u64; 4],
-    n_answered: u64,
-    n_scored: u64,
+    errors: Errors<4>,
     n_ignored: u64,
 }
 
@@ -48,53 +46,41 @@ impl Collector {
         result_px: &[f32],
         mask: Option<&[bool]>,
     ) -> Result<(), SizesDiffer> {
-        same("the result", truth_px.len(), result_px.len())?;
-        same_if_any("the mask", truth_px.len(), mask)?;
-        for (at, (&truth, &result)) in truth_px.iter().zip(result_px).enumerate() {
-            let (truth, result) = (f64::from(truth), f64::from(result));
-            if !(truth.is_finite() && truth > 0.0) || mask.is_some_and(|mask| !mask[at]) {
+        for pair in masked(truth_px, result_px, mask)? {
+            let is_known = |(truth, _): &(f32, f32)| truth.is_finite() && *truth > 0.0;
+            let Some((truth, result)) = pair.filter(is_known) else {
                 self.n_ignored += 1;
                 continue;
-            }
-            self.n_scored += 1;
-            let mut error = f64::INFINITY;
-            if result.is_finite() && result >= 0.0 {
-                error = (result - truth).abs();
-                self.error_sum_px += error;
-                self.n_answered += 1;
-            }
-            let is_outlier = error > 3.0 && error > 0.05 * truth;
-            let is_bad = [error > 1.0, error > 2.0, error > 3.0, is_outlier];
-            for (count, is_bad) in self.n_bad.iter_mut().zip(is_bad) {
-                *count += u64::from(is_bad);
-            }
+            };
+            let (truth, result) = (f64::from(truth), f64::from(result));
+            let is_answer = result.is_finite() && result >= 0.0;
+            let error = is_answer.then_some((result - truth).abs());
+            self.errors.add(error, |error| {
+                let is_outlier = is_outlier(error, truth);
+                [error > 1.0, error > 2.0, error > 3.0, is_outlier]
+            });
         }
         Ok(())
     }
 
     /// Adds another collector's images.
     pub fn merge(&mut self, other: &Self) {
-        self.error_sum_px += other.error_sum_px;
-        for (mine, theirs) in self.n_bad.iter_mut().zip(other.n_bad) {
-            *mine += theirs;
-        }
-        self.n_answered += other.n_answered;
-        self.n_scored += other.n_scored;
+        self.errors.merge(&other.errors);
         self.n_ignored += other.n_ignored;
     }
 
     /// The figures of all that was added.
     #[must_use]
     pub fn scores(&self) -> Scores {
-        let [bad1, bad2, bad3, d1] = self.n_bad.map(|bad| percent(bad, self.n_scored));
+        let [bad1, bad2, bad3, d1] = self.errors.wrong_percent();
         Scores {
             d1,
-            epe_px: mean(self.error_sum_px, self.n_answered),
+            epe_px: self.errors.mean_px(),
             bad1,
             bad2,
             bad3,
-            density: percent(self.n_answered, self.n_scored),
-            n_scored: self.n_scored,
+            density: self.errors.density_percent(),
+            n_scored: self.errors.n_scored,
             n_ignored: self.n_ignored,
         }
     }

@@ -1,6 +1,6 @@
 //! Lines at equal steps forward, and which of them are partners.
 
-use super::{Line, Settings};
+use super::settings::{Line, Settings};
 use crate::assignment::{Pair, best_pairs};
 
 /// A line at the steps of the settings; `None` where it is not.

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Matrix4, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-use super::Alignment;
+use super::settings::Alignment;
 
 /// The results laid on the truths, and the scale that was applied.
 pub(super) fn laid_on(

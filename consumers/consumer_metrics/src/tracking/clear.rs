@@ -1,6 +1,7 @@
 //! CLEAR MOT: misses, false alarms and switches, with matches that stay as they are while they can.
 
-use super::{ROUNDING, Scores, Sequence};
+use super::scores::Scores;
+use super::sequence::{ROUNDING, Sequence};
 use crate::assignment::{Pair, best_pairs};
 use crate::numbers::{mean, share};
 

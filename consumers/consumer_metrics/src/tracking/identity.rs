@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::{Scores, Sequence};
+use super::scores::Scores;
+use super::sequence::Sequence;
 use crate::assignment::{Pair, best_pairs};
 use crate::numbers::share;
 
