@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::errors::{Errors, masked};
+use crate::errors::{Errors, length_px, masked};
 use crate::numbers::existing;
 use crate::sizes::SizesDiffer;
 
@@ -52,10 +52,10 @@ impl Collector {
             let is_answer = x.is_finite() && y.is_finite();
             if is_answer {
                 // By the sine too: the cosine alone loses small angles.
-                let sine = (v - y).hypot(x - u).hypot(u * y - v * x);
+                let sine = length_px(length_px(v - y, x - u), u * y - v * x);
                 self.angle_sum_rad += sine.atan2(u * x + v * y + 1.0);
             }
-            let error = is_answer.then_some((x - u).hypot(y - v));
+            let error = is_answer.then_some(length_px(x - u, y - v));
             self.errors
                 .add(error, |error| [1.0, 2.0, 3.0].map(|limit| error > limit));
         }

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::errors::{Errors, is_outlier, masked};
+use crate::errors::{Errors, is_outlier, length_px, masked};
 use crate::numbers::existing;
 use crate::sizes::{SizesDiffer, same_if_any};
 
@@ -82,10 +82,11 @@ impl Collector {
                 continue;
             };
             let ([u, v], [x, y]) = (truth.map(f64::from), result.map(f64::from));
-            let error = Some((x - u).hypot(y - v)).filter(|error| error.is_finite());
+            let error = Some(length_px(x - u, y - v)).filter(|error| error.is_finite());
+            let truth_length = length_px(u, v);
             let add = |part: &mut Part| {
                 part.add(error, |error| {
-                    let is_outlier = is_outlier(error, u.hypot(v));
+                    let is_outlier = is_outlier(error, truth_length);
                     [error > 1.0, error > 3.0, error > 5.0, is_outlier]
                 });
             };

@@ -22,6 +22,7 @@ pub mod flow;
 pub mod lanes;
 mod numbers;
 pub mod odometry;
+mod sequences;
 pub mod sizes;
 pub mod stereo;
 pub mod tracking;

@@ -20,6 +20,7 @@ use nalgebra::Isometry3;
 use serde::Serialize;
 
 use crate::numbers::{existing, mean, quantile};
+use crate::sequences::Sequences;
 pub use settings::{Alignment, Settings, Step};
 
 /// Poses of one drive.
@@ -33,8 +34,7 @@ struct Sequence {
 #[derive(Clone, Debug)]
 pub struct Collector {
     settings: Settings,
-    ended: Vec<Sequence>,
-    current: Sequence,
+    sequences: Sequences<Sequence>,
     n_missing: u64,
 }
 
@@ -44,8 +44,7 @@ impl Collector {
     pub fn new(settings: Settings) -> Self {
         Self {
             settings,
-            ended: Vec::new(),
-            current: Sequence::default(),
+            sequences: Sequences::default(),
             n_missing: 0,
         }
     }
@@ -62,8 +61,9 @@ impl Collector {
         };
         match result.filter(is_finite) {
             Some(result) if is_finite(&truth) => {
-                self.current.truths.push(*truth);
-                self.current.results.push(*result);
+                let sequence = self.sequences.current();
+                sequence.truths.push(*truth);
+                sequence.results.push(*result);
             }
             _ => self.n_missing += 1,
         }
@@ -71,18 +71,12 @@ impl Collector {
 
     /// Ends the sequence: poses after this belong to another drive.
     pub fn end_sequence(&mut self) {
-        let ended = std::mem::take(&mut self.current);
-        if !ended.truths.is_empty() {
-            self.ended.push(ended);
-        }
+        self.sequences.end();
     }
 
     /// Adds another collector's sequences; this one's sequence ends with that.
     pub fn merge(&mut self, other: &Self) {
-        self.end_sequence();
-        self.ended.extend(other.ended.iter().cloned());
-        self.current = other.current.clone();
-        self.end_sequence();
+        self.sequences.merge(&other.sequences);
         self.n_missing += other.n_missing;
     }
 
@@ -93,10 +87,7 @@ impl Collector {
         let (mut shifts_m, mut turns_rad) = (Vec::new(), Vec::new());
         let mut scales = Vec::new();
         let mut laid = Vec::new();
-        for sequence in self.ended.iter().chain([&self.current]) {
-            if sequence.truths.is_empty() {
-                continue;
-            }
+        for sequence in self.sequences.iter() {
             let (results, scale) =
                 align::laid_on(&sequence.truths, &sequence.results, self.settings.alignment);
             let pairs = sequence.truths.iter().zip(&results);

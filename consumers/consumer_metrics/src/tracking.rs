@@ -17,6 +17,7 @@ mod sequence;
 use std::collections::BTreeSet;
 
 use crate::assignment::{Pair, best_pairs};
+use crate::sequences::Sequences;
 use crate::sizes::{SizesDiffer, same};
 pub use scores::Scores;
 use sequence::{ROUNDING, Sequence, Shown};
@@ -87,8 +88,7 @@ impl Default for Settings {
 #[derive(Clone, Debug)]
 pub struct Collector {
     settings: Settings,
-    ended: Vec<Sequence>,
-    current: Sequence,
+    sequences: Sequences<Sequence>,
     n_ignored: u64,
 }
 
@@ -98,8 +98,7 @@ impl Collector {
     pub fn new(settings: Settings) -> Self {
         Self {
             settings,
-            ended: Vec::new(),
-            current: Sequence::default(),
+            sequences: Sequences::default(),
             n_ignored: 0,
         }
     }
@@ -154,7 +153,7 @@ impl Collector {
             pair.row = kept_truths.partition_point(|&row| row < pair.row);
             pair.column = kept_results.partition_point(|&column| column < pair.column);
         }
-        let sequence = &mut self.current;
+        let sequence = self.sequences.current();
         let truths = kept_truths.iter().map(|&row| {
             let next = sequence.truth_numbers.len();
             *sequence
@@ -190,18 +189,12 @@ impl Collector {
 
     /// Ends the sequence: identities after this are others.
     pub fn end_sequence(&mut self) {
-        let ended = std::mem::take(&mut self.current);
-        if !ended.frames.is_empty() {
-            self.ended.push(ended);
-        }
+        self.sequences.end();
     }
 
     /// Adds another collector's sequences; this one's sequence ends with that.
     pub fn merge(&mut self, other: &Self) {
-        self.end_sequence();
-        self.ended.extend(other.ended.iter().cloned());
-        self.current = other.current.clone();
-        self.end_sequence();
+        self.sequences.merge(&other.sequences);
         self.n_ignored += other.n_ignored;
     }
 
@@ -215,7 +208,7 @@ impl Collector {
             n_ignored: self.n_ignored,
             ..Scores::default()
         };
-        for sequence in self.ended.iter().chain([&self.current]) {
+        for sequence in self.sequences.iter() {
             hota.add(sequence);
             clear.add(sequence, self.settings.threshold);
             identity.add(sequence, self.settings.threshold);

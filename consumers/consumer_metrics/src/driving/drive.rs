@@ -127,9 +127,11 @@ impl Drive {
         self.completed_m = self.completed_m.max(metres);
     }
 
-    /// How much of what is done was off the road, metres.
+    /// So many metres more of what is done were off the road.
     pub fn off_road(&mut self, metres: f64) {
-        self.off_road_m = self.off_road_m.max(metres);
+        if metres.is_finite() {
+            self.off_road_m += metres.max(0.0);
+        }
     }
 
     /// Share of the route that was completed on the road.

@@ -14,14 +14,14 @@ pub(super) fn derivative(values: &[f64], step_secs: f64, window_secs: f64, order
     let half_wanted = (window_secs / step_secs / 2.0).round().max(1.0) as usize;
     let half = half_wanted.min((n - 1) / 2);
     let fit = Fit::new(half);
+    let mut window = Window::new(values, half);
     let mut derivatives = Vec::with_capacity(n);
-    let mut parabola = (usize::MAX, Vector3::zeros());
     for at in 0..n {
         let centre = at.clamp(half, n - 1 - half);
-        if parabola.0 != centre {
-            parabola = (centre, fit.of(&values[centre - half..=centre + half]));
+        if window.centre != centre {
+            window.step(values);
         }
-        let [_, slope, curve] = parabola.1.into();
+        let [_, slope, curve] = fit.of(&window.moments).into();
         let off = at as f64 - centre as f64;
         derivatives.push(match order {
             1 => (slope + 2.0 * curve * off) / step_secs,
@@ -31,9 +31,57 @@ pub(super) fn derivative(values: &[f64], step_secs: f64, window_secs: f64, order
     derivatives
 }
 
+/// Sums over a window that moves on: of the samples, of them times their places, and of them times
+/// the squares of their places, counted from the middle.
+struct Window {
+    half: usize,
+    centre: usize,
+    moments: Vector3<f64>,
+}
+
+/// After so many steps sums are computed anew, so that rounding does not add up.
+const N_STEPS: usize = 64;
+
+impl Window {
+    fn new(values: &[f64], half: usize) -> Self {
+        Self::at(values, half, half)
+    }
+
+    fn at(values: &[f64], half: usize, centre: usize) -> Self {
+        let mut moments = Vector3::zeros();
+        for (at, value) in values[centre - half..=centre + half].iter().enumerate() {
+            moments += powers(at as f64 - half as f64) * *value;
+        }
+        Self {
+            half,
+            centre,
+            moments,
+        }
+    }
+
+    /// One sample on.
+    fn step(&mut self, values: &[f64]) {
+        let centre = self.centre + 1;
+        if centre.is_multiple_of(N_STEPS) {
+            *self = Self::at(values, self.half, centre);
+            return;
+        }
+        let reach = self.half as f64;
+        self.moments -= powers(-reach) * values[centre - 1 - self.half];
+        let [sum, first, second] = self.moments.into();
+        // Every place is now one less.
+        self.moments = Vector3::new(sum, first - sum, second - 2.0 * first + sum);
+        self.moments += powers(reach) * values[centre + self.half];
+        self.centre = centre;
+    }
+}
+
+fn powers(place: f64) -> Vector3<f64> {
+    Vector3::new(1.0, place, place * place)
+}
+
 /// The least-squares parabola of a window of samples, with places counted from its middle.
 struct Fit {
-    half: usize,
     inverse: Matrix3<f64>,
 }
 
@@ -54,16 +102,11 @@ impl Fit {
         inverse[(0, 2)] = -squares / determinant;
         inverse[(2, 0)] = inverse[(0, 2)];
         inverse[(1, 1)] = 1.0 / squares;
-        Self { half, inverse }
+        Self { inverse }
     }
 
     /// Value, slope and half of the second derivative in the middle.
-    fn of(&self, window: &[f64]) -> Vector3<f64> {
-        let mut moments = Vector3::zeros();
-        for (at, value) in window.iter().enumerate() {
-            let place = at as f64 - self.half as f64;
-            moments += Vector3::new(1.0, place, place * place) * *value;
-        }
+    fn of(&self, moments: &Vector3<f64>) -> Vector3<f64> {
         self.inverse * moments
     }
 }
@@ -89,6 +132,11 @@ mod tests {
                 assert!((curve - 1.0).abs() < 1e-7, "{at} {curve}");
             }
         }
+        let far: Vec<f64> = (0..5000).map(|at| 40.0 + 0.001 * f64::from(at)).collect();
+        let slopes = derivative(&far, 0.001, 1.5, 1);
+        assert!(slopes.iter().all(|slope| (slope - 1.0).abs() < 1e-9));
+        let curves = derivative(&far, 0.001, 1.5, 2);
+        assert!(curves.iter().all(|curve| curve.abs() < 1e-6));
         assert_eq!(derivative(&[1.0, 2.0], 0.1, 1.0, 1), [0.0, 0.0]);
         assert_eq!(derivative(&values, 0.0, 1.0, 1), vec![0.0; 40]);
     }

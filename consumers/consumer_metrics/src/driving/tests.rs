@@ -21,7 +21,8 @@ fn half_a_route_and_two_infractions() {
     let mut drive = Drive::new(0.1, 200.0);
     drive.complete(110.0);
     drive.complete(90.0);
-    drive.off_road(10.0);
+    drive.off_road(4.0);
+    drive.off_road(6.0);
     drive.collide(CollisionWith::Vehicle, 300.0);
     drive.infringe(Infraction::RedLight);
     collector.add(&drive);
