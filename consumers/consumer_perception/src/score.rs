@@ -367,9 +367,13 @@ fn works_specs<'a>(works: &'a [Work<'_>]) -> Vec<&'a crate::tasks::Spec> {
     works.iter().map(|work| work.task.spec()).collect()
 }
 
-/// Whether truth from snapshots is asked for at a time: at most half a tick from a query.
+/// Whether truth from snapshots is asked for at a time: at most half a tick from a query. Queries are
+/// counted from the first frame of the inputs on.
 fn is_query(truth: &TruthRecording, about: &Scenario, sim_nanos: u64) -> bool {
-    let since = sim_nanos.saturating_sub(truth.begin_nanos);
+    let of_sensors = truth.inputs.iter().filter(|input| input.rate_hz.is_some());
+    let first = of_sensors.filter_map(|input| truth.frames.get(&input.topic)?.first());
+    let first = first.map(|frame| frame.sim_nanos).min();
+    let since = sim_nanos.abs_diff(first.unwrap_or(truth.begin_nanos));
     let interval = truth.query_nanos.max(1);
     let apart = since % interval;
     apart.min(interval - apart) * 2 < about.info.period_nanos.max(1)

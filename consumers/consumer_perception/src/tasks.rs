@@ -77,6 +77,9 @@ pub struct Options {
     pub partner: String,
     /// Driving: length of the route, metres.
     pub route_m: f64,
+    /// Odometry: queries per simulated second.
+    #[serde(skip)]
+    pub query_hz: f64,
 }
 
 /// What a measure may know of a scenario before its first tick.
@@ -437,7 +440,7 @@ impl<M: Measure> TaskRun<M> {
     }
 
     fn note_worst(&mut self, moment: &Moment<'_>, part: &M::Part, result: Option<usize>) {
-        let Some(bad) = self.measure.bad(part).filter(|bad| bad.badness.is_finite()) else {
+        let Some(bad) = self.measure.bad(part).filter(|bad| bad.badness > 0.0) else {
             return;
         };
         let worst = &mut self.scored.worst;

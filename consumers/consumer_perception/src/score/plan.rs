@@ -229,6 +229,7 @@ pub(super) fn specs(suite: &Suite, truth: &TruthRecording, capture: &Capture) ->
         };
         let mut own_options = options(task).unwrap_or_default();
         own_options.in_space |= task.kind == TaskKind::Tracking && lidar;
+        own_options.query_hz = 1e9 / truth.query_nanos.max(1) as f64;
         own_options.partner = task.partner.clone().unwrap_or_default();
         Spec {
             name: task.name.clone(),

@@ -1,8 +1,8 @@
 //! Driving in closed loop: the route, collisions, comfort and time to collision of the run itself.
 //!
 //! The truth is the recording of that very run, because every drive is another one. Progress is what
-//! the vehicle covers along the direction of the nearest lane for cars, on that lane; beside it the
-//! way counts as off the road. A red light is run if the vehicle leaves a red light's stop box
+//! the vehicle covers along the direction of the nearest lane for cars; what of it was beside that
+//! lane was off the road. A red light is run if the vehicle leaves a red light's stop box
 //! forwards, faster than [`CREEP_MPS`].
 
 use std::collections::{BTreeMap, HashSet};
@@ -146,15 +146,14 @@ impl Follow<'_> {
         };
         let place = map.nearest(at.into(), |lane| lane.kind.is_drivable());
         let Some((pose, place)) = place.and_then(|place| Some((map.pose(place)?, place))) else {
-            self.drive.off_road(step.norm());
             return;
         };
         let along = (pose.rotation * Vector3::x()).dot(&step);
         let on_lane = place.offset_m.abs() <= map.width_m(place) / 2.0;
         self.completed_m += along.max(0.0);
         self.drive.complete(self.completed_m);
-        if !on_lane || along < -1e-3 {
-            self.drive.off_road(step.norm());
+        if !on_lane {
+            self.drive.off_road(along.max(0.0));
         }
     }
 
@@ -249,6 +248,14 @@ impl AnyTask for Driving {
     }
 }
 
+/// The actor that the simulator calls the ego vehicle; 0 without one.
+fn hero(world: &World) -> u32 {
+    let mut actors = world.actors.by_id.values();
+    actors
+        .find(|actor| actor.role == "ego_vehicle")
+        .map_or(0, |actor| actor.id)
+}
+
 /// The drive in a recording.
 fn drive(path: &std::path::Path, route_m: f64) -> anyhow::Result<Drive> {
     let file = RecordingFile::open(path)?;
@@ -269,8 +276,12 @@ fn drive(path: &std::path::Path, route_m: f64) -> anyhow::Result<Drive> {
         completed_m: 0.0,
     };
     let mut ticks = TickReader::new(&file, (0, u64::MAX), &topics)?;
+    let mut ego_id = about.carrier_id;
     while let Some(set) = ticks.next_tick()? {
-        follow.tick(&set, about.carrier_id);
+        if ego_id == 0 {
+            ego_id = set.world.as_deref().map_or(0, hero);
+        }
+        follow.tick(&set, ego_id);
     }
     Ok(follow.drive)
 }

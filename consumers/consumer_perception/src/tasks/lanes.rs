@@ -72,8 +72,9 @@ impl Lanes {
         }
     }
 
-    /// Lines ahead of the vehicle in its space, and which of them are ignored.
-    fn truths(&self, moment: &Moment<'_>) -> Option<(Vec<Line>, Vec<bool>)> {
+    /// Lines ahead of the vehicle in its space, and which of them are ignored; `None` if truth is not
+    /// asked for at this moment.
+    pub fn truths(&self, moment: &Moment<'_>) -> Option<(Vec<Line>, Vec<bool>)> {
         let ego = moment.ego().filter(|_| moment.is_query)?;
         let view = moment.view(&self.spec.truth)?;
         let ego_from_world = ego.world_from_ego.inverse();

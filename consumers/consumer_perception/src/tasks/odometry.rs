@@ -1,11 +1,13 @@
 //! Where a sensor is: absolute and relative errors of its trajectory, as evo and KITTI define them.
 //!
 //! The pose is that of the sensor whose frames are answered, in any space that stands still; the
-//! trajectory is laid onto the true one as a rigid body before absolute errors are taken.
+//! trajectory is laid onto the true one as a rigid body before absolute errors are taken. Relative
+//! errors are over steps of [`STEP_M`], and KITTI's segments begin once a second, so that neither
+//! depends on the rate of queries.
 
 use std::collections::BTreeMap;
 
-use consumer_metrics::odometry::{Collector, Settings};
+use consumer_metrics::odometry::{Collector, Settings, Step};
 use nalgebra::Isometry3;
 use schema_frames::{Odometry as OdometryRecord, PoseEstimate, ResultType};
 
@@ -13,6 +15,9 @@ use super::detect::records;
 use super::spaces::{is_finite, normalised};
 use super::{Context, Headline, Measure, Reading, Spec};
 use crate::moment::Moment;
+
+/// Length of the steps of relative errors, metres of the true path.
+pub const STEP_M: f64 = 10.0;
 
 /// The measure.
 pub struct Odometry {
@@ -58,7 +63,11 @@ impl Measure for Odometry {
     }
 
     fn empty(&self) -> Collector {
-        Collector::new(Settings::default())
+        Collector::new(Settings {
+            step: Step::Metres(STEP_M),
+            segment_frames: (self.spec.options.query_hz.round() as usize).max(1),
+            ..Settings::default()
+        })
     }
 
     fn read(&self, reading: &Reading<'_>) -> Result<Isometry3<f64>, String> {
@@ -90,9 +99,7 @@ impl Measure for Odometry {
     }
 
     fn merge(&self, total: &mut Collector, other: &Collector) {
-        total.end_sequence();
         total.merge(other);
-        total.end_sequence();
     }
 
     fn named(&self, total: &Collector) -> BTreeMap<String, f64> {

@@ -233,9 +233,7 @@ impl Measure for Tracking {
     }
 
     fn merge(&self, total: &mut Collector, other: &Collector) {
-        total.end_sequence();
         total.merge(other);
-        total.end_sequence();
     }
 
     fn named(&self, total: &Collector) -> BTreeMap<String, f64> {
