@@ -142,13 +142,12 @@ fn fitted(points: &[[f64; 3]]) -> (f64, [(f64, f64); 2]) {
     let yaw = best.unwrap_or_default();
     let (along, aside) = turned(yaw);
     let (along, aside) = (extent(along), extent(aside));
+    // What cannot be told apart, front or rear, is taken to face as the lidar does.
     if along.1 - along.0 >= aside.1 - aside.0 {
         (yaw, [along, aside])
     } else {
-        (
-            yaw + std::f64::consts::FRAC_PI_2,
-            [aside, (-along.1, -along.0)],
-        )
+        let turned = yaw - std::f64::consts::FRAC_PI_2;
+        (turned, [(-aside.1, -aside.0), along])
     }
 }
 

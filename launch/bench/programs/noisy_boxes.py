@@ -4,7 +4,7 @@ It reads the truth, so it is no program to be benchmarked: it runs once, in the 
 suite (`[input.noisy_boxes]`), and its results are replayed to every tracker, the same noise for all.
 
 Settings: `truth` ("ego/front_truth"), `rate_hz` (10), `delay_frames` (1), `sigma` (0.05, of width and
-height), `miss` (0.1), `false_per_frame` (0.5), `min_pixels` (50), `seed` (1), `lockstep`.
+height), `miss` (0.1), `false_per_frame` (0.5), `min_pixels` (64), `seed` (1), `lockstep`.
 """
 
 import contextlib
@@ -18,9 +18,9 @@ CLASSES = ["person", "car"]
 OF_CARLA = {gantry.CLASS_NAMES.index("Pedestrians"): 0, gantry.CLASS_NAMES.index("Car"): 1}
 
 
-def true_boxes(instance, semantic, min_pixels):
-    """Boxes (n, 4) `[x0, y0, x1, y1]` round the pixels of each object, and their classes (n,)."""
-    wanted = np.isin(semantic, list(OF_CARLA)) & (instance > 0)
+def true_boxes(instance, semantic, carrier_id, min_pixels):
+    """Boxes (n, 4) `[x0, y0, x1, y1]` round the pixels of each object but the carrier, and their classes (n,)."""
+    wanted = np.isin(semantic, list(OF_CARLA)) & (instance > 0) & (instance != carrier_id)
     ids, labels = np.unique(np.where(wanted, instance, 0), return_inverse=True)
     labels = labels.reshape(instance.shape)
     boxes, classes = [], []
@@ -66,7 +66,7 @@ def main():
                 now = instance.header.sim_nanos
                 first_nanos = now if first_nanos is None else first_nanos
                 if (now - first_nanos) % period_nanos == 0:
-                    found = true_boxes(instance.array, semantic.array, settings.get("min_pixels", 50))
+                    found = true_boxes(instance.array, semantic.array, instance.header.parent_id, settings.get("min_pixels", 64))
                     random = np.random.default_rng((settings.get("seed", 1), row.tick))
                     waiting.append((row.tick, row.sim_time, disturbed(*found, np.array(instance.size), settings, random)))
                     if len(waiting) > settings.get("delay_frames", 1):

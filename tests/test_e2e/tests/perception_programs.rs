@@ -1,0 +1,200 @@
+//! The worked programs of `launch/bench/standard.toml` do what they are meant to show, and the first
+//! program of `docs/perception-benchmark.md` runs as it is written there.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use serde_json::Value;
+use test_e2e::{python_package, venv_program};
+use test_kit::sandbox::{binary_path, repository};
+use test_kit::{Process, Sandbox};
+use toml::Table;
+
+/// Each of these benchmarks takes some minutes; only a hang reaches this.
+const LIMIT: Duration = Duration::from_secs(3000);
+
+/// A command of the suite by absolute paths, because programs of a test run in its sandbox.
+fn command(words: &Value) -> Vec<String> {
+    let words: Vec<String> = serde_json::from_value(words.clone()).expect("words");
+    let mut found = Vec::new();
+    for (i, word) in words.iter().enumerate() {
+        let script = repository().join("launch/bench/programs").join(word);
+        let path: PathBuf = match word.strip_prefix("./") {
+            Some(example) if i == 0 => {
+                let folder = binary_path("gantry-bench");
+                folder.with_file_name("examples").join(example)
+            }
+            _ if i == 0 => venv_program(word),
+            _ => script,
+        };
+        found.push(path.to_str().expect("UTF-8").to_owned());
+    }
+    found
+}
+
+/// Lets a table's process run anywhere.
+fn moved(process: &mut Table) {
+    let words = serde_json::to_value(&process["cmd"]).expect("JSON");
+    let words = command(&words).into_iter().map(toml::Value::String);
+    process.insert("cmd".into(), toml::Value::Array(words.collect()));
+    process.remove("cwd");
+    process.remove("venv");
+    let package = python_package().to_str().expect("UTF-8").to_owned();
+    let env = [
+        ("PYTHONPATH", package),
+        ("PYTHONDONTWRITEBYTECODE", "1".into()),
+    ];
+    let env = env.map(|(key, value)| (key.to_owned(), toml::Value::String(value)));
+    process.insert("env".into(), toml::Value::Table(Table::from_iter(env)));
+}
+
+/// `standard.toml`, shortened to its first scenario and three seconds, in lockstep, with these programs.
+fn shortened(keep: &[&str]) -> String {
+    let text = std::fs::read_to_string(repository().join("launch/bench/standard.toml")).unwrap();
+    let mut suite: Table = text.parse().expect("a suite");
+    suite["secs"] = toml::Value::Float(3.0);
+    let first = |list: &mut toml::Value| list.as_array_mut().expect("a list").truncate(1);
+    for (_, list) in suite["matrix"].as_table_mut().unwrap() {
+        first(list);
+    }
+    moved(suite["input"]["noisy_boxes"].as_table_mut().unwrap());
+    let programs = suite["program"].as_table_mut().unwrap();
+    let all: Vec<String> = programs.keys().cloned().collect();
+    for name in all {
+        if keep.contains(&name.as_str()) {
+            let program = programs[&name].as_table_mut().unwrap();
+            moved(program);
+            let offline = toml::Value::Array(vec!["offline".into()]);
+            program.insert("modes".into(), offline);
+        } else {
+            programs.remove(&name);
+        }
+    }
+    assert_eq!(programs.len(), keep.len(), "{keep:?}");
+    suite.to_string()
+}
+
+fn bench(sandbox: &Sandbox, words: &[&str]) -> Process {
+    sandbox.spawn("gantry-bench", words)
+}
+
+fn report(sandbox: &Sandbox, out: &str) -> Value {
+    let text = std::fs::read_to_string(sandbox.path(out).join("report.json")).expect("a report");
+    serde_json::from_str(&text).expect("JSON")
+}
+
+/// An offline figure of a program, of its only task.
+fn offline(report: &Value, program: &str, metric: &str) -> f64 {
+    let runs = report["runs"].as_array().expect("runs");
+    let run = runs
+        .iter()
+        .find(|run| run["program"] == program)
+        .unwrap_or_else(|| panic!("no run of {program}"));
+    assert_eq!(run["faults"], serde_json::json!([]), "{program}");
+    let value = &run["scores"][0]["offline"][metric];
+    value
+        .as_f64()
+        .unwrap_or_else(|| panic!("{program} has no {metric}: {}", run["scores"]))
+}
+
+/// The bounds come from what the methods are known for elsewhere, or from what doing nothing gives;
+/// none is a figure of ours.
+#[test]
+fn worked_programs_reach_what_their_methods_are_known_for() {
+    let programs = [
+        "dis",
+        "dis_ultrafast",
+        "sgbm",
+        "sgbm_fast",
+        "ground_plane",
+        "colour_table",
+        "hough",
+        "kiss_icp",
+        "lidar_detector",
+        "norfair",
+        "sort",
+        "event_slices",
+        "hog",
+    ];
+    let sandbox = Sandbox::new("worked-programs");
+    sandbox.write("suite.toml", &shortened(&programs));
+    bench(
+        &sandbox,
+        &[
+            "perception",
+            "suite.toml",
+            "--cache",
+            "cache",
+            "--out",
+            "out",
+        ],
+    )
+    .wait_longer(LIMIT)
+    .expect_code(0);
+    let report = report(&sandbox, "out");
+    let of = |program: &str, metric: &str| offline(&report, program, metric);
+
+    // Better than saying that nothing moves, which is an error of the whole motion: at 6 m/s and
+    // 10 Hz the near half of the image moves by ten pixels and more. On KITTI 2015, DIS has Fl of
+    // about 50 %, and its presets are ordered.
+    assert!(of("dis", "Fl") < 50.0);
+    assert!(of("dis", "EPE") < of("dis_ultrafast", "EPE"));
+    // The same motion in the image of half the size, from events.
+    assert!(of("event_slices", "EPE") < 8.0);
+    // Block matching has about 10 % on KITTI; a sixteenth of the pixels is worse.
+    assert!(of("sgbm", "D1") < 25.0);
+    assert!(of("sgbm", "D1") < of("sgbm_fast", "D1"));
+    // Networks have 0.05 to 0.15 on KITTI; without knowing anything, the same depth everywhere, it
+    // is about 1.
+    assert!((0.1..0.8).contains(&of("ground_plane", "AbsRel")));
+    // One class everywhere is right for a third of the pixels of one class in fifteen.
+    assert!((0.1..0.7).contains(&of("colour_table", "mIoU")));
+    assert!(of("hough", "F1") > 0.2);
+    // KISS-ICP drifts by half a percent on KITTI; here are 15 m, from a scan of half the lines.
+    assert!(of("kiss_icp", "ATE") < 0.5);
+    // Few objects are near in three seconds; all that is known is that it is no perfect detector.
+    assert!((0.0..0.8).contains(&of("lidar_detector", "NDS")));
+    // Boxes with a tenth missing, noise of a twentieth and half a false one an image: far from
+    // perfect, far from nothing.
+    for tracker in ["norfair", "sort"] {
+        let hota = of(tracker, "HOTA");
+        assert!((0.1..0.9).contains(&hota), "{tracker}: {hota}");
+    }
+    // Trained on photographs of people 96 pixels high; what is as small as here it may miss.
+    assert!((0.0..0.6).contains(&of("hog", "AP")));
+}
+
+/// The page's first program and first command, with the paths of this checkout.
+#[test]
+fn the_first_program_of_the_page_is_benchmarked_as_it_is_written() {
+    let page = repository().join("docs/perception-benchmark.md");
+    let page = std::fs::read_to_string(page).expect("the page");
+    let block = |fence: &str| {
+        let (_, rest) = page.split_once(fence).expect("a block");
+        rest.split_once("```").expect("its end").0.to_owned()
+    };
+    let sandbox = Sandbox::new("first-program");
+    let code = format!(
+        "import sys\nsys.path.insert(0, {:?})\n{}",
+        python_package(),
+        block("```python\n")
+    );
+    sandbox.write("my_classes.py", &code);
+    let line = block("```sh\n");
+    let words: Vec<&str> = line.split_whitespace().collect();
+    assert_eq!(words[..3], ["./gantry", "bench", "perception"]);
+    let suite = repository().join(words[3]);
+    let python = venv_program("python");
+    let mut args: Vec<&str> = vec!["perception", suite.to_str().unwrap(), "--cache", "cache"];
+    for word in &words[4..] {
+        args.push(match *word {
+            ".venv/bin/python" => python.to_str().unwrap(),
+            other => other,
+        });
+    }
+    bench(&sandbox, &args).wait_longer(LIMIT).expect_code(0);
+    let report = report(&sandbox, "first");
+    // Four colours cannot tell fifteen classes, and tell more than none.
+    let miou = offline(&report, "my_classes", "mIoU");
+    assert!((0.1..0.4).contains(&miou), "{miou}");
+}
