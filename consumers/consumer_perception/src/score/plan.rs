@@ -313,3 +313,43 @@ pub(super) fn nothing_recorded(truth: &TruthRecording, index: u32) -> Scenario {
         opendrive: None,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn task(text: &str) -> Task {
+        toml::from_str(text).expect("a task")
+    }
+
+    #[test]
+    fn tasks_that_cannot_be_scored_are_refused_with_key_and_value() {
+        for (text, words) in [
+            ("kind = \"boxes2d\"\nclasses = [\"chair\"]", "chair"),
+            ("kind = \"depth\"\nclasses = [\"car\"]", "knows no classes"),
+            ("kind = \"semantic\"\nclasses = [\"unicorn\"]", "unicorn"),
+            ("kind = \"masks\"\nignore = { min_pixel = 3 }", "min_pixel"),
+            (
+                "kind = \"masks\"\nignore = { min_visible = 3 }",
+                "min_visible is 3",
+            ),
+            (
+                "kind = \"stereo\"\noptions = { baseline_m = -1 }",
+                "baseline_m",
+            ),
+            ("kind = \"stereo\"\noptions = { base = 1 }", "base"),
+            ("kind = \"driving\"", "route_m"),
+        ] {
+            let sentence = check(&task(text)).expect_err(text);
+            assert!(sentence.contains(words), "{text}: {sentence}");
+        }
+        for text in [
+            "kind = \"boxes2d\"\nclasses = [\"vehicle\", \"person\"]",
+            "kind = \"semantic\"\nclasses = [\"road\", \"Sky\"]",
+            "kind = \"driving\"\noptions = { route_m = 50 }",
+            "kind = \"tracking\"\noptions = { in_space = true }\nignore = { max_distance_m = 30 }",
+        ] {
+            assert_eq!(check(&task(text)), Ok(()), "{text}");
+        }
+    }
+}

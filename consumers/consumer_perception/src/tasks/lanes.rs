@@ -5,14 +5,17 @@
 //! less than half is ignored; so are lines of kerbs and grass, which nobody painted. Lines that cross
 //! the driving direction (stop lines of other roads) are no truth.
 
+mod marks;
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use consumer_metrics::lanes::{Collector, Line, Settings};
 use nalgebra::{Isometry3, Point3};
 use schema_frames::{Keypoint, KeypointSet, PathPoint, ResultType};
-use schema_roads::{MarkKind, RoadMap};
+use schema_roads::RoadMap;
 
+use self::marks::{STEP_M, painted};
 use super::detect::records;
 use super::spaces::{EgoPoses, is_finite};
 use super::{Bad, Context, Drawn, Headline, Measure, Reading, Spec};
@@ -24,12 +27,6 @@ const AHEAD_M: (f64, f64) = (3.0, 40.0);
 
 /// Farthest place to the side, metres.
 const ASIDE_M: f64 = 15.0;
-
-/// Distance between points of the true lines, metres.
-const STEP_M: f64 = 1.0;
-
-/// Ends that lie nearer than this are joined, metres.
-const JOIN_M: f64 = 0.3;
 
 /// How much nearer than a point of a line something must be to hide it: share, and metres.
 const SLACK: (f64, f64) = (0.03, 0.3);
@@ -166,87 +163,6 @@ fn ahead(line: &[[f64; 3]], ego_from_world: &Isometry3<f64>, far: f64) -> Vec<Li
     }
     end(&mut piece);
     pieces
-}
-
-/// Painted lines of a map, joined where one ends and another goes on.
-fn painted(map: &RoadMap) -> Vec<Vec<[f64; 3]>> {
-    let is_paint = |kind: MarkKind| {
-        !matches!(
-            kind,
-            MarkKind::None | MarkKind::Grass | MarkKind::Kerb | MarkKind::Other
-        )
-    };
-    let lines = map.mark_lines(STEP_M).into_iter();
-    let lines = lines.filter(|line| is_paint(line.kind) && line.points.len() > 1);
-    joined(lines.map(|line| line.points).collect())
-}
-
-/// Lines of which one's end is another's are one; of several that begin there the straightest.
-fn joined(mut open: Vec<Vec<[f64; 3]>>) -> Vec<Vec<[f64; 3]>> {
-    type Ends = std::collections::HashMap<[i64; 2], Vec<usize>>;
-    let cell = |point: &[f64; 3]| [point[0], point[1]].map(|part| (part / JOIN_M).floor() as i64);
-    let mut ends = Ends::new();
-    for (at, line) in open.iter().enumerate() {
-        for point in [&line[0], &line[line.len() - 1]] {
-            ends.entry(cell(point)).or_default().push(at);
-        }
-    }
-    let direction = |from: &[f64; 3], to: &[f64; 3]| {
-        let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
-        let length = dx.hypot(dy).max(1e-9);
-        [dx / length, dy / length]
-    };
-    let mut taken = vec![false; open.len()];
-    let mut done = Vec::new();
-    for start in 0..open.len() {
-        if taken[start] {
-            continue;
-        }
-        taken[start] = true;
-        let mut line = std::mem::take(&mut open[start]);
-        for _ in 0..2 {
-            loop {
-                let n = line.len();
-                let (last, heading) = (line[n - 1], direction(&line[n - 2], &line[n - 1]));
-                let [cx, cy] = cell(&last);
-                let mut best: Option<(f64, usize, bool)> = None;
-                for key in (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| [cx + dx, cy + dy])) {
-                    for &other in ends.get(&key).into_iter().flatten() {
-                        if taken[other] {
-                            continue;
-                        }
-                        let points = &open[other];
-                        let m = points.len();
-                        for (first, second, turned) in [
-                            (points[0], points[1], false),
-                            (points[m - 1], points[m - 2], true),
-                        ] {
-                            let near = (first[0] - last[0]).hypot(first[1] - last[1]) < JOIN_M
-                                && (first[2] - last[2]).abs() < 1.0;
-                            let on = direction(&first, &second);
-                            let straight = heading[0] * on[0] + heading[1] * on[1];
-                            let is_better = best.is_none_or(|(other, ..)| straight > other);
-                            if near && straight > 0.9 && is_better {
-                                best = Some((straight, other, turned));
-                            }
-                        }
-                    }
-                }
-                let Some((_, other, turned)) = best else {
-                    break;
-                };
-                taken[other] = true;
-                let mut points = std::mem::take(&mut open[other]);
-                if turned {
-                    points.reverse();
-                }
-                line.extend(points.into_iter().skip(1));
-            }
-            line.reverse();
-        }
-        done.push(line);
-    }
-    done
 }
 
 /// Splits a path into lines where a point has no place.
@@ -432,29 +348,6 @@ impl Measure for Lanes {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn stretches_are_joined_whichever_way_they_run_and_forks_go_straight() {
-        let along = |from: f64, to: f64, y: f64| {
-            let n = 10;
-            let step = (to - from) / f64::from(n);
-            (0..=n)
-                .map(|i| [from + step * f64::from(i), y, 0.0])
-                .collect::<Vec<_>>()
-        };
-        // Two stretches that meet head to head, a fork to the side, and a line apart.
-        let mut back = along(20.0, 10.0, 0.1);
-        let fork: Vec<[f64; 3]> = (0..10).map(|i| [10.0, f64::from(i), 0.0]).collect();
-        let lines = joined(vec![
-            along(0.0, 10.0, 0.0),
-            fork,
-            std::mem::take(&mut back),
-            along(0.0, 5.0, 7.0),
-        ]);
-        let mut lengths: Vec<usize> = lines.iter().map(Vec::len).collect();
-        lengths.sort_unstable();
-        assert_eq!(lengths, [10, 11, 21]);
-    }
 
     #[test]
     fn a_line_ahead_is_cut_to_what_counts_and_runs_away_from_the_vehicle() {
