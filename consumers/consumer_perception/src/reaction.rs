@@ -39,8 +39,12 @@ use trial::Ended;
 
 /// Starts in a row after which the processes are given up.
 const MAX_STARTS: u32 = 3;
+/// Trials after which the log says how far it is.
+const SAY_EVERY: usize = 25;
 /// Pace below which wall times say little about a car, simulated seconds per second.
 const LEAST_PACE: f64 = 0.95;
+/// Uncertainty of the time of a control from which on it is said, nanoseconds.
+const COARSE_NANOS: u64 = 2_000_000;
 
 /// Measures reaction times of a chain of programs.
 #[derive(Clone, Debug, clap::Args)]
@@ -177,6 +181,10 @@ impl Runner<'_> {
             n_lost = if is_lost { n_lost + 1 } else { 0 };
             trials.push(*trial);
             bar.inc(1);
+            // Without a terminal there is no bar.
+            if bar.is_hidden() && trials.len().is_multiple_of(SAY_EVERY) {
+                tracing::info!(of = plans.len(), "{} trials are done", trials.len());
+            }
             if is_lost {
                 self.end_session();
             }
@@ -247,6 +255,22 @@ fn warnings(trials: &[Trial], mut remarks: Vec<String>, tick_secs: f64) -> Vec<S
         remarks.push(format!(
             "in {slow} of {} trials the simulator ran slower than real time (down to {least:.2}): look at the simulated times, or take a smaller rig",
             stimuli.len()
+        ));
+    }
+    let reactions = trials
+        .iter()
+        .flat_map(|trial| &trial.stages)
+        .filter_map(|stage| stage.reaction);
+    let coarse: Vec<u64> = reactions
+        .map(|it| it.within_nanos)
+        .filter(|nanos| *nanos > COARSE_NANOS)
+        .collect();
+    if let Some(worst) = coarse.iter().max() {
+        remarks.push(format!(
+            "{} controls were timed to more than {} ms only (the worst to {:.1} ms), because the benchmark itself had to wait for a processor",
+            coarse.len(),
+            COARSE_NANOS / 1_000_000,
+            *worst as f64 * 1e-6
         ));
     }
     let unseen = stimuli.iter().filter(|it| it.unseen_ticks > 0).count();

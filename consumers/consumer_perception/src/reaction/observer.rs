@@ -22,6 +22,8 @@ const REST: Duration = Duration::from_micros(200);
 /// Most ticks, and most results and controls of all stages, that are kept of one trial.
 const MAX_TICKS: usize = 100_000;
 const MAX_CLAIMS: usize = 100_000;
+/// Most objects that all of them may name together, about 100 MB.
+const MAX_OBJECTS: usize = 500_000;
 /// How often a topic that is missing, and a description, is looked for.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 /// Images of each view that wait for the other view of their tick.
@@ -97,6 +99,8 @@ pub struct Log {
     pub said: Vec<Said>,
     /// Simulated time over the monotonic clock.
     pub clock: Clock,
+    /// Objects that these name.
+    n_objects: usize,
     /// What was left out because there was too much of it.
     pub n_left_out: u64,
     /// Longest time between two looks, nanoseconds.
@@ -389,7 +393,12 @@ fn judge_type(watched: &mut Watched, kind: ResultType, remarks: &mut Vec<String>
 
 impl Log {
     fn keep(&mut self, said: Said) {
-        if self.said.len() < MAX_CLAIMS {
+        let n_objects = match &said.claim {
+            Claim::Objects(objects) => objects.len(),
+            Claim::Plain(_) => 0,
+        };
+        if self.said.len() < MAX_CLAIMS && self.n_objects + n_objects <= MAX_OBJECTS {
+            self.n_objects += n_objects;
             self.said.push(said);
         } else {
             self.n_left_out += 1;

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::Context as _;
+use serde_json::{Value, json};
 
 use super::summary::{KindReport, Reactions, StageReport};
 use crate::report::hgrm;
@@ -28,7 +29,7 @@ const COLUMNS: [(&str, &str); 9] = [
     ("max ms", "the longest"),
     (
         "sensor ms",
-        "of it: until the sensor's frame was published; half are below",
+        "of it: until the sensor's frame that it answers was published; half are below",
     ),
     (
         "step ms",
@@ -107,7 +108,42 @@ fn trials(kind: &KindReport) -> String {
     text
 }
 
-/// Writes `reaction.json`, `reaction.html` and one `KIND-STAGE.hgrm` for each distribution into
+/// The lines of the tables as rows, in the form of all benchmarks of this project, for
+/// `docs/benchmarks/raw`. What does not exist is `–`.
+pub fn bench(reactions: &Reactions) -> Value {
+    let rows = reactions.kinds.iter().flat_map(|kind| {
+        kind.stages.iter().map(move |stage| {
+            let wall = &stage.wall_ms;
+            let ms = |n: u64, value: f64| if n > 0 { json!(value) } else { json!("–") };
+            json!({
+                "kind": kind.kind.name().replace('_', " "),
+                "stage": stage.stage,
+                "n_trials": kind.n_trials,
+                "n_failed": kind.n_trials - kind.n_counted,
+                "n_reactions": stage.n_reactions,
+                "n_misses": stage.n_misses,
+                "n_false_alarms": stage.n_false_alarms,
+                "p50_ms": ms(wall.n, wall.p50),
+                "p90_ms": ms(wall.n, wall.p90),
+                "p99_ms": ms(wall.n, wall.p99),
+                "max_ms": ms(wall.n, wall.max),
+                "sensor_p50_ms": ms(stage.sensor_ms.n, stage.sensor_ms.p50),
+                "step_p50_ms": ms(stage.step_ms.n, stage.step_ms.p50),
+                "simulated_p50_ms": ms(stage.sim_ms.n, stage.sim_ms.p50),
+            })
+        })
+    });
+    json!({
+        "bench": "reaction",
+        "suite": reactions.suite.name,
+        "seed": reactions.suite.seed,
+        "took_secs": reactions.took_secs,
+        "machine": reactions.machine,
+        "rows": rows.collect::<Vec<_>>(),
+    })
+}
+
+/// Writes `reaction.json`, `reaction.html`, `bench.json` and one `KIND-STAGE.hgrm` for each distribution into
 /// `folder`.
 ///
 /// # Errors
@@ -122,6 +158,9 @@ pub fn write(reactions: &Reactions, folder: &Path) -> anyhow::Result<()> {
     let json = serde_json::to_string_pretty(reactions).context("the report cannot be written")?;
     file("reaction.json", &(json + "\n"))?;
     file("reaction.html", &html(reactions))?;
+    let rows =
+        serde_json::to_string_pretty(&bench(reactions)).context("the rows cannot be written")?;
+    file("bench.json", &(rows + "\n"))?;
     for kind in &reactions.kinds {
         for stage in kind.stages.iter().filter(|stage| stage.wall_ms.n > 0) {
             let name = format!("{}-{}.hgrm", kind.kind.name(), file_stem(&stage.stage));
@@ -247,6 +286,11 @@ fn plot(kind: &KindReport, name: &str) -> String {
             ..Series::default()
         });
     }
+    // A share holds until the end of the plot.
+    for one in &mut series {
+        let share = one.points.last().map_or(0.0, |(_, share)| *share);
+        one.points.push((longest, share));
+    }
     let x = Axis::linear("ms since the stimulus", 0.0, longest);
     let y = Axis::linear("% of trials", 0.0, 100.0);
     lines(
@@ -328,6 +372,8 @@ mod tests {
         assert!(
             !page.contains("http://") && !page.contains("https://") && !page.contains("<script")
         );
+        let rows: Value = serde_json::from_str(&read("bench.json")).unwrap();
+        assert_eq!(rows["rows"][1]["n_misses"], 5);
         assert!(read("pedestrian_steps_out-brake.hgrm").contains("Percentile"));
     }
 }
