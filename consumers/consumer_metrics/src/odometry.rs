@@ -100,7 +100,10 @@ impl Collector {
                 turns_rad.push(error.rotation.angle());
             }
             scales.push(scale);
-            laid.push((&sequence.truths[..], results));
+            laid.push(segments::Laid {
+                truths: &sequence.truths,
+                results,
+            });
         }
         let segments = segments::errors(&laid, self.settings.segment_frames);
         let n_segments = segments.found.len() as u64;

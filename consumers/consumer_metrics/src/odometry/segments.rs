@@ -14,6 +14,12 @@ pub(super) struct Errors {
     pub(super) shortest_and_longest_m: [f64; 2],
 }
 
+/// A trajectory, and the results that were laid on it.
+pub(super) struct Laid<'a> {
+    pub(super) truths: &'a [Isometry3<f64>],
+    pub(super) results: Vec<Isometry3<f64>>,
+}
+
 /// What takes the true motion between two poses to the one that was given.
 pub(super) fn error(
     truths: &[Isometry3<f64>],
@@ -75,11 +81,8 @@ pub(super) fn steps(
 }
 
 /// Errors over KITTI's lengths in all sequences.
-pub(super) fn errors(
-    sequences: &[(&[Isometry3<f64>], Vec<Isometry3<f64>>)],
-    segment_frames: usize,
-) -> Errors {
-    let paths: Vec<_> = sequences.iter().map(|(truths, _)| path_m(truths)).collect();
+pub(super) fn errors(sequences: &[Laid<'_>], segment_frames: usize) -> Errors {
+    let paths: Vec<_> = sequences.iter().map(|laid| path_m(laid.truths)).collect();
     let is_long = |path: &Vec<f64>| path.last().is_some_and(|&length| length > LENGTHS_M[0]);
     let factor = if paths.iter().any(is_long) {
         1.0
@@ -90,7 +93,7 @@ pub(super) fn errors(
         found: Vec::new(),
         shortest_and_longest_m: [f64::INFINITY, 0.0],
     };
-    for ((truths, results), path) in sequences.iter().zip(&paths) {
+    for (Laid { truths, results }, path) in sequences.iter().zip(&paths) {
         for from in (0..truths.len()).step_by(segment_frames.max(1)) {
             for length in LENGTHS_M.map(|length| factor * length) {
                 let to = path.partition_point(|&at| at <= path[from] + length);
