@@ -31,6 +31,7 @@ pub struct Assembly<'a> {
     scenarios: Vec<ScenarioInfo>,
     adapter: String,
     used: BTreeMap<Key, BTreeMap<String, Used>>,
+    faults: BTreeMap<Key, Vec<String>>,
     warnings: Vec<String>,
 }
 
@@ -53,6 +54,7 @@ impl<'a> Assembly<'a> {
             scenarios: Vec::new(),
             adapter: String::new(),
             used: BTreeMap::new(),
+            faults: BTreeMap::new(),
             warnings: Vec::new(),
         }
     }
@@ -73,6 +75,9 @@ impl<'a> Assembly<'a> {
                 capture.mode,
                 capture.speed.to_bits(),
             );
+            let faults = self.faults.entry(key.clone()).or_default();
+            let sentences = capture.faults.iter();
+            faults.extend(sentences.map(|what| format!("{}: {what}", capture.scenario)));
             let of_run = self.used.entry(key).or_default();
             for (process, used) in used(capture) {
                 let all = of_run.entry(process).or_default();
@@ -116,9 +121,9 @@ impl<'a> Assembly<'a> {
             suite: self.suite.name.clone(),
             suite_hash: format!("{:x}", hash.finalize()),
             suite_text: self.suite.text.clone(),
-            command: std::env::args().collect(),
+            command: command(),
             settings: settings(self.source, options),
-            build: format!("{} commit {}", build, self.machine.commit),
+            build: build.to_owned(),
             seed: self.suite.seed,
             began: rfc3339(self.began),
             took_secs: self.began.elapsed().map_or(0.0, |took| took.as_secs_f64()),
@@ -151,6 +156,8 @@ impl<'a> Assembly<'a> {
         run.cores = cores;
         run.nice = processes.iter().find_map(|process| process.nice);
         let key = (run.program.clone(), run.mode, run.speed.to_bits());
+        let faults = self.faults.get(&key).cloned().unwrap_or_default();
+        run.faults.splice(0..0, faults);
         let n_answered = run.counts.n_answered;
         let of_run = self.used.get(&key).cloned().unwrap_or_default();
         run.usage = of_run
@@ -164,6 +171,12 @@ impl<'a> Assembly<'a> {
             })
             .collect();
     }
+}
+
+/// The command as a user repeats it.
+fn command() -> Vec<String> {
+    let words = ["gantry", "bench"].map(str::to_owned).into_iter();
+    words.chain(std::env::args().skip(1)).collect()
 }
 
 fn ratio(a: f64, b: f64) -> f64 {

@@ -291,11 +291,20 @@ fn plan(suite: &Suite, args: &PerceptionArgs) -> anyhow::Result<Vec<(String, Dri
             "a stream repeats a recording until it has --frames; --modes constant and single need --source replay",
         ));
     }
-    let other_speed =
-        |(_, drive): &(String, Drive)| matches!(drive, Drive::Streaming { speed } if *speed != 1.0);
-    if args.source == Source::Live && runs.iter().any(other_speed) {
+    let acts = suite.is_closed_loop();
+    let waits = |(name, drive): &&(String, Drive)| {
+        let joins = suite.program(name).is_some_and(Program::joins_lockstep);
+        *drive == Drive::Offline && !joins
+    };
+    if let Some((name, _)) = runs.iter().find(waits).filter(|_| acts) {
+        return Err(wrong_usage(format!(
+            "[program.{name}] drives offline, but has no lockstep = true: nobody can tell from outside when its controls are complete; join lockstep, or run it with --modes streaming"
+        )));
+    }
+    let is_stream = |(_, drive): &(String, Drive)| drive.mode() == Mode::Stress;
+    if acts && (runs.iter().any(is_stream) || args.recording.is_some()) {
         return Err(wrong_usage(
-            "a run that is simulated again keeps the clock's pace; --speed needs --source replay",
+            "a program that drives needs a world that it can change; run it with --modes offline,streaming and without --recording",
         ));
     }
     Ok(runs)
@@ -469,6 +478,9 @@ impl Bench<'_> {
             return truth_pass::of_file(file, self.suite, &self.truth_options);
         }
         let scenario = scenario.context("a suite has scenarios")?;
+        if self.suite.is_closed_loop() {
+            return truth_pass::of_closed_loop(self.suite, scenario, &self.truth_options);
+        }
         let bar = bar(
             format!("{}/{n} truth of {}", at + 1, scenario.name),
             "ticks",

@@ -10,12 +10,13 @@ mod launch;
 mod observer;
 mod usage;
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use consumer_kit::Lockstep;
 use schema_bus::{Bus, names};
-use schema_frames::{Command, CommandBatch, CommandReply, StepMode, WorldInfo};
+use schema_frames::{Command, CommandBatch, CommandReply, InputRecord, StepMode, WorldInfo};
 use schema_recording::pattern;
 
 use crate::capture::{Capture, MAX_RESULTS_PER_FRAME, Mode, SentFrame};
@@ -23,7 +24,7 @@ use crate::suite::{Program, Suite};
 use crate::truth_pass::{TruthRecording, take::Stopped};
 use crate::up::{Note, Up, new_domain};
 
-use gate::{Expected, Gate};
+use gate::{Expected, Gate, Hold};
 use observer::Observer;
 use usage::Meter;
 
@@ -34,7 +35,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(3);
 const START_LOOK_EVERY: Duration = Duration::from_millis(20);
 /// Time without a tick after which a run counts as hanging.
 const STALL: Duration = Duration::from_secs(120);
-/// Time that results of a program which has ended have to arrive.
+/// Time that results have to arrive once the last frame was answered, or the program has ended.
 const LAST_RESULTS: Duration = Duration::from_millis(300);
 /// Least time that answers to the last frame are waited for.
 const LEAST_PATIENCE: Duration = Duration::from_millis(500);
@@ -44,6 +45,11 @@ const ANSWERS_PER_PATIENCE: u32 = 3;
 const COMMAND_WITHIN: Duration = Duration::from_secs(10);
 /// Most frames of a run whose results are all kept, for the bound on results.
 const MAX_KEPT_RESULTS: usize = 20_000_000;
+
+/// The recording of a run in which the program drives.
+fn drive_recording(job: &Job<'_>) -> PathBuf {
+    job.folder.join("drive.mcap")
+}
 
 /// Where the frames come from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -175,7 +181,10 @@ pub fn run(
         .saturating_mul(MAX_RESULTS_PER_FRAME)
         .clamp(10_000, MAX_KEPT_RESULTS);
     let is_stress = job.drive.mode() == Mode::Stress;
-    let observer = Observer::new(job.suite, job.program, inputs.clone(), !is_stress, most);
+    let mut observer = Observer::new(job.suite, job.program, inputs.clone(), !is_stress, most);
+    if let Some(topic) = streamed(job, &inputs) {
+        observer.count(topic, job.truth.scored_from_nanos);
+    }
     let mut run = Run {
         job,
         observer,
@@ -188,6 +197,7 @@ pub fn run(
         usage: Vec::new(),
         alive: BTreeMap::new(),
         world_ended: None,
+        starter: None,
     };
     let outcome = run.drive(&bus);
     run.observer.finish(&bus);
@@ -238,6 +248,8 @@ struct Run<'a> {
     alive: BTreeMap<String, bool>,
     /// How the replay or the simulator ended, if it did.
     world_ended: Option<String>,
+    /// A place in lockstep that a simulator waits for before its first tick.
+    starter: Option<Lockstep>,
 }
 
 impl Run<'_> {
@@ -247,12 +259,12 @@ impl Run<'_> {
             return Ok(());
         }
         let mut gate = None;
-        if self.job.drive.is_in_lockstep() {
+        if let Some(hold) = self.hold() {
             let suite = self.job.suite;
             gate = Some(Gate::join(
                 bus,
                 expected(self.job, &self.inputs),
-                !self.job.program.joins_lockstep(),
+                hold,
                 Duration::from_secs_f64(suite.answer_within_s),
             )?);
         }
@@ -268,6 +280,21 @@ impl Run<'_> {
             ));
         }
         outcome
+    }
+
+    /// What lets the world go on, if this program has a place in lockstep.
+    fn hold(&self) -> Option<Hold> {
+        match self.job.drive {
+            drive if drive.is_in_lockstep() => match self.job.program.joins_lockstep() {
+                true => Some(Hold::Nothing),
+                false => Some(Hold::Answers),
+            },
+            // A simulator that runs a recorded run again knows no pace of its own.
+            Drive::Streaming { speed } if self.is_live() && !self.job.suite.is_closed_loop() => {
+                Some(Hold::Clock(speed))
+            }
+            _ => None,
+        }
     }
 
     /// Waits until the program's topics are there and its inputs are read. Returns whether there is
@@ -350,10 +377,11 @@ impl Run<'_> {
 
     /// Lets time begin.
     fn begin(&mut self, bus: &Bus, in_lockstep: bool) -> anyhow::Result<()> {
-        if self.job.options.source == Source::Live {
+        if self.is_live() {
             // The simulator waits for somebody in lockstep, so this is its beginning.
             if !in_lockstep {
-                drop(consumer_kit::Lockstep::join(bus, "bench", COMMAND_WITHIN)?);
+                self.set_speed(bus)?;
+                self.starter = Some(Lockstep::join(bus, "bench", COMMAND_WITHIN)?);
             }
             return Ok(());
         }
@@ -372,6 +400,28 @@ impl Run<'_> {
         }
     }
 
+    /// Sets the pace of a simulator whose world the program acts on.
+    fn set_speed(&self, bus: &Bus) -> anyhow::Result<()> {
+        let ratio = self.job.drive.speed();
+        if ratio == 1.0 {
+            return Ok(());
+        }
+        let mut client = bus.command_client("bench-begin")?;
+        let batch = CommandBatch::new(vec![Command::SetSpeed { ratio }]);
+        let answer = client.request(&batch, COMMAND_WITHIN)?;
+        match answer.replies.first() {
+            Some(CommandReply::Refused { error }) => {
+                anyhow::bail!("the simulator keeps its speed: {error}")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether a simulator makes the frames.
+    fn is_live(&self) -> bool {
+        self.job.options.source == Source::Live || self.job.suite.is_closed_loop()
+    }
+
     /// Looks on until the last frame was answered, or nobody answers any more.
     fn watch(&mut self, bus: &Bus, gate: &mut Option<Gate>) -> anyhow::Result<()> {
         let mut last = (None, Instant::now());
@@ -379,15 +429,23 @@ impl Run<'_> {
         let mut at_end_since = None;
         loop {
             self.look_after(bus)?;
-            if let Some(gate) = gate {
+            // A stream that is long enough stands still while the last answers come.
+            let is_over = self.job.drive.n_frames().is_some() && self.is_at_end();
+            if let Some(gate) = gate.as_mut().filter(|_| !is_over) {
                 while gate.look(bus, &self.observer)? {
                     self.observer.look(bus)?;
                 }
             }
             let newest = self.observer.newest;
+            if let (Some(starter), Some((_, tick))) = (&self.starter, newest)
+                && tick >= starter.first_tick()
+            {
+                // From its first tick on, time runs without this program.
+                self.starter = None;
+            }
             if newest != last.0 {
                 last = (newest, Instant::now());
-                self.tell(gate.as_ref());
+                self.tell();
             }
             if last.1.elapsed() > STALL && at_end_since.is_none() {
                 self.faults.push(format!(
@@ -402,12 +460,16 @@ impl Run<'_> {
                     return Ok(());
                 }
             }
-            if self.is_at_end(gate.as_ref()) {
+            if self.is_at_end() {
                 let since = *at_end_since.get_or_insert_with(Instant::now);
                 let most = Duration::from_secs_f64(self.job.suite.patience_s);
-                let limit = (self.observer.longest_answer * ANSWERS_PER_PATIENCE)
-                    .clamp(LEAST_PATIENCE.min(most), most);
-                if self.is_all_answered() || since.elapsed() > limit {
+                let limit = match self.is_all_answered() {
+                    // More may follow at once, asked for or not.
+                    true => LAST_RESULTS.min(most),
+                    false => (self.observer.longest_answer * ANSWERS_PER_PATIENCE)
+                        .clamp(LEAST_PATIENCE.min(most), most),
+                };
+                if since.elapsed() > limit {
                     return Ok(());
                 }
             }
@@ -442,9 +504,9 @@ impl Run<'_> {
         } else if let Some(how) = &self.world_ended {
             anyhow::bail!(
                 "the {} ended with {how}; gantry up said last:\n  {}",
-                match self.job.options.source {
-                    Source::Replay => "replay",
-                    Source::Live => "simulator",
+                match self.is_live() {
+                    false => "replay",
+                    true => "simulator",
                 },
                 self.up.last_words()
             );
@@ -487,6 +549,8 @@ impl Run<'_> {
                 if is_restart {
                     let name = text.split(' ').nth(1).unwrap_or_default().to_owned();
                     self.alive.insert(name, true);
+                    // It may take as long to answer again as when it began.
+                    self.observer.longest_held = Duration::ZERO;
                 }
                 if is_restart || text.contains("giving up") {
                     self.faults.push(text);
@@ -502,12 +566,12 @@ impl Run<'_> {
             && self.alive.values().all(|lives| !lives)
     }
 
-    fn tell(&self, gate: Option<&Gate>) {
+    fn tell(&self) {
         let Some((_, tick)) = self.observer.newest else {
             return;
         };
         match self.job.drive.n_frames() {
-            Some(n) => (self.progress)(self.n_sent(gate).min(n), n),
+            Some(n) => (self.progress)(self.observer.n_counted.min(n), n),
             None => {
                 let first = self.job.truth.last_tick.saturating_sub(self.n_ticks());
                 (self.progress)(tick.saturating_sub(first), self.n_ticks());
@@ -521,18 +585,10 @@ impl Run<'_> {
         (secs * self.job.suite.tick_hz).round() as u64
     }
 
-    /// Frames of a stream so far.
-    fn n_sent(&self, gate: Option<&Gate>) -> u64 {
-        match gate {
-            Some(gate) => gate.n_passed,
-            None => self.observer.seen.len() as u64,
-        }
-    }
-
     /// Whether everything was shown.
-    fn is_at_end(&self, gate: Option<&Gate>) -> bool {
+    fn is_at_end(&self) -> bool {
         match self.job.drive.n_frames() {
-            Some(n) => self.n_sent(gate) >= n,
+            Some(n) => self.observer.n_counted >= n,
             None => self
                 .observer
                 .newest
@@ -547,6 +603,9 @@ impl Run<'_> {
         }
         let expected = expected(self.job, &self.inputs);
         let awaited = self.observer.awaited();
+        if self.job.suite.is_closed_loop() {
+            return true;
+        }
         !awaited.is_empty()
             && awaited.iter().all(|(topic, task)| {
                 let last = expected.ticks.get(task).and_then(BTreeSet::last);
@@ -554,12 +613,36 @@ impl Run<'_> {
             })
     }
 
+    /// When the last frame that was asked for in a stream was published.
+    fn last_of_stream(&self, frames: &[SentFrame]) -> Option<u64> {
+        let n = self.job.drive.n_frames()?;
+        let topic = streamed(self.job, &self.inputs)?;
+        let counts = |frame: &&SentFrame| {
+            *frame.topic == *topic && frame.sim_nanos >= self.job.truth.scored_from_nanos
+        };
+        let mut of_stream = frames.iter().filter(counts);
+        let last = of_stream.nth((n as usize).saturating_sub(1))?;
+        Some(last.published_mono_nanos)
+    }
+
     fn capture(mut self) -> Capture {
         let leaders = self.up.pids.clone();
         self.meter.look(&leaders, true, &mut self.usage);
         let job = self.job;
         let (n_lost, n_refused) = self.observer.counts();
-        let frames = frames(job, &self.inputs, &self.observer);
+        let mut frames = frames(job, &self.inputs, &self.observer);
+        let live = self.is_live();
+        let mut results = std::mem::take(&mut self.observer.captured);
+        if let Some(cut) = self.last_of_stream(&frames) {
+            frames.retain(|frame| frame.published_mono_nanos <= cut);
+            let answers = |input: &InputRecord| input.published_mono_nanos <= cut;
+            results.retain(|result| result.inputs.iter().all(answers));
+        }
+        if live {
+            // A simulator goes on behind the end of the scenario.
+            results.retain(|result| result.header.tick <= job.truth.last_tick);
+        }
+        let recorded = drive_recording(job);
         let mut faults = self.faults;
         faults.append(&mut self.observer.faults);
         if n_lost > 0 {
@@ -574,16 +657,28 @@ impl Run<'_> {
             speed: job.drive.speed(),
             added_delay_nanos: job.options.added_delay_nanos,
             clock: self.observer.clock,
-            results: self.observer.captured,
+            results,
             abouts: self.observer.abouts,
             frames,
             n_lost,
             n_refused,
             usage: self.usage,
             faults,
-            drive_recording: None,
+            drive_recording: recorded.is_file().then_some(recorded),
         }
     }
+}
+
+/// The topic whose frames a stream counts: of the first task that the program is about.
+fn streamed(job: &Job<'_>, inputs: &[String]) -> Option<String> {
+    let results = &job.program.results;
+    let mut tasks = job.suite.tasks.iter();
+    let task = tasks.find(|task| results.is_empty() || results.values().any(|it| *it == task.name));
+    let of_task = |topic: &&String| {
+        let sensor = task.and_then(|task| task.sensor.as_deref());
+        topic.split('/').nth(1) == sensor
+    };
+    inputs.iter().find(of_task).or(inputs.first()).cloned()
 }
 
 /// What is awaited: by task, the topics of its sensor that the program gets, and their ticks.
@@ -611,18 +706,32 @@ fn expected(job: &Job<'_>, inputs: &[String]) -> Expected {
 
 /// The frames that were there to be taken, with the times at which they were sent.
 fn frames(job: &Job<'_>, inputs: &[String], observer: &Observer<'_>) -> Vec<SentFrame> {
-    let mut frames: Vec<SentFrame> = observer.seen.values().cloned().collect();
+    let is_stream = job.drive.n_frames().is_some();
+    let belongs = |frame: &&SentFrame| is_stream || frame.tick <= job.truth.last_tick;
+    let mut frames: Vec<SentFrame> = observer.seen.values().filter(belongs).cloned().collect();
     if job.drive.n_frames().is_none() {
         // Those that this program missed, or that a run which ended early did not reach.
         let seen: BTreeSet<(&str, u64)> = frames
             .iter()
             .map(|frame| (&*frame.topic, frame.tick))
             .collect();
-        let missed: Vec<SentFrame> = inputs
+        let mut missed: Vec<SentFrame> = inputs
             .iter()
             .flat_map(|topic| job.truth.sent(topic))
             .filter(|frame| !seen.contains(&(&*frame.topic, frame.tick)))
             .collect();
+        // When they were sent is known to those who answered them.
+        let answered = observer.captured.iter().flat_map(|result| &result.inputs);
+        let answered: HashMap<(String, u64), &InputRecord> = answered
+            .map(|input| ((input.topic(), input.tick), input))
+            .collect();
+        for frame in &mut missed {
+            frame.epoch = observer.newest.map_or(0, |(epoch, _)| epoch);
+            if let Some(input) = answered.get(&(frame.topic.to_string(), frame.tick)) {
+                frame.epoch = input.epoch;
+                frame.published_mono_nanos = input.published_mono_nanos;
+            }
+        }
         frames.extend(missed);
     }
     match job.drive.n_frames() {

@@ -11,6 +11,7 @@ use schema_frames::{InputRecord, ResultType};
 use serde::Deserialize;
 use toml::Table;
 
+pub(crate) use program::ProcessTable;
 pub use program::{Program, ProgramProcess};
 pub use task::{Task, TaskKind, TruthPlace};
 
@@ -82,7 +83,7 @@ pub struct Suite {
     pub launch: Table,
     /// Programs that run beside the simulator in lockstep, whose results are inputs of all programs.
     #[serde(default)]
-    input: BTreeMap<String, program::ProcessTable>,
+    input: BTreeMap<String, ProcessTable>,
     /// What is asked of programs.
     #[serde(default, rename = "task")]
     pub tasks: Vec<Task>,
@@ -194,6 +195,11 @@ impl Suite {
     /// The task of this name.
     pub fn task(&self, name: &str) -> Option<&Task> {
         self.tasks.iter().find(|task| task.name == name)
+    }
+
+    /// Whether programs act on the world, so that nothing can be recorded beforehand.
+    pub fn is_closed_loop(&self) -> bool {
+        self.tasks.iter().any(|task| task.kind.acts())
     }
 
     /// The program of this name.

@@ -237,6 +237,12 @@ pub fn recording(
 /// # Errors
 /// [`launch_cli::WrongUsage`] if it lacks inputs that the suite's rig has.
 pub fn of_file(file: &Path, suite: &Suite, options: &Options) -> anyhow::Result<TruthRecording> {
+    if !file.is_file() {
+        return Err(launch_cli::wrong_usage(format!(
+            "--recording {}: there is no such file",
+            file.display()
+        )));
+    }
     let recorded = || "recorded".to_owned();
     let mut scenario = Scenario {
         name: consumer_truth::recording::scenario_name(file),
@@ -256,6 +262,36 @@ pub fn of_file(file: &Path, suite: &Suite, options: &Options) -> anyhow::Result<
         build: options.build.clone(),
     };
     Ok(description.recording(file.to_owned(), suite))
+}
+
+/// What a scenario is in which the program drives: nothing is recorded beforehand.
+///
+/// # Errors
+/// [`launch_cli::WrongUsage`] if the rig is wrong.
+pub fn of_closed_loop(
+    suite: &Suite,
+    scenario: &Scenario,
+    options: &Options,
+) -> anyhow::Result<TruthRecording> {
+    let inputs = scenario.inputs(suite).map_err(launch_cli::wrong_usage)?;
+    let nanos = |secs: f64| (secs * 1e9).round() as u64;
+    let ticks = ((suite.settle_s + suite.warm_up_s + suite.secs) * suite.tick_hz).round();
+    Ok(TruthRecording {
+        path: PathBuf::new(),
+        scenario: scenario.clone(),
+        rig: "ego".into(),
+        frames_hash: String::new(),
+        begin_nanos: nanos(suite.settle_s),
+        scored_from_nanos: nanos(suite.settle_s + suite.warm_up_s),
+        end_nanos: nanos(suite.settle_s + suite.warm_up_s + suite.secs),
+        last_tick: ticks as u64,
+        query_nanos: (1e9 / suite.query_hz).round() as u64,
+        topics: inputs.iter().map(|input| input.topic.clone()).collect(),
+        inputs,
+        frames: BTreeMap::new(),
+        adapter: String::new(),
+        build: options.build.clone(),
+    })
 }
 
 impl Description {
@@ -300,6 +336,16 @@ fn key(suite: &Suite, launch: &str, options: &Options) -> String {
     ] {
         hash.update((part.len() as u64).to_le_bytes());
         hash.update(part);
+    }
+    // What input programs say is recorded too, so their own files make it.
+    for program in &suite.input_programs {
+        let folder = program.cwd.as_deref().unwrap_or(Path::new(""));
+        for word in &program.cmd {
+            if let Ok(bytes) = fs::read(folder.join(word)) {
+                hash.update((bytes.len() as u64).to_le_bytes());
+                hash.update(bytes);
+            }
+        }
     }
     format!("{:x}", hash.finalize())
 }

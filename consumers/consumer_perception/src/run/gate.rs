@@ -1,5 +1,6 @@
 //! Holds the world still in lockstep until a program has answered what it was shown, so that programs
-//! that know nothing of lockstep get every frame.
+//! that know nothing of lockstep get every frame; or until the clock says so, where a simulator runs
+//! a recorded run again, which knows no pace of its own.
 //!
 //! A frame is waited for as long as the suite allows, and once answers have come no longer than
 //! twenty times the slowest of them: a program that passes over frames by design would otherwise
@@ -37,14 +38,31 @@ pub struct Expected {
     pub ticks: BTreeMap<String, BTreeSet<u64>>,
 }
 
+/// What lets the world go on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Hold {
+    /// The program's answers.
+    Answers,
+    /// The program itself, which takes part in lockstep too.
+    Nothing,
+    /// The clock: so many simulated seconds per second.
+    Clock(f64),
+}
+
+/// Longest lateness that is made up for, as a replay does.
+const GIVE_UP: Duration = Duration::from_millis(500);
+/// The last stretch before a tick is due is slept by the clock, because events wake too coarsely.
+const LAST_STRETCH: Duration = Duration::from_micros(1500);
+
 /// A place in lockstep.
 #[derive(Debug)]
 pub struct Gate {
     lockstep: Lockstep,
     wake_ups: WakeUps,
     expected: Expected,
-    /// Whether answers are waited for, or only taken.
-    holds: bool,
+    hold: Hold,
+    /// A moment, and the simulated time that was due then.
+    origin: Option<(Instant, u64)>,
     answer_within: Duration,
     /// Epoch and tick that were acknowledged last.
     done: Option<(u64, u64)>,
@@ -65,7 +83,7 @@ impl Gate {
     pub fn join(
         bus: &Bus,
         expected: Expected,
-        holds: bool,
+        hold: Hold,
         answer_within: Duration,
     ) -> anyhow::Result<Gate> {
         let mut wake_ups = WakeUps::new();
@@ -74,7 +92,8 @@ impl Gate {
             lockstep: Lockstep::join(bus, NAME, JOIN_WITHIN)?,
             wake_ups,
             expected,
-            holds,
+            hold,
+            origin: None,
             answer_within,
             done: None,
             held: None,
@@ -92,8 +111,41 @@ impl Gate {
         for topic in observer.result_topics() {
             self.wake_ups.listen(bus, topic)?;
         }
-        self.wake_ups.wait(NAP)?;
+        match self.time_left(observer) {
+            Some(left) if left <= LAST_STRETCH => std::thread::sleep(left),
+            Some(left) => drop(self.wake_ups.wait((left - LAST_STRETCH).min(NAP))?),
+            None => drop(self.wake_ups.wait(NAP)?),
+        }
         Ok(())
+    }
+
+    /// Time until the next tick is due by the clock; `None` without a clock, or if it is due.
+    fn time_left(&self, observer: &Observer<'_>) -> Option<Duration> {
+        let (Hold::Clock(speed), Some((since, from))) = (self.hold, self.origin) else {
+            return None;
+        };
+        let (sim_nanos, period_nanos) = observer.newest_nanos;
+        let passed = (sim_nanos + period_nanos).saturating_sub(from);
+        let due = Duration::from_secs_f64(passed as f64 * 1e-9 / speed);
+        let left = due.saturating_sub(since.elapsed());
+        (!left.is_zero()).then_some(left)
+    }
+
+    /// Keeps the clock's schedule: it begins with the first tick, and anew after a long delay.
+    fn keep_time(&mut self, observer: &Observer<'_>) {
+        let Hold::Clock(speed) = self.hold else {
+            return;
+        };
+        let sim_nanos = observer.newest_nanos.0;
+        let late = self.origin.map(|(since, from)| {
+            let passed = sim_nanos.saturating_sub(from) as f64 * 1e-9 / speed;
+            since
+                .elapsed()
+                .saturating_sub(Duration::from_secs_f64(passed))
+        });
+        if late.is_none_or(|late| late > GIVE_UP) {
+            self.origin = Some((Instant::now(), sim_nanos));
+        }
     }
 
     /// Lets the world go on if the newest tick is done with. Returns whether a tick was
@@ -115,7 +167,7 @@ impl Gate {
         }
         let mut missing = false;
         let mut expects = false;
-        if self.holds {
+        if self.hold == Hold::Answers {
             for (topic, task) in observer.awaited() {
                 let ticks = self.expected.ticks.get(&task);
                 if ticks.is_some_and(|ticks| ticks.contains(&tick)) {
@@ -125,6 +177,13 @@ impl Gate {
             }
         }
         if missing && !self.gives_up(now, observer) {
+            return Ok(false);
+        }
+        if self.held.is_none_or(|(held, _)| held != now) {
+            self.keep_time(observer);
+            self.held = Some((now, Instant::now()));
+        }
+        if self.time_left(observer).is_some() {
             return Ok(false);
         }
         // A replay shows the world of its first tick before that begins.
@@ -162,7 +221,10 @@ impl Gate {
             Some((held, since)) if held == now => since,
             _ => self.held.insert((now, Instant::now())).1,
         };
-        let longest = observer.longest_answer;
+        let longest = observer.longest_held;
+        if !longest.is_zero() {
+            self.in_vain = 0;
+        }
         let limit = match (longest.is_zero(), self.in_vain >= MOST_IN_VAIN) {
             (true, false) => self.answer_within,
             (true, true) => SHORT_WAIT.min(self.answer_within),

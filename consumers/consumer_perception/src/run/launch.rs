@@ -14,6 +14,10 @@ use crate::up::{cores, process_table};
 
 /// Name of the process that publishes the world.
 pub(super) const WORLD: &str = "world";
+/// Name of the sensor that feels collisions of a program that drives.
+const COLLISIONS: &str = "bench_collision";
+/// Name of the sensor that stands for the vehicle in the recording of such a run.
+const MOTION: &str = "bench_motion";
 /// Seconds beyond the suite's own limit after which the replay drops an idle participant.
 const SLACK_S: f64 = 5.0;
 
@@ -24,6 +28,14 @@ const SLACK_S: f64 = 5.0;
 pub(super) fn launch(job: &Job<'_>, inputs: &[String]) -> anyhow::Result<Table> {
     let mut launch = Table::new();
     let words = match job.options.source {
+        _ if job.suite.is_closed_loop() => {
+            launch = job
+                .truth
+                .scenario
+                .launch(job.suite)
+                .map_err(launch_cli::wrong_usage)?;
+            closed_loop(job, &mut launch)
+        }
         Source::Replay => replay(job, inputs),
         Source::Live => {
             let (words, recorded) = simulator(job)?;
@@ -54,8 +66,68 @@ pub(super) fn launch(job: &Job<'_>, inputs: &[String]) -> anyhow::Result<Table> 
         }
         processes.insert(process.name.clone(), table.into());
     }
+    if job.suite.is_closed_loop() {
+        let recorder = vec![
+            "gantry-record".to_owned(),
+            "--out".into(),
+            super::drive_recording(job).display().to_string(),
+            "--previews".into(),
+            "none".into(),
+            "--topics".into(),
+            format!("ego/{COLLISIONS}/*"),
+            format!("ego/{MOTION}/*"),
+        ];
+        processes.insert("record".into(), beside(job, recorder).into());
+        if job.suite.drive {
+            let driver = ["gantry-drive", "--vehicles", "others"].map(str::to_owned);
+            processes.insert("drive".into(), beside(job, driver.into()).into());
+        }
+    }
     launch.insert("process".into(), processes.into());
     Ok(launch)
+}
+
+/// A program of Gantry's beside the simulator, which waits for it in lockstep.
+fn beside(job: &Job<'_>, words: Vec<String>) -> Table {
+    let words = words.into_iter().map(Value::String).collect();
+    let mut table: Table = [
+        ("cmd", Value::Array(words)),
+        ("after", Value::Array(vec![WORLD.into()])),
+    ]
+    .map(|(key, value)| (key.to_owned(), value))
+    .into_iter()
+    .collect();
+    if job.drive.is_in_lockstep() {
+        table.insert("lockstep".into(), true.into());
+    }
+    table
+}
+
+/// The command of a simulator in which the program drives the ego vehicle, whose collisions are
+/// felt.
+fn closed_loop(job: &Job<'_>, launch: &mut Table) -> Vec<String> {
+    if let Some(scenario) = launch.get_mut("scenario").and_then(Value::as_table_mut) {
+        scenario.insert("mode".into(), "free_running".into());
+    }
+    if let Some(sensors) = launch.get_mut("sensor").and_then(Value::as_table_mut) {
+        let collisions = [("kind".to_owned(), Value::from("collision"))];
+        let collisions: Table = collisions.into_iter().collect();
+        sensors.insert(COLLISIONS.into(), collisions.into());
+        // Collisions may never come, and a recording needs a sensor that tells which vehicle it is.
+        let motion = [("kind".to_owned(), Value::from("imu"))];
+        let motion: Table = motion.into_iter().collect();
+        sensors.insert(MOTION.into(), motion.into());
+    }
+    let mut words = ["simd", "--await-participant", "bench"]
+        .map(str::to_owned)
+        .to_vec();
+    if let Some(adapter) = &job.options.adapter {
+        words.extend(["--adapter".into(), adapter.clone()]);
+    }
+    if job.drive.is_in_lockstep() {
+        words.push("--unpaced".into());
+    }
+    words
 }
 
 /// The command of a replay that stands still until it is told to begin.

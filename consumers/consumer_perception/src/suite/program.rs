@@ -102,7 +102,7 @@ pub(super) struct ProgramTable {
 /// `[program.NAME.process.NAME]` and `[input.NAME]`.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub(super) struct ProcessTable {
+pub(crate) struct ProcessTable {
     cmd: Vec<String>,
     cwd: Option<PathBuf>,
     venv: Option<PathBuf>,
@@ -180,7 +180,7 @@ impl ProcessTable {
     ///
     /// # Errors
     /// A sentence with the key and what is allowed.
-    pub(super) fn process(self, name: &str, folder: &Path) -> Result<ProgramProcess, String> {
+    pub(crate) fn process(self, name: &str, folder: &Path) -> Result<ProgramProcess, String> {
         check_name("a process", name)?;
         if self.cmd.first().is_none_or(String::is_empty) {
             return Err(format!(
