@@ -43,8 +43,8 @@
 //! | `semantic` | pixels of class Unlabeled, and of classes that are not asked for |
 //! | `depth` | pixels that show nothing (sky), beyond `max_distance_m` (default 80 m) or nearer than 0.5 m |
 //! | `stereo` | as `depth`, and pixels whose partner lies outside the other image |
-//! | `flow` | the first frame of a sensor, and pixels whose truth is not finite |
-//! | `event_flow` | as `flow` |
+//! | `flow` | the first frame of a sensor, the carrier's own pixels, and those whose truth is not finite |
+//! | `event_flow` | the first window, and pixels whose truth is not finite |
 //! | `lidar_semantic` | points of class Unlabeled, and of classes that are not asked for |
 //!
 //! # Poses, lines and drives

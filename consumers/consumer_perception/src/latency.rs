@@ -15,7 +15,7 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::Arc;
 
-use crate::capture::{Capture, CapturedResult};
+use crate::capture::{Capture, CapturedResult, SentFrame};
 use crate::queries::published;
 use crate::report::throughput::Throughput;
 use crate::report::{Counts, Latency, ResultEvent, Spread};
@@ -45,12 +45,13 @@ impl<'a> Answered<'a> {
     /// Sorts the results of some topics, each with the input that they must answer.
     pub fn of(
         capture: &'a Capture,
+        sent: &[SentFrame],
         inputs_by_topic: &BTreeMap<Arc<str>, String>,
         (from_nanos, to_nanos): (u64, u64),
     ) -> Answered<'a> {
         let wanted: HashSet<&str> = inputs_by_topic.values().map(String::as_str).collect();
         let mut frames: HashMap<Key, At> = HashMap::new();
-        for (order, frame) in capture.frames.iter().enumerate() {
+        for (order, frame) in sent.iter().enumerate() {
             if wanted.contains(&*frame.topic) && frame.sim_nanos <= to_nanos {
                 let key = (frame.topic.clone(), frame.epoch, frame.tick);
                 frames.entry(key).or_insert(At {
@@ -61,7 +62,7 @@ impl<'a> Answered<'a> {
                 });
             }
         }
-        let epochs: HashSet<u64> = capture.frames.iter().map(|frame| frame.epoch).collect();
+        let epochs: HashSet<u64> = sent.iter().map(|frame| frame.epoch).collect();
         let only = (epochs.len() == 1).then(|| epochs.iter().next().copied().unwrap_or(0));
         let of_task = capture.results.iter().filter_map(|result| {
             let input = inputs_by_topic.get(&result.topic)?;
@@ -284,7 +285,7 @@ mod tests {
     #[test]
     fn latencies_are_spans_of_the_wall_clock() {
         let capture = capture(3, &[(2, 210, 250), (3, 430, 480)]);
-        let answered = Answered::of(&capture, &inputs(), (0, u64::MAX));
+        let answered = Answered::of(&capture, &capture.frames, &inputs(), (0, u64::MAX));
         let latency = answered.latency();
         for (spread, mean) in [
             (&latency.answer, (50.0 + 80.0) / 2.0),
@@ -322,7 +323,7 @@ mod tests {
             (6, 720, 730),
         ];
         let capture = capture(6, &all);
-        let answered = Answered::of(&capture, &inputs(), (50 * MS, u64::MAX));
+        let answered = Answered::of(&capture, &capture.frames, &inputs(), (50 * MS, u64::MAX));
         assert_eq!(
             answered.tally(4),
             Counts {

@@ -22,7 +22,7 @@
 
 use std::collections::HashMap;
 
-use crate::capture::{Capture, CapturedResult};
+use crate::capture::{Capture, CapturedResult, SentFrame};
 
 /// A frame of the input, as far as pairing goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,17 +91,19 @@ fn answered_tick(result: &CapturedResult, input: &str) -> u64 {
 }
 
 impl Answers {
-    /// Sorts the results of topic `topic` that answer frames of topic `input`; frames before
-    /// `from_nanos` do not count. `extra_nanos` are added to each publication, on the wall clock.
+    /// Sorts the results of topic `topic` that answer those of `frames` that are of topic `input`;
+    /// frames before `from_nanos` do not count. `extra_nanos` are added to each publication, on the
+    /// wall clock.
     pub fn of(
         capture: &Capture,
+        frames: &[SentFrame],
         topic: &str,
         input: &str,
         (from_nanos, to_nanos): (u64, u64),
         extra_nanos: u64,
     ) -> Answers {
         let counts = |sim_nanos: u64| (from_nanos..=to_nanos).contains(&sim_nanos);
-        let frames = capture.frames.iter().filter(|frame| *frame.topic == *input);
+        let frames = frames.iter().filter(|frame| *frame.topic == *input);
         let mut frames: Vec<Frame> = frames
             .map(|frame| Frame {
                 tick: frame.tick,
@@ -333,7 +335,14 @@ mod tests {
             results.sort_by_key(|(_, published)| *published);
             let from = rng.u64(0..at + 1);
             let capture = capture(&frames, &results);
-            let answers = Answers::of(&capture, "out", "a/rgb", (from, u64::MAX), 0);
+            let answers = Answers::of(
+                &capture,
+                &capture.frames,
+                "out",
+                "a/rgb",
+                (from, u64::MAX),
+                0,
+            );
             let delay = rng.u64(0..120);
             let mut counted = Association::default();
             let mut expected = Association::default();
@@ -385,7 +394,7 @@ mod tests {
         // The answer to frame 2 comes before the one to frame 1; frame 3 is answered twice.
         let results = [(2, 210), (1, 260), (3, 320), (3, 340)];
         let capture = capture(&frames, &results);
-        let answers = Answers::of(&capture, "out", "a/rgb", (0, 1000), 0);
+        let answers = Answers::of(&capture, &capture.frames, "out", "a/rgb", (0, 1000), 0);
         let at = |at: u64| answers.newest(at, 0.0).map(|n| answers.answers[n].result);
         assert_eq!(
             [205, 210, 259, 260, 319, 339, 340].map(at),
@@ -411,7 +420,7 @@ mod tests {
     fn a_chain_answers_the_frame_of_its_tick() {
         let mut capture = capture(&[(1, 100), (2, 200)], &[(2, 250)]);
         capture.results[0].inputs = vec![InputRecord::new("boxes/out")];
-        let answers = Answers::of(&capture, "out", "a/rgb", (0, 1000), 0);
+        let answers = Answers::of(&capture, &capture.frames, "out", "a/rgb", (0, 1000), 0);
         assert_eq!(answers.answers[0].frame, 1);
     }
 }

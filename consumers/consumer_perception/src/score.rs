@@ -190,6 +190,7 @@ impl Scorer {
                 continue;
             }
             let from_nanos = plan::from_nanos(&self.suite, truth, capture);
+            let sent = plan::sent(truth, capture);
             let n_queries =
                 truth.end_nanos.saturating_sub(from_nanos) / truth.query_nanos.max(1) + 1;
             for spec in plan::specs(&self.suite, truth, capture) {
@@ -204,6 +205,7 @@ impl Scorer {
                 };
                 let answers = Answers::of(
                     capture,
+                    &sent,
                     &spec.topic,
                     &spec.input,
                     (from_nanos, truth.end_nanos),
@@ -266,7 +268,8 @@ impl Scorer {
             let run = self.run_of(capture);
             let from_nanos = plan::from_nanos(&self.suite, truth, capture);
             let inputs = plan::inputs_by_topic(&self.suite, truth, capture);
-            let answered = Answered::of(capture, &inputs, (from_nanos, truth.end_nanos));
+            let sent = plan::sent(truth, capture);
+            let answered = Answered::of(capture, &sent, &inputs, (from_nanos, truth.end_nanos));
             let others = capture
                 .results
                 .iter()

@@ -8,7 +8,7 @@ use schema_frames::document::Weather;
 use schema_frames::{Modality, StepMode, WorldInfo};
 
 use super::{Inputs, Wanted};
-use crate::capture::{Capture, CapturedResult, Mode};
+use crate::capture::{Capture, CapturedResult, Mode, SentFrame};
 use crate::ignore::Rules;
 use crate::suite::{Suite, Task, TaskKind};
 use crate::tasks::boxes2d::Boxes2d;
@@ -107,6 +107,33 @@ pub(super) fn from_nanos(suite: &Suite, truth: &TruthRecording, capture: &Captur
     let own = suite.program(&capture.program);
     let warm_up_s = own.map_or(0.0, |program| program.warm_up_s);
     truth.scored_from_nanos + (warm_up_s * 1e9) as u64
+}
+
+/// All frames that were sent to a program, in order: those that the benchmark saw, and of the topics
+/// that it saw all that were recorded up to the last one, because its own reader may be too slow for
+/// some on a busy machine. When those were published is not known.
+pub(super) fn sent(truth: &TruthRecording, capture: &Capture) -> Vec<SentFrame> {
+    let mut all = capture.frames.clone();
+    let epochs: HashSet<u64> = all.iter().map(|frame| frame.epoch).collect();
+    let last = all.iter().map(|frame| frame.tick).max();
+    let (Some(last), 1) = (last, epochs.len()) else {
+        return all;
+    };
+    let seen: HashSet<(Arc<str>, u64)> = all
+        .iter()
+        .map(|frame| (frame.topic.clone(), frame.tick))
+        .collect();
+    let topics: HashSet<Arc<str>> = all.iter().map(|frame| frame.topic.clone()).collect();
+    for topic in topics {
+        let recorded = truth.sent(&topic).into_iter();
+        let unseen = recorded.filter(|frame| {
+            frame.tick <= last && !seen.contains(&(frame.topic.clone(), frame.tick))
+        });
+        let epoch = epochs.iter().next().copied().unwrap_or(0);
+        all.extend(unseen.map(|frame| SentFrame { epoch, ..frame }));
+    }
+    all.sort_by_key(|frame| (frame.sim_nanos, frame.tick));
+    all
 }
 
 /// The topics of a program's results and the task of each.

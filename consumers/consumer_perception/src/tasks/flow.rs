@@ -100,14 +100,19 @@ impl Flow {
             }
             _ => None,
         };
+        let is_finite = |flow: &[f32; 2]| flow.iter().all(|part| part.is_finite());
+        let mut scored: Vec<bool> = flow.iter().map(is_finite).collect();
+        if let Some(view) = view {
+            // What the camera sees of its own carrier neither moves nor stands still.
+            for (scored, id) in scored.iter_mut().zip(&view.instance) {
+                *scored &= *id != moment.carrier_id;
+            }
+        }
         Some(Truth {
             tick: moment.set.tick,
             width,
             height,
-            scored: flow
-                .iter()
-                .map(|flow| flow.iter().all(|part| part.is_finite()))
-                .collect(),
+            scored,
             flow,
             moving,
             occluded,

@@ -274,6 +274,7 @@ pub fn scored(
     let spec = task.spec().clone();
     let answers = Answers::of(
         capture,
+        &capture.frames,
         &spec.topic,
         &spec.input,
         (from_nanos, u64::MAX),
