@@ -12,8 +12,11 @@ fn rows(pose: &Isometry3<f64>) -> Value {
     json!([0, 1, 2, 3].map(|row| [0, 1, 2, 3].map(|column| matrix[(row, column)])))
 }
 
+/// A true pose and the result for it.
+type Poses = (Isometry3<f64>, Isometry3<f64>);
+
 /// A winding drive and what a drifting odometry makes of it, in a world of its own.
-fn drive(rng: &mut Rng, n: usize, pace_m: f64) -> Vec<(Isometry3<f64>, Isometry3<f64>)> {
+fn drive(rng: &mut Rng, n: usize, pace_m: f64) -> Vec<Poses> {
     let vector = |rng: &mut Rng, size: f64| Vector3::from([0; 3].map(|_| size * normal(rng)));
     let mut truth = Isometry3::new(vector(rng, 50.0), vector(rng, 1.0));
     let mut result = Isometry3::new(vector(rng, 10.0), vector(rng, 1.0));
@@ -70,7 +73,7 @@ fn odometry_case(seed: u64) -> String {
             part.add(truth, Some(result));
         }
         whole.merge(&part);
-        let written = |which: fn(&(Isometry3<f64>, Isometry3<f64>)) -> &Isometry3<f64>| {
+        let written = |which: fn(&Poses) -> &Isometry3<f64>| {
             json!(poses.iter().map(which).map(rows).collect::<Vec<_>>())
         };
         sequences.push(json!({ "truth": written(|it| &it.0), "result": written(|it| &it.1) }));
