@@ -4,8 +4,8 @@
 use anyhow::Context as _;
 use serde_json::{Map, Value, json};
 
-use super::Report;
 use super::rows::{Line, TaskTable, tables};
+use super::types::Report;
 
 /// The rows as JSON.
 ///
@@ -78,11 +78,11 @@ fn row(table: &TaskTable<'_>, line: &Line<'_>) -> Value {
         "miss_percent": percent(line.miss),
         "in_time_percent": percent(line.in_time),
         "mismatch_frames": or_dash(line.mismatch),
-        "p50_ms": or_dash(spread.map(|it| it.p50)),
-        "p99_ms": or_dash(spread.map(|it| it.p99)),
-        "p999_ms": or_dash(spread.map(|it| it.p999)),
-        "answer_p50_ms": or_dash(answer.map(|it| it.p50)),
-        "answer_p99_ms": or_dash(answer.map(|it| it.p99)),
+        "p50_ms": or_dash(spread.and_then(|it| it.shown_p50())),
+        "p99_ms": or_dash(spread.and_then(|it| it.shown_p99())),
+        "p999_ms": or_dash(spread.and_then(|it| it.shown_p999())),
+        "answer_p50_ms": or_dash(answer.and_then(|it| it.shown_p50())),
+        "answer_p99_ms": or_dash(answer.and_then(|it| it.shown_p99())),
         "cpu_cores": or_dash(line.cpu_cores),
         "n_scored": table.n_scored,
     })

@@ -2,6 +2,7 @@
 //! the interval of their mean difference comes from resampling scenarios.
 
 mod bootstrap;
+mod change;
 mod pairs;
 mod text;
 
@@ -9,10 +10,12 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 use launch_cli::{ColorWhen, Exit, wrong_usage};
-use serde::Serialize;
 
-use super::{Report, read, terminal};
+use super::terminal;
+use super::types::Report;
+use super::write::read;
 pub use bootstrap::interval;
+pub use change::{Change, Comparison, Verdict};
 use pairs::Metric;
 
 const EXAMPLES: &str = "Examples:
@@ -101,70 +104,6 @@ fn confidence(text: &str) -> Result<f64, String> {
     value.ok_or_else(|| "a confidence is a number from 0.5 to below 1, such as 0.95".into())
 }
 
-/// What is said about a metric.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Verdict {
-    /// It changed beyond noise, for the better.
-    Better,
-    /// It changed beyond noise, for the worse.
-    Worse,
-    /// It changed beyond noise; which direction is better is not known.
-    Changed,
-    /// It did not change beyond noise.
-    Same,
-    /// There is no interval, so nothing can be said.
-    Unknown,
-}
-
-/// A metric in both reports.
-#[derive(Clone, Debug, Serialize)]
-pub struct Change {
-    /// The run of A, in words.
-    pub run: String,
-    /// The task, or `latency`, `queries`, `resources`.
-    pub group: String,
-    /// The metric.
-    pub metric: String,
-    /// Over all scenarios of A.
-    pub a: f64,
-    /// Over all scenarios of B.
-    pub b: f64,
-    /// Scenarios in which both have it.
-    pub n_scenarios: usize,
-    /// Mean over these of B less A; of the whole runs where no scenario has it.
-    pub difference: f64,
-    /// Interval of that mean; none for fewer than two scenarios.
-    pub interval: Option<[f64; 2]>,
-    /// Whether more of it is better, if that is known.
-    pub higher_is_better: Option<bool>,
-    /// What is said about it.
-    pub verdict: Verdict,
-}
-
-/// The whole comparison.
-#[derive(Clone, Debug, Serialize)]
-pub struct Comparison {
-    /// Suite of A and of B.
-    pub suites: [String; 2],
-    /// Builds of A and of B.
-    pub builds: [String; 2],
-    /// Scenarios of both.
-    pub scenarios: Vec<String>,
-    /// Confidence of the intervals.
-    pub confidence: f64,
-    /// Resamples of each.
-    pub resamples: u32,
-    /// Their seed.
-    pub seed: u64,
-    /// Share of A's value from which on a change counts.
-    pub at_least: f64,
-    /// All metrics.
-    pub changes: Vec<Change>,
-    /// What must be known to read it.
-    pub notes: Vec<String>,
-}
-
 /// Compares two reports and prints what changed.
 ///
 /// # Errors
@@ -240,7 +179,7 @@ pub fn compare(a: &Report, b: &Report, args: &CompareArgs) -> anyhow::Result<Com
             false => format!("{} as {}", run_a.label(), run_b.program),
         };
         for metric in pairs::metrics_of(run_a, args.all) {
-            changes.extend(change(&label, &metric, run_a, run_b, &scenarios, args));
+            changes.extend(compared(&label, &metric, run_a, run_b, &scenarios, args));
         }
     }
     let notes = notes(&reasons, a, b, &runs, &scenarios, &changes, args);
@@ -257,15 +196,15 @@ pub fn compare(a: &Report, b: &Report, args: &CompareArgs) -> anyhow::Result<Com
     })
 }
 
-fn change(
+fn compared(
     label: &str,
     metric: &Metric,
-    a: &super::Run,
-    b: &super::Run,
+    a: &super::types::Run,
+    b: &super::types::Run,
     scenarios: &[String],
     args: &CompareArgs,
 ) -> Option<Change> {
-    let value = |run: &super::Run, name: &str| {
+    let value = |run: &super::types::Run, name: &str| {
         let one = run.scenarios.iter().find(|it| it.scenario == name)?;
         metric.of_scenario(one)
     };
@@ -324,7 +263,7 @@ fn notes(
     reasons: &[String],
     a: &Report,
     b: &Report,
-    runs: &[(&super::Run, &super::Run)],
+    runs: &[(&super::types::Run, &super::types::Run)],
     scenarios: &[String],
     changes: &[Change],
     args: &CompareArgs,
@@ -359,9 +298,9 @@ fn notes(
             "of {n_judged} intervals about {by_chance:.0} would miss zero by chance alone"
         ));
     }
-    let left_out = |report: &Report, of: &dyn Fn(&super::Run) -> bool| -> Vec<String> {
+    let left_out = |report: &Report, of: &dyn Fn(&super::types::Run) -> bool| -> Vec<String> {
         let alone = report.runs.iter().filter(|run| !of(run));
-        alone.map(super::Run::label).collect()
+        alone.map(super::types::Run::label).collect()
     };
     let only_a = left_out(a, &|run| runs.iter().any(|(it, _)| std::ptr::eq(*it, run)));
     let only_b = left_out(b, &|run| runs.iter().any(|(_, it)| std::ptr::eq(*it, run)));

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use hdrhistogram::Histogram;
 
-use super::{Latency, Report, Spread};
+use super::types::{Latency, Report, Spread};
 
 /// Percentile steps per halving of the distance to 100 %, HdrHistogram's own default.
 const TICKS_PER_HALF: u32 = 5;

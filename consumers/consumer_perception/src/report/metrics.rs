@@ -1,18 +1,61 @@
 //! Which direction of a metric is better: needed where two reports are compared, and for the arrows
 //! of tables. A metric that is not known is compared without a judgement.
 
-use super::TaskScore;
+use super::types::TaskScore;
 
 /// Metrics of which more is better, by the part of their name before `/` and `@`.
-const MORE: [&str; 37] = [
-    "AP", "AP50", "AP75", "APs", "APm", "APl", "AR1", "AR10", "AR100", "ARs", "ARm", "ARl", "sAP",
-    "mAP", "NDS", "mIoU", "IoU", "accuracy", "d1", "d2", "d3", "coverage", "HOTA", "DetA", "AssA",
-    "LocA", "DetRe", "DetPr", "AssRe", "AssPr", "MOTA", "MOTP", "IDF1", "IDP", "IDR", "F1",
-    "route",
+const MORE: [&str; 47] = [
+    "AP",
+    "AP50",
+    "AP75",
+    "APs",
+    "APm",
+    "APl",
+    "AR1",
+    "AR10",
+    "AR100",
+    "ARs",
+    "ARm",
+    "ARl",
+    "sAP",
+    "mAP",
+    "NDS",
+    "mIoU",
+    "IoU",
+    "accuracy",
+    "d1",
+    "d2",
+    "d3",
+    "coverage",
+    "HOTA",
+    "DetA",
+    "AssA",
+    "LocA",
+    "DetRe",
+    "DetPr",
+    "AssRe",
+    "AssPr",
+    "MOTA",
+    "MOTP",
+    "IDF1",
+    "IDP",
+    "IDR",
+    "F1",
+    "precision",
+    "recall",
+    "MT",
+    "density",
+    "fwIoU",
+    "mAcc",
+    "route_completion",
+    "infraction_penalty",
+    "driving_score",
+    "ttc",
+    "comfortable",
 ];
 
 /// Metrics of which less is better.
-const LESS: [&str; 44] = [
+const LESS: [&str; 57] = [
     "mATE",
     "mASE",
     "mAOE",
@@ -57,6 +100,19 @@ const LESS: [&str; 44] = [
     "impulse",
     "jerk",
     "drift",
+    "ML",
+    "bad1",
+    "bad2",
+    "bad3",
+    "lateral",
+    "height",
+    "t_err",
+    "r_err",
+    "red_lights",
+    "stop_signs",
+    "ttc_below",
+    "acc",
+    "collisions_per_km",
 ];
 
 /// Whether more of a metric is better; `None` if that is not known.

@@ -4,12 +4,14 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use super::Report;
 use super::plot::escape;
-use super::rows::{grouped, programs, tables};
+use super::rows::{grouped, programs, tables, unanswered};
+use super::types::Report;
 
 mod about;
 mod latency;
+mod legend;
+mod names;
 mod pictures;
 mod strata;
 mod style;
@@ -17,6 +19,7 @@ mod table;
 mod tasks;
 mod timeline;
 
+use names::anchor;
 pub use style::STYLE;
 pub use table::{Cell, Head, Table, details};
 
@@ -33,6 +36,14 @@ pub fn html(report: &Report, folder: &Path) -> String {
     let mut pictures = pictures::Pictures::new(folder);
     for table in tables(report) {
         body += &tasks::section(report, &table, &mut pictures);
+    }
+    let unanswered = unanswered(report);
+    if !unanswered.is_empty() {
+        let names = escape(&unanswered.join(", "));
+        let _ = writeln!(
+            body,
+            "<p class=\"soft\">Not answered by any program: {names}.</p>"
+        );
     }
     body += &latency::section(report);
     body += &timeline::section(report);
@@ -53,14 +64,6 @@ pub fn document(title: &str, body: &str) -> String {
          <title>{}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
         escape(title)
     )
-}
-
-/// The colour and pattern of a program's run: programs have colours, further runs of one have other
-/// patterns.
-fn style_of(report: &Report, program: &str, nth_run: usize) -> usize {
-    let at = programs(report).iter().position(|name| *name == program);
-    let (n, at) = (super::plot::N_COLOURS, at.unwrap_or(0));
-    at % n + (at / n + nth_run) * n
 }
 
 fn figures(report: &Report) -> String {
@@ -95,19 +98,6 @@ fn minutes(secs: f64) -> String {
     } else {
         format!("{:.0} min", secs / 60.0)
     }
-}
-
-/// A text as part of an address within the page.
-fn anchor(text: &str) -> String {
-    text.chars()
-        .map(|c| {
-            if c.is_ascii_alphanumeric() {
-                c.to_ascii_lowercase()
-            } else {
-                '-'
-            }
-        })
-        .collect()
 }
 
 fn contents(report: &Report) -> String {

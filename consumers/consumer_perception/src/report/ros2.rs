@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use serde_json::{Map, Value, json};
 
-use super::{Latency, Report, Run, Throughput};
+use super::throughput::Throughput;
+use super::types::{Latency, Report, Run};
 use crate::capture::Mode;
 
 /// Writes `RUN.json` into `folder` for every run; says which.
@@ -22,7 +23,7 @@ pub fn write(report: &Report, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     for run in &report.runs {
         let path = folder.join(format!("{}.json", run.file_stem()));
         let text = serde_json::to_string_pretty(&value(report, run))? + "\n";
-        super::write::save(&path, &text)?;
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
         written.push(path);
     }
     Ok(written)

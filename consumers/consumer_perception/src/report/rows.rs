@@ -3,7 +3,7 @@
 
 pub use consumer_dataset::svg::grouped;
 
-use super::{Latency, Report, Run, TaskScore};
+use super::types::{Latency, Report, Run, TaskScore};
 use crate::capture::Mode;
 
 /// The added delay that tables show beside the streaming value, milliseconds.
@@ -140,6 +140,15 @@ pub fn at_delay(score: &TaskScore, delay_ms: f64) -> Option<f64> {
     Some(point.value)
 }
 
+/// The best of some values, if they differ: of equal ones none is best.
+pub fn best(values: impl Iterator<Item = f64>, higher_is_better: bool) -> Option<f64> {
+    let values: Vec<f64> = values.collect();
+    let largest = values.iter().copied().reduce(f64::max)?;
+    let smallest = values.iter().copied().reduce(f64::min)?;
+    let best = if higher_is_better { largest } else { smallest };
+    (largest > smallest).then_some(best)
+}
+
 /// All tasks in the order in which runs name them.
 pub fn tables(report: &Report) -> Vec<TaskTable<'_>> {
     let mut tables: Vec<TaskTable<'_>> = Vec::new();
@@ -158,6 +167,23 @@ pub fn tables(report: &Report) -> Vec<TaskTable<'_>> {
         });
     }
     tables
+}
+
+/// Tasks of the suite that no program answered.
+pub fn unanswered(report: &Report) -> Vec<String> {
+    let suite: toml::Table = report.suite_text.parse().unwrap_or_default();
+    let tasks = suite.get("task").and_then(toml::Value::as_array);
+    let said = |task: &toml::Value, key: &str| Some(task.get(key)?.as_str()?.to_owned());
+    let names = |task: &toml::Value| [said(task, "name"), said(task, "kind")];
+    let is_known = |name: &String| {
+        let mut scores = report.runs.iter().flat_map(|run| &run.scores);
+        scores.any(|score| score.task == *name)
+    };
+    let tasks = tasks.into_iter().flatten().map(names);
+    let without = tasks.filter(|names| !names.iter().flatten().any(is_known));
+    without
+        .filter_map(|names| names.into_iter().flatten().next())
+        .collect()
 }
 
 /// Programs in the order of their first runs.
@@ -280,6 +306,26 @@ pub fn bytes(value: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn of_equal_values_none_is_best() {
+        assert_eq!(best([1.0, 3.0, 2.0].into_iter(), true), Some(3.0));
+        assert_eq!(best([1.0, 3.0, 2.0].into_iter(), false), Some(1.0));
+        assert_eq!(best([0.0, 0.0].into_iter(), true), None);
+        assert_eq!(best([].into_iter(), true), None);
+    }
+
+    #[test]
+    fn tasks_without_an_answer_are_named() {
+        let mut report = Report {
+            suite_text: "[[task]]\nkind = \"depth\"\n[[task]]\nkind = \"flow\"\nname = \"f\""
+                .into(),
+            ..Report::default()
+        };
+        assert_eq!(unanswered(&report), ["depth", "f"]);
+        report.suite_text = "no TOML".into();
+        assert!(unanswered(&report).is_empty());
+    }
 
     #[test]
     fn numbers_keep_three_digits() {

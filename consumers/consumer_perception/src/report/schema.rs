@@ -3,7 +3,7 @@
 
 use schemars::generate::SchemaSettings;
 
-use super::Report;
+use super::types::Report;
 
 /// The schema, draft 2020-12. It allows no key that the types do not have.
 pub fn text() -> String {

@@ -7,7 +7,7 @@ use base64::engine::general_purpose::STANDARD;
 use hdrhistogram::Histogram;
 use hdrhistogram::serialization::{Deserializer, Serializer as _, V2DeflateSerializer};
 
-use super::Spread;
+use super::types::Spread;
 
 /// Longest time that is recorded, nanoseconds; longer ones count as this.
 pub const LONGEST_NANOS: u64 = 600_000_000_000;
@@ -64,6 +64,21 @@ impl Spread {
             }
         }
         Spread::of_histogram(&all)
+    }
+
+    /// The time that half are below, milliseconds; `None` if there are none.
+    pub fn shown_p50(&self) -> Option<f64> {
+        (self.n > 0).then_some(self.p50)
+    }
+
+    /// The time that 99 % are below; `None` for fewer than 100 times, whose largest it would be.
+    pub fn shown_p99(&self) -> Option<f64> {
+        (self.n >= 100).then_some(self.p99)
+    }
+
+    /// The time that 99.9 % are below; `None` for fewer than 1000 times, whose largest it would be.
+    pub fn shown_p999(&self) -> Option<f64> {
+        (self.n >= 1000).then_some(self.p999)
     }
 
     /// The whole distribution, nanoseconds; an empty one if nothing was recorded.

@@ -6,8 +6,8 @@ use std::io::IsTerminal as _;
 
 use launch_cli::ColorWhen;
 
-use super::rows::{Line, TaskTable, bytes, grouped, number, percent, tables};
-use super::{Report, Run};
+use super::rows::{Line, TaskTable, best, bytes, grouped, number, percent, tables, unanswered};
+use super::types::{Report, Run};
 use crate::capture::Mode;
 
 /// Most columns of a line.
@@ -33,6 +33,14 @@ pub fn terminal(report: &Report, colour: bool) -> String {
     for table in tables(report) {
         text += "\n";
         text += &task(&table, &paint);
+    }
+    let unanswered = unanswered(report);
+    if !unanswered.is_empty() {
+        let line = format!("not answered by any program: {}", unanswered.join(", "));
+        for line in wrapped(&line, WIDTH) {
+            let _ = write!(text, "\n{}", paint.set(SOFT, &line));
+        }
+        text += "\n";
     }
     text += &stress(report, &paint);
     text += &totals(report, &paint);
@@ -117,11 +125,7 @@ fn task(table: &TaskTable<'_>, paint: &Paint) -> String {
         "p99.9", "CPU",
     ];
     let best = |of: &dyn Fn(&Line<'_>) -> Option<f64>, higher: bool| {
-        let values = table.lines.iter().filter_map(of);
-        let of_two = if higher { f64::max } else { f64::min };
-        (table.lines.len() > 1)
-            .then(|| values.reduce(of_two))
-            .flatten()
+        best(table.lines.iter().filter_map(of), higher)
     };
     let higher = table.higher_is_better;
     let bests = [
@@ -151,9 +155,9 @@ fn task(table: &TaskTable<'_>, paint: &Paint) -> String {
                 percent(line.miss),
                 percent(line.in_time),
                 number(line.mismatch),
-                number(latency.map(|it| it.p50)),
-                number(latency.map(|it| it.p99)),
-                number(latency.map(|it| it.p999)),
+                number(latency.and_then(|it| it.shown_p50())),
+                number(latency.and_then(|it| it.shown_p99())),
+                number(latency.and_then(|it| it.shown_p999())),
                 number(line.cpu_cores),
             ];
             cells.extend(plain.map(|text| (text, false)));
@@ -191,8 +195,8 @@ fn stress(report: &Report, paint: &Paint) -> String {
                 grouped(run.counts.n_answered),
                 ms(spread.p50),
                 ms(spread.p90),
-                ms(spread.p99),
-                ms(spread.p999),
+                number(spread.shown_p99()),
+                number(spread.shown_p999()),
                 ms(spread.max),
                 number(run.cpu_cores()),
             ];
@@ -214,9 +218,9 @@ fn totals(report: &Report, paint: &Paint) -> String {
         "frames",
         "answered",
         "results",
-        "repeated",
-        "disorder",
-        "invented",
+        "repeat",
+        "order",
+        "invent",
         "unread",
         "lost",
         "memory",

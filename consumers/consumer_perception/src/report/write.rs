@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use launch_cli::wrong_usage;
 
-use super::{CocoFiles, REPORT_VERSION, Report, TaskScore, bench, coco, hgrm, page, ros2};
+use super::coco::CocoFiles;
+use super::types::{REPORT_VERSION, Report, TaskScore};
+use super::{bench, coco, hgrm, page, ros2};
 
 /// The report itself, within its folder.
 pub const REPORT_FILE: &str = "report.json";
@@ -79,7 +81,7 @@ pub fn write_all(report: &Report, folder: &Path, files: &Files) -> anyhow::Resul
     Ok(written)
 }
 
-pub(super) fn save(path: &Path, text: &str) -> anyhow::Result<()> {
+fn save(path: &Path, text: &str) -> anyhow::Result<()> {
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
@@ -178,7 +180,7 @@ fn clean(score: &mut TaskScore) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::{CurvePoint, Stratum};
+    use crate::report::types::{CurvePoint, Stratum};
 
     #[test]
     fn what_is_no_number_is_left_out() {

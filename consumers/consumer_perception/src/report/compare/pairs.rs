@@ -2,8 +2,9 @@
 //! together, and the values of each metric by scenario.
 
 use crate::capture::Mode;
+use crate::report::metrics;
 use crate::report::rows::{SHOWN_DELAY_MS, at_delay};
-use crate::report::{Report, Run, ScenarioRun, TaskScore, metrics};
+use crate::report::types::{Report, Run, ScenarioRun, TaskScore};
 
 /// Why two reports cannot be compared, a few words each; empty if they can.
 pub fn reasons_against(a: &Report, b: &Report) -> Vec<String> {
@@ -30,8 +31,9 @@ pub fn reasons_against(a: &Report, b: &Report) -> Vec<String> {
             Some(_) => {}
         }
     }
-    let missing =
-        |it: &&crate::report::ScenarioInfo| a.scenarios.iter().all(|one| one.name != it.name);
+    let missing = |it: &&crate::report::types::ScenarioInfo| {
+        a.scenarios.iter().all(|one| one.name != it.name)
+    };
     for other in b.scenarios.iter().filter(missing) {
         reasons.push(format!("the first has no scenario {:?}", other.name));
     }
@@ -176,11 +178,9 @@ pub fn metrics_of(run: &Run, all: bool) -> Vec<Metric> {
             if spread.n == 0 || (!all && kind != shown) {
                 continue;
             }
-            for (part, text) in PARTS
-                .iter()
-                .enumerate()
-                .filter(|(part, _)| all || *part < 3)
-            {
+            // Of few results the high percentiles are the largest, which says little.
+            let exists = [true, spread.n >= 100, spread.n >= 1000, all];
+            for (part, text) in PARTS.iter().enumerate().filter(|(part, _)| exists[*part]) {
                 add(
                     "latency",
                     format!("{name} {text}, ms"),
@@ -220,8 +220,8 @@ impl Metric {
     fn value(
         &self,
         scores: &[TaskScore],
-        latency: &crate::report::Latency,
-        counts: &crate::report::Counts,
+        latency: &crate::report::types::Latency,
+        counts: &crate::report::types::Counts,
     ) -> Option<f64> {
         let score = |task: &str, topic: &str| {
             scores

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::{Change, Comparison, Verdict};
+use super::change::{Change, Comparison, Verdict};
 use crate::report::rows::number;
 use crate::report::terminal::{WIDTH, wrapped};
 

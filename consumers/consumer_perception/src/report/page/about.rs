@@ -4,11 +4,11 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
-use super::{Cell, Head, Table, details};
+use super::table::{Cell, Head, Table, details};
 use crate::capture::Mode;
-use crate::report::Report;
 use crate::report::plot::escape;
 use crate::report::rows::{bytes, grouped, number};
+use crate::report::types::Report;
 
 /// What became of frames and results.
 pub fn frames(report: &Report) -> String {
@@ -117,6 +117,23 @@ pub fn scenarios(report: &Report) -> String {
         .iter()
         .flat_map(|it| it.settings.keys())
         .collect();
+    let setting = |it: &crate::report::types::ScenarioInfo, key: &String| {
+        it.settings.get(key).cloned().unwrap_or_default()
+    };
+    // What is the same in all of them is said once.
+    let (same, keys): (Vec<&String>, Vec<&String>) = keys.into_iter().partition(|key| {
+        let mut values = report.scenarios.iter().map(|it| setting(it, key));
+        let first = values.next();
+        values.all(|value| Some(value) == first)
+    });
+    let all: Vec<String> = same
+        .iter()
+        .filter_map(|key| Some(format!("{key} {}", setting(report.scenarios.first()?, key))))
+        .collect();
+    let all = match all.join(", ") {
+        text if text.is_empty() => String::new(),
+        text => format!("<p>In all of them: {}.</p>\n", escape(&text)),
+    };
     let mut heads = vec![Head::words("scenario")];
     heads.extend(keys.iter().map(|key| Head::words(key.as_str())));
     heads.extend([
@@ -127,8 +144,7 @@ pub fn scenarios(report: &Report) -> String {
     let mut table = Table::new("", heads);
     for it in &report.scenarios {
         let mut cells = vec![Cell::from(it.name.clone())];
-        let setting = |key: &String| it.settings.get(key).cloned().unwrap_or_default();
-        cells.extend(keys.iter().map(|key| Cell::from(setting(key))));
+        cells.extend(keys.iter().map(|key| Cell::from(setting(it, key))));
         let hash = it.frames_hash.get(..16).unwrap_or(&it.frames_hash);
         cells.extend(
             [
@@ -141,7 +157,7 @@ pub fn scenarios(report: &Report) -> String {
         table.row(cells);
     }
     format!(
-        "<section><h2 id=\"scenarios\">Scenarios</h2>\n<p class=\"soft\">Every program saw the same frames. Reports whose hashes are equal can be compared.</p>\n{}</section>\n",
+        "<section><h2 id=\"scenarios\">Scenarios</h2>\n<p class=\"soft\">Every program saw the same frames. Reports whose hashes are equal can be compared.</p>\n{all}{}</section>\n",
         table.html()
     )
 }
@@ -247,6 +263,10 @@ pub fn words() -> String {
         (
             "behind",
             "By how many frames the newest result lags behind the newest frame, mean over queries with a result (mismatch).",
+        ),
+        (
+            "p99, p99.9",
+            "Times that 99 % and 99.9 % of the results are below. They are shown from 100 and from 1000 results on; below that they would be the largest.",
         ),
         (
             "query",

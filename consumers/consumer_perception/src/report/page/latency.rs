@@ -1,25 +1,26 @@
 //! Latency on the page: whole distributions over their percentiles, and tables of all four kinds.
 
-use super::{Cell, Head, Table, details, style_of};
+use super::names::style_of;
+use super::table::{Cell, Head, Table, details};
 use crate::capture::Mode;
 use crate::report::plot::{Axis, Scale, Series, escape, lines};
 use crate::report::rows::{grouped, number};
-use crate::report::{Report, Run, Spread};
+use crate::report::types::{Report, Run, Spread};
 
 /// The four kinds, with what each means.
 const KINDS: [(&str, &str); 4] = [
     (
         "End to end",
-        "From the first pixel or ray to the result's publication",
+        "From the oldest frame behind a result to the result",
     ),
-    ("Answer", "From the frame's publication to the result's"),
+    ("Answer", "From the answered frame to the result"),
     (
         "Work",
-        "From the moment the program took the frame to the result's publication",
+        "From the moment the program had the frame to the result",
     ),
     (
         "Age at use",
-        "From the frame's publication to the moment the program took it",
+        "From the frame to the moment the program had it",
     ),
 ];
 
@@ -35,7 +36,7 @@ pub fn section(report: &Report) -> String {
         .map(|run| (run, style(report, run)))
         .collect();
     let mut html = String::from(
-        "<section><h2 id=\"latency\">Latency</h2>\n<p class=\"soft\">Milliseconds of the wall clock, of runs in real time and constant streams. The axis to the right takes equal steps for each further nine: a line that rises there has a long tail.</p>\n",
+        "<section><h2 id=\"latency\">Latency</h2>\n<p class=\"soft\">Milliseconds of the wall clock between publications, of runs in real time and constant streams. The axis to the right takes equal steps for each further nine: a line that rises there has a long tail.</p>\n",
     );
     if runs
         .iter()
@@ -138,10 +139,16 @@ fn table((kind, meaning): (&str, &str), spreads: &[(&Run, usize, &Spread)]) -> S
         std::iter::once(Head::words("run")).chain(heads).collect(),
     );
     for (run, style, it) in spreads {
-        let cells = [it.mean, it.p50, it.p90, it.p99, it.p999, it.max];
-        let cells = cells
-            .into_iter()
-            .map(|value| Cell::from(number(Some(value))));
+        let (p99, p999) = (it.shown_p99(), it.shown_p999());
+        let cells = [
+            Some(it.mean),
+            Some(it.p50),
+            Some(it.p90),
+            p99,
+            p999,
+            Some(it.max),
+        ];
+        let cells = cells.into_iter().map(|value| Cell::from(number(value)));
         let head = [Cell::from(name(run)).swatch(*style), grouped(it.n).into()];
         html.row(head.into_iter().chain(cells));
     }

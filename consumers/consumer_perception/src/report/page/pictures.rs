@@ -6,12 +6,13 @@ use std::path::{Component, Path};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
+use super::legend::legend;
 use crate::capture::Mode;
 use crate::report::plot::escape;
-use crate::report::{Report, Run, WorstFrame};
+use crate::report::types::{Report, Run, WorstFrame};
 
 /// Most worst frames of a run and task; the others stay beside the report.
-const MAX_OF_RUN: usize = 3;
+const MAX_OF_RUN: usize = 2;
 /// Most bytes of pictures within a page.
 const MAX_BYTES: usize = 24 << 20;
 
@@ -51,7 +52,10 @@ impl<'a> Pictures<'a> {
                 "<p class=\"soft\">{n} more stand in report.json, their pictures beside it.</p>\n"
             ),
         };
-        format!("<h3>Worst frames</h3>\n<div class=\"sheet\">\n{sheet}</div>\n{more}")
+        format!(
+            "<h3>Worst frames</h3>\n{}<div class=\"sheet\">\n{sheet}</div>\n{more}",
+            legend(report, task)
+        )
     }
 
     fn figure(&mut self, run: &Run, scenario: &str, frame: &WorstFrame) -> Option<String> {

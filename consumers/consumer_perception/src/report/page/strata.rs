@@ -1,10 +1,9 @@
 //! Accuracy over parts of the truth: a plot for each that divides it, e.g. distance or light.
 
-use super::tasks::value_axis;
-use super::{Cell, Head, Table, details};
+use super::table::{Cell, Head, Table, details};
 use crate::report::plot::{Axis, Scale, Series, escape, lines};
 use crate::report::rows::{Line, TaskTable, grouped, number};
-use crate::report::{Stratum, TaskScore};
+use crate::report::types::{Stratum, TaskScore};
 
 /// All plots of a task, each with its values.
 pub fn sections(table: &TaskTable<'_>, styles: &[usize]) -> String {
@@ -15,6 +14,9 @@ pub fn sections(table: &TaskTable<'_>, styles: &[usize]) -> String {
             divisions.push(&stratum.by);
         }
     }
+    // What is asked for most comes first.
+    let usual = ["distance_m", "occlusion", "speed_mps", "light"];
+    divisions.sort_by_key(|by| usual.iter().position(|it| it == by).unwrap_or(usual.len()));
     divisions
         .iter()
         .map(|by| section(table, styles, by))
@@ -72,7 +74,7 @@ fn section(table: &TaskTable<'_>, styles: &[usize], by: &str) -> String {
         values.flatten().collect::<Vec<f64>>()
     };
     let (of_offline, of_streaming) = (any(&offline), any(&streaming));
-    let y = value_axis(
+    let y = Axis::of_values(
         table.headline,
         of_offline.iter().chain(&of_streaming).copied(),
     );
@@ -155,6 +157,10 @@ fn section(table: &TaskTable<'_>, styles: &[usize], by: &str) -> String {
         }
     }
     let values = details(&format!("Values by {}", words(by)), &values.html());
+    // One part alone is no comparison.
+    if parts.len() < 2 {
+        return values;
+    }
     let mut plots = String::new();
     if !of_offline.is_empty() {
         plots += &plot("offline", &offline);

@@ -22,10 +22,10 @@ svg .hollow{fill:var(--page);stroke:var(--c);stroke-width:2}svg .origin{stroke:v
 svg .p1 .line{stroke-dasharray:7 4}svg .p2 .line{stroke-dasharray:2 3}\
 svg .work{fill:var(--c);stroke:var(--page);stroke-width:1}svg .way{stroke:var(--c);stroke-width:1;opacity:.7}svg .frame{stroke:var(--ink);stroke-width:2}svg .unanswered{stroke:var(--soft);stroke-width:1;opacity:.6}svg .band{fill:var(--grid);opacity:.45}\
 .s0{--c:var(--c0)}.s1{--c:var(--c1)}.s2{--c:var(--c2)}.s3{--c:var(--c3)}.s4{--c:var(--c4)}.s5{--c:var(--c5)}.s6{--c:var(--c6)}.s7{--c:var(--c7)}\
-.swatch{display:inline-block;width:.7em;height:.7em;border-radius:2px;background:var(--c);margin-right:.45em}\
+.class{white-space:nowrap;margin-right:1em}.swatch{display:inline-block;width:.7em;height:.7em;border-radius:2px;background:var(--c);margin-right:.45em}\
 .wide{overflow-x:auto}.wide svg{min-width:760px}.scroll{overflow-x:auto;margin:.3rem 0 .8rem}table{border-collapse:collapse;font-size:.88rem;min-width:100%}caption{text-align:left;color:var(--soft);padding:.2rem 0;font-size:.85rem}\
 th,td{padding:.25rem .7rem;text-align:right;border-bottom:1px solid var(--line);font-variant-numeric:tabular-nums;white-space:nowrap}\
-th{color:var(--soft);font-weight:500}tbody th{color:var(--ink);font-weight:400}th:first-child,td:first-child{text-align:left;padding-left:0}td.t,th.t{text-align:left}td.t{white-space:normal;overflow-wrap:anywhere}td.best{background:var(--good);font-weight:600}td.no{color:var(--soft)}\
+th{color:var(--soft);font-weight:500}tbody th{color:var(--ink);font-weight:400}th:first-child,td:first-child{text-align:left;padding-left:0}td.t,th.t{text-align:left}td.t{white-space:normal;overflow-wrap:break-word;min-width:3rem}td.best{background:var(--good);font-weight:600}td.no{color:var(--soft)}\
 details{margin:.3rem 0 .8rem}summary{cursor:pointer;color:var(--soft);font-size:.9rem}\
 .sheet{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,520px),1fr));gap:1.2rem 1.6rem}figure{margin:0;break-inside:avoid}\
 .pair{display:grid;grid-template-columns:1fr 1fr;gap:.4rem}.pair div{min-width:0}.pair img{width:100%;border-radius:3px;display:block;background:var(--line)}.pair span{font-size:.78rem;color:var(--soft)}figcaption{font-size:.85rem;margin-top:.25rem;overflow-wrap:anywhere}\

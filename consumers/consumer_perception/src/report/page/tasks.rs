@@ -3,11 +3,13 @@
 
 use std::collections::BTreeSet;
 
+use super::names::{anchor, style_of};
 use super::pictures::Pictures;
-use super::{Cell, Head, Table, anchor, details, strata, style_of};
+use super::strata;
+use super::table::{Cell, Head, Table, details};
 use crate::report::plot::{Axis, Scale, Series, escape, wide_lines};
-use crate::report::rows::{Line, TaskTable, grouped, number, percent};
-use crate::report::{Report, TaskScore};
+use crate::report::rows::{Line, TaskTable, best, grouped, number, percent};
+use crate::report::types::{Report, TaskScore};
 
 /// The section of a task.
 pub fn section(report: &Report, table: &TaskTable<'_>, pictures: &mut Pictures<'_>) -> String {
@@ -51,7 +53,18 @@ fn styles(report: &Report, table: &TaskTable<'_>) -> Vec<usize> {
             let before = lines[..at]
                 .iter()
                 .filter(|it| it.program == lines[at].program);
-            style_of(report, lines[at].program, before.count())
+            let nth_run = before.count();
+            // Of many programs some share a colour; those of one task shall not.
+            let n_colours = crate::report::plot::N_COLOURS;
+            if crate::report::rows::programs(report).len() <= n_colours {
+                style_of(report, lines[at].program, nth_run)
+            } else {
+                let mut known: Vec<&str> = lines.iter().map(|it| it.program).collect();
+                known.dedup();
+                let place = known.iter().position(|it| *it == lines[at].program);
+                let place = place.unwrap_or(0);
+                place % n_colours + (place / n_colours + nth_run) * n_colours
+            }
         })
         .collect()
 }
@@ -59,26 +72,15 @@ fn styles(report: &Report, table: &TaskTable<'_>) -> Vec<usize> {
 /// Who is best without time and who in time, in a sentence.
 fn verdict(table: &TaskTable<'_>) -> String {
     let best = |of: &dyn Fn(&Line<'_>) -> Option<f64>| {
-        let known = table
-            .lines
-            .iter()
-            .filter_map(|line| Some((of(line)?, line)));
-        known.reduce(|a, b| {
-            if (b.0 > a.0) == table.higher_is_better && b.0 != a.0 {
-                b
-            } else {
-                a
-            }
-        })
+        let lines = || table.lines.iter();
+        let best = best(lines().filter_map(of), table.higher_is_better)?;
+        lines().find_map(|line| Some((of(line).filter(|it| *it == best)?, line)))
     };
     let (Some((offline, first)), Some((streaming, second))) =
         (best(&|it| it.offline), best(&|it| it.streaming))
     else {
         return String::new();
     };
-    if table.lines.len() < 2 {
-        return String::new();
-    }
     let (a, b) = (escape(&first.label), escape(&second.label));
     let (offline, streaming) = (number(Some(offline)), number(Some(streaming)));
     let text = if first.label == second.label {
@@ -105,16 +107,16 @@ fn summary(table: &TaskTable<'_>, styles: &[usize]) -> String {
         Head::new("in time").note("Share of queries whose newest result answers the newest frame"),
         Head::new("behind")
             .note("Frames that the newest result lags behind the newest frame, mean"),
-        Head::new("p50 ms").note("From the frame's origin to the result's publication"),
+        Head::new("p50 ms").note(
+            "From the publication of the oldest frame behind the result to that of the result",
+        ),
         Head::new("p99 ms"),
         Head::new("p99.9 ms"),
         Head::new("CPU").note("Processor time of the program per second"),
     ];
     let best = |of: &dyn Fn(&Line<'_>) -> Option<f64>| {
-        let higher = table.higher_is_better;
         let values = table.lines.iter().filter_map(of);
-        let best = values.reduce(if higher { f64::max } else { f64::min });
-        best.filter(|_| table.lines.len() > 1)
+        best(values, table.higher_is_better)
     };
     let bests = [
         best(&|it| it.offline),
@@ -138,9 +140,9 @@ fn summary(table: &TaskTable<'_>, styles: &[usize]) -> String {
                 percent(line.miss),
                 percent(line.in_time),
                 number(line.mismatch),
-                number(spread.map(|it| it.p50)),
-                number(spread.map(|it| it.p99)),
-                number(spread.map(|it| it.p999)),
+                number(spread.and_then(|it| it.shown_p50())),
+                number(spread.and_then(|it| it.shown_p99())),
+                number(spread.and_then(|it| it.shown_p999())),
                 number(line.cpu_cores),
             ]
             .map(Cell::from),
@@ -190,7 +192,7 @@ fn curve(table: &TaskTable<'_>, styles: &[usize]) -> String {
         let points = score.curve.iter().map(|it| it.value);
         points.chain(line.offline)
     });
-    let y = value_axis(&headline(table), values);
+    let y = Axis::of_values(&headline(table), values);
     let series: Vec<Series> = with_curve
         .iter()
         .map(|(line, score, style)| Series {
@@ -241,24 +243,6 @@ fn curve(table: &TaskTable<'_>, styles: &[usize]) -> String {
     )
 }
 
-/// An axis for values: from zero unless they are close together and far from it.
-pub fn value_axis(label: &str, values: impl Iterator<Item = f64>) -> Axis {
-    let (mut lo, mut hi) = (f64::INFINITY, f64::NEG_INFINITY);
-    for value in values {
-        (lo, hi) = (lo.min(value), hi.max(value));
-    }
-    if !lo.is_finite() {
-        (lo, hi) = (0.0, 1.0);
-    }
-    if lo > 0.0 && lo < 0.7 * hi {
-        lo = 0.0;
-    }
-    if hi < 0.0 && hi > 0.7 * lo {
-        hi = 0.0;
-    }
-    Axis::linear(label, lo, hi)
-}
-
 fn every_metric(table: &TaskTable<'_>) -> String {
     let names: BTreeSet<&String> = table
         .lines
@@ -307,7 +291,7 @@ fn every_scenario(table: &TaskTable<'_>) -> String {
             continue;
         };
         for scenario in &run.scenarios {
-            let score_in = |run: Option<&crate::report::Run>, topic: &str| {
+            let score_in = |run: Option<&crate::report::types::Run>, topic: &str| {
                 let one = run?
                     .scenarios
                     .iter()
@@ -333,8 +317,8 @@ fn every_scenario(table: &TaskTable<'_>) -> String {
                 scenario.scenario.clone().into(),
                 number(offline).into(),
                 number(of(line.streaming_run, |it| &it.streaming)).into(),
-                number(spread.map(|it| it.p50)).into(),
-                number(spread.map(|it| it.p99)).into(),
+                number(spread.and_then(|it| it.shown_p50())).into(),
+                number(spread.and_then(|it| it.shown_p99())).into(),
                 percent(share(counts.miss, counts.n_queries)).into(),
                 number(share(
                     counts.mismatch,

@@ -3,14 +3,15 @@
 
 use std::fmt::Write as _;
 
-use super::{Cell, Head, Table, details, latency};
+use super::latency;
+use super::table::{Cell, Head, Table, details};
 use crate::capture::Mode;
 use crate::report::plot::{Axis, N_COLOURS, escape};
 use crate::report::rows::number;
-use crate::report::{Report, ResultEvent, Run, ScenarioRun};
+use crate::report::types::{Report, ResultEvent, Run, ScenarioRun};
 
-/// Frames that are shown.
-const N_FRAMES: usize = 24;
+/// Frames that are shown, of the slowest sensor.
+const N_FRAMES: usize = 20;
 /// Most programs of a time line.
 const MAX_RUNS: usize = 16;
 
@@ -67,11 +68,8 @@ pub fn section(report: &Report) -> String {
 
 /// The time that is shown: about [`N_FRAMES`] frames in the middle of what all runs have.
 fn window(runs: &[(&Run, &ScenarioRun)]) -> Option<(f64, f64)> {
-    let frames = runs.iter().map(|(_, it)| frames(it)).max_by_key(Vec::len)?;
-    let gaps: Vec<f64> = frames.windows(2).map(|it| it[1] - it[0]).collect();
-    let mut sorted = gaps;
-    sorted.sort_by(f64::total_cmp);
-    let gap = *sorted.get(sorted.len() / 2)?;
+    let gaps = runs.iter().filter_map(|(_, it)| median_gap(&frames(it)));
+    let gap = gaps.reduce(f64::max)?;
     let with_events = runs.iter().filter(|(_, it)| !it.events.is_empty());
     let begin = with_events
         .clone()
@@ -97,6 +95,13 @@ fn window(runs: &[(&Run, &ScenarioRun)]) -> Option<(f64, f64)> {
     let middle = f64::midpoint(begin, end);
     let from = (middle - length / 2.0).max(begin - gap / 2.0);
     Some((from, from + length))
+}
+
+/// The usual time between two frames, seconds.
+fn median_gap(frames: &[f64]) -> Option<f64> {
+    let mut gaps: Vec<f64> = frames.windows(2).map(|it| it[1] - it[0]).collect();
+    gaps.sort_by(f64::total_cmp);
+    gaps.get(gaps.len() / 2).copied()
 }
 
 /// Times of frames, those of the results if no others are known.

@@ -57,6 +57,24 @@ impl Axis {
         }
     }
 
+    /// An axis for values: from zero unless they are close together and far from it.
+    pub fn of_values(label: &str, values: impl Iterator<Item = f64>) -> Axis {
+        let (mut lo, mut hi) = (f64::INFINITY, f64::NEG_INFINITY);
+        for value in values {
+            (lo, hi) = (lo.min(value), hi.max(value));
+        }
+        if !lo.is_finite() {
+            (lo, hi) = (0.0, 1.0);
+        }
+        if lo > 0.0 && lo < 0.7 * hi {
+            lo = 0.0;
+        }
+        if hi < 0.0 && hi > 0.7 * lo {
+            hi = 0.0;
+        }
+        Axis::linear(label, lo, hi)
+    }
+
     /// A logarithmic axis that holds `lo` to `hi`, both above zero, with ticks at 1, 2 and 5.
     pub fn log(label: &str, lo: f64, hi: f64) -> Axis {
         let lo = lo.max(1e-9);
