@@ -1,8 +1,12 @@
 //! The perception benchmark: runs anyone's programs through scenarios, and says how late and how
 //! right they are, against exact truth.
 //!
-//! In reading order: [`capture`] (what a program did in one run), [`report`] (what is said about
-//! all of them).
+//! In reading order: [`suite`] and [`scenario`] (what is shown and asked), [`truth_pass`] (a
+//! recording of it with the exact truth), [`up`] (processes), [`run`] (a program in one mode and
+//! scenario), [`capture`] (what it did), [`score`] with [`tasks`], [`queries`], [`ignore`],
+//! [`latency`], [`moment`], [`coco_keep`] and [`picture`] (how right and how late that was),
+//! [`assemble`] and [`report`] (what is said about all of them), [`cli`] (from the command line to
+//! the report), [`reaction`] (live trials).
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
@@ -15,6 +19,7 @@ pub mod ignore;
 pub mod latency;
 pub mod moment;
 pub mod picture;
+pub mod pixels;
 pub mod queries;
 pub mod reaction;
 pub mod report;

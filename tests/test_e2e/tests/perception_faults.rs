@@ -149,6 +149,12 @@ fn a_killed_benchmark_leaves_no_recording_that_is_taken_for_whole() {
         names().into_iter().find(is_half)
     });
     killed.kill9();
+    eventually("what it started has ended", || {
+        let own = sandbox.dir().to_string_lossy().into_owned();
+        let processes = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+        let mut lines = processes.filter_map(|it| std::fs::read(it.path().join("cmdline")).ok());
+        (!lines.any(|line| String::from_utf8_lossy(&line).contains(&own))).then_some(())
+    });
     let whole = |name: &String| name.ends_with(".mcap") || name.ends_with(".json");
     assert!(!names().iter().any(whole), "{:?}", names());
     sandbox
