@@ -123,7 +123,8 @@ def value_at(recorded: list, rank: int) -> float:
 
 
 def file_stem(run: dict) -> str:
-    label = f"{run['program']} {run['mode']}"
+    mode = run["mode"] if run["mode"] != "stress" else "constant" if run["speed"] else "single"
+    label = f"{run['program']} {mode}"
     if run["mode"] != "offline" and run["speed"] not in (0.0, 1.0):
         label += f" {run['speed']:g}x"
     return re.sub(r"[^A-Za-z0-9._-]", "-", label)

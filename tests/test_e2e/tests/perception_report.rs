@@ -341,7 +341,7 @@ fn the_terminal_has_a_table_per_task_within_its_columns() {
         "boxes2d: AP",
         "flow: EPE [px]",
         "hog 0.5x",
-        "constant stream",
+        "single: the next frame comes with the answer",
         "! warning: the machine was busy",
     ] {
         assert!(plain.contains(part), "{part} is missing in\n{plain}");

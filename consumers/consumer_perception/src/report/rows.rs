@@ -77,12 +77,22 @@ impl Line<'_> {
 impl Run {
     /// The run in words: `hog offline`, `hog streaming 0.5x +50 ms`.
     pub fn label(&self) -> String {
-        let mut label = format!("{} {}", self.program, self.mode.name());
+        let mut label = format!("{} {}", self.program, self.mode_name());
         let pace = self.pace_text();
         if !pace.is_empty() {
             label = label + " " + &pace;
         }
         label
+    }
+
+    /// How it ran in a word; a stream without a pace is single: its next frame comes with the answer.
+    pub fn mode_name(&self) -> &'static str {
+        match self.mode {
+            Mode::Offline => "offline",
+            Mode::Streaming => "streaming",
+            Mode::Stress if self.speed > 0.0 => "constant",
+            Mode::Stress => "single",
+        }
     }
 
     /// The run as part of a file's name: `hog-streaming-0.5x`.
@@ -123,7 +133,7 @@ impl Run {
 }
 
 impl Mode {
-    /// Its name in tables and files.
+    /// Its name in names of files.
     pub fn name(self) -> &'static str {
         match self {
             Mode::Offline => "offline",

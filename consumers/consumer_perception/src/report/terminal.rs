@@ -182,7 +182,7 @@ fn stress(report: &Report, paint: &Paint) -> String {
         return String::new();
     }
     let heads = [
-        "stress", "frames", "answered", "p50 ms", "p90", "p99", "p99.9", "max", "CPU",
+        "run", "frames", "answered", "p50 ms", "p90", "p99", "p99.9", "max", "CPU",
     ];
     let rows: Vec<Vec<Cell>> = runs
         .iter()
@@ -190,7 +190,7 @@ fn stress(report: &Report, paint: &Paint) -> String {
             let spread = &run.latency.answer;
             let ms = |value: f64| number((spread.n > 0).then_some(value));
             let cells = [
-                run.label().replacen(" stress", "", 1),
+                run.label(),
                 grouped(run.counts.n_frames),
                 grouped(run.counts.n_answered),
                 ms(spread.p50),
@@ -203,11 +203,22 @@ fn stress(report: &Report, paint: &Paint) -> String {
             cells.map(|text| (text, false)).into()
         })
         .collect();
-    let about = "constant stream; latency from the frame's publication to the result's";
+    let has = |name: &str| runs.iter().any(|run| run.mode_name() == name);
+    let mut about = vec!["latency from the frame's publication to the result's"];
+    if has("constant") {
+        about.push("constant: frames at one rate");
+    }
+    if has("single") {
+        about.push("single: the next frame comes with the answer");
+    }
     format!(
         "\n{}\n{}\n{}",
-        paint.set(BOLD, "stress"),
-        paint.set(SOFT, about),
+        paint.set(BOLD, "streams without accuracy"),
+        wrapped(&about.join("; "), WIDTH)
+            .iter()
+            .map(|line| paint.set(SOFT, line))
+            .collect::<Vec<_>>()
+            .join("\n"),
         grid(&heads, &rows, paint)
     )
 }
