@@ -91,6 +91,8 @@ fn offline(report: &Value, program: &str, metric: &str) -> f64 {
         .find(|run| run["program"] == program)
         .unwrap_or_else(|| panic!("no run of {program}"));
     assert_eq!(run["faults"], serde_json::json!([]), "{program}");
+    let answered = run["counts"]["n_answered"].as_u64();
+    assert!(answered > Some(0), "{program}: {}", run["counts"]);
     let value = &run["scores"][0]["offline"][metric];
     value
         .as_f64()
