@@ -204,7 +204,9 @@ impl Runner<'_> {
     fn started(&mut self, stop: &dyn Fn() -> bool) -> anyhow::Result<&mut Session> {
         if self.session.is_none() {
             let mut last = None;
-            for _ in 0..MAX_STARTS {
+            // A chain that never ran has a mistake that no further attempt will mend.
+            let attempts = if self.n_sessions == 0 { 1 } else { MAX_STARTS };
+            for _ in 0..attempts {
                 self.n_sessions += 1;
                 let number = self.n_sessions;
                 let domain = crate::up::new_domain();
@@ -217,6 +219,7 @@ impl Runner<'_> {
                     }
                     Err(error) if stop() => return Err(error),
                     Err(error) if error.is::<launch_cli::WrongUsage>() => return Err(error),
+                    Err(error) if attempts == 1 => return Err(error),
                     Err(error) => {
                         tracing::warn!("the chain did not start: {error:#}");
                         last = Some(error);

@@ -9,7 +9,7 @@ use consumer_perception::reaction::suite::Kind;
 use consumer_perception::reaction::summary::{BRAKES, KindReport, Reactions, StageReport};
 use test_e2e::assert_nothing_left;
 use test_kit::sandbox::binary_path;
-use test_kit::{Ended, Sandbox};
+use test_kit::{Ended, Process, Sandbox, eventually};
 
 /// A straight, level road of 500 m with three lanes and a light at its end.
 const ROAD: &str = r#"<?xml version="1.0"?>
@@ -55,9 +55,8 @@ fn counts(stage: &StageReport) -> (u32, u32, u32) {
     (stage.n_reactions, stage.n_misses, stage.n_false_alarms)
 }
 
-/// Runs `gantry-bench reaction` with fake programs: name, mode and delay of each.
-fn run(name: &str, programs: &[(&str, &str, u64)], suite: &str) -> Run {
-    let sandbox = Sandbox::new(name);
+/// Writes a suite for fake programs (name, mode and delay of each) and starts `gantry-bench reaction`.
+fn start(sandbox: &Sandbox, name: &str, programs: &[(&str, &str, u64)], suite: &str) -> Process {
     sandbox.write("straight.xodr", ROAD);
     let log = sandbox.path("log.txt");
     let fake = binary_path("examples/reaction_fake");
@@ -80,15 +79,19 @@ fn run(name: &str, programs: &[(&str, &str, u64)], suite: &str) -> Run {
     );
     let file = sandbox.write("suite.toml", &suite);
     let words = ["reaction", file.to_str().unwrap(), "--out", "out"];
-    let ended = sandbox
-        .spawn("gantry-bench", &words)
-        .wait_longer(Duration::from_secs(900));
+    sandbox.spawn("gantry-bench", &words)
+}
+
+/// Runs a suite for fake programs to its end.
+fn run(name: &str, programs: &[(&str, &str, u64)], suite: &str) -> Run {
+    let sandbox = Sandbox::new(name);
+    let ended = start(&sandbox, name, programs, suite).wait_longer(Duration::from_secs(900));
     let json = std::fs::read_to_string(sandbox.path("out/reaction.json")).unwrap_or_else(|_| {
         let up = std::fs::read_to_string(sandbox.path("out/processes/1/up.log"));
         panic!("{}\n{}", ended.lines.join("\n"), up.unwrap_or_default())
     });
     let reactions = serde_json::from_str(&json).unwrap();
-    let text = std::fs::read_to_string(&log).unwrap_or_default();
+    let text = std::fs::read_to_string(sandbox.path("log.txt")).unwrap_or_default();
     let noted = text.lines().map(|line| {
         let words: Vec<&str> = line.split(' ').collect();
         let number = |at: usize| words[at].parse::<u64>().unwrap();
@@ -275,4 +278,27 @@ fn cars_that_cut_in_or_brake_and_lights_show_at_the_tick_they_change() {
             _ => assert_eq!(said.tick, stimulus.tick, "{trial:?}"),
         }
     }
+}
+
+#[test]
+fn a_killed_benchmark_takes_its_processes_with_it() {
+    let sandbox = Sandbox::new("killed");
+    let suite = format!("trials = 500\n{PEOPLE}{EYE}");
+    let bench = start(&sandbox, "killed", &[("eye", "see", 0)], &suite);
+    let here = sandbox.dir().to_str().expect("paths are UTF-8").to_owned();
+    let log = sandbox.path("log.txt");
+    eventually("the fake sees a person", || {
+        std::fs::metadata(&log)
+            .is_ok_and(|it| it.len() > 0)
+            .then_some(())
+    });
+    bench.kill9();
+    // The simulator and the fake program name files of this sandbox.
+    eventually("its processes have ended", || {
+        let commands = std::fs::read_dir("/proc")
+            .ok()?
+            .flatten()
+            .filter_map(|entry| std::fs::read_to_string(entry.path().join("cmdline")).ok());
+        (commands.filter(|it| it.contains(&here)).count() == 0).then_some(())
+    });
 }

@@ -367,22 +367,23 @@ impl Suite {
                 want(
                     value.is_none_or(|value| range(value, 0.0, most)),
                     format!(
-                        "kind.{name}.{key} is {value:?}, it must be [least, greatest], 0 to {most}"
+                        "kind.{name}.{key} is {}, it must be [least, greatest], 0 to {most}",
+                        shown(value)
                     ),
                 );
             }
             want(
                 settings.trials.is_none_or(|n| n <= MAX_TRIALS),
                 format!(
-                    "kind.{name}.trials is {:?}, allowed is 0 to {MAX_TRIALS}",
-                    settings.trials
+                    "kind.{name}.trials is {}, allowed is 0 to {MAX_TRIALS}",
+                    shown(settings.trials)
                 ),
             );
             want(
                 settings.lane_m.is_none_or(|m| within(m, 2.0, 10.0)),
                 format!(
-                    "kind.{name}.lane_m is {:?}, allowed is 2 to 10",
-                    settings.lane_m
+                    "kind.{name}.lane_m is {}, allowed is 2 to 10",
+                    shown(settings.lane_m)
                 ),
             );
             let [_, farthest] = settings.distance(*kind);
@@ -421,15 +422,15 @@ impl Suite {
                     .as_deref()
                     .is_none_or(|topic| !topic.is_empty() && topic != names::CONTROL_VEHICLES),
                 format!(
-                    "stage {name:?} has topic {:?}; controls are watched with control = \"NAME\"",
-                    stage.topic
+                    "stage {name:?} has topic {}; controls are watched with control = \"NAME\"",
+                    shown(stage.topic.as_deref())
                 ),
             );
             want(
                 stage.iou.is_none_or(|iou| iou > 0.0 && iou <= 1.0),
                 format!(
-                    "stage {name:?} has iou {:?}, allowed is more than 0 to 1",
-                    stage.iou
+                    "stage {name:?} has iou {}, allowed is more than 0 to 1",
+                    shown(stage.iou)
                 ),
             );
             for (key, value) in [
@@ -439,7 +440,10 @@ impl Suite {
             ] {
                 want(
                     value.is_none_or(|value| value > 0.0 && value <= 100.0),
-                    format!("stage {name:?} has {key} {value:?}, allowed is more than 0 to 100"),
+                    format!(
+                        "stage {name:?} has {key} {}, allowed is more than 0 to 100",
+                        shown(value)
+                    ),
                 );
             }
             want(
@@ -447,8 +451,8 @@ impl Suite {
                     .brake_above
                     .is_none_or(|ratio| (0.0..1.0).contains(&ratio)),
                 format!(
-                    "stage {name:?} has brake_above {:?}, allowed is 0 to less than 1",
-                    stage.brake_above
+                    "stage {name:?} has brake_above {}, allowed is 0 to less than 1",
+                    shown(stage.brake_above)
                 ),
             );
             want(
@@ -486,6 +490,11 @@ impl Suite {
             .enumerate()
             .filter(move |(_, stage)| stage.kinds.is_empty() || stage.kinds.contains(&kind))
     }
+}
+
+/// A value as the suite has it.
+fn shown<T: std::fmt::Debug>(value: Option<T>) -> String {
+    value.map_or("missing".into(), |value| format!("{value:?}"))
 }
 
 fn names_of_kinds() -> String {
