@@ -4,7 +4,8 @@
     python torch_segmenter.py train --minutes 10 drive.mcap…          # writes torch_segmenter.pt
     gantry bench perception SUITE.toml -- python torch_segmenter.py
 
-Needs `pip install torch`. Recordings need `rgb` and `semantic` of `ego/front`. Settings: `device`
+Needs `pip install torch`. Recordings need `rgb` and `semantic` of `ego/front` (not
+recorded with --jpeg or --video, which keep no pixels). Settings: `device`
 ("cuda" if there is one), `weights` (beside this file).
 """
 
