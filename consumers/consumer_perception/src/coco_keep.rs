@@ -3,15 +3,13 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use consumer_metrics::average_precision::{BoxPx, RunMask};
+use consumer_metrics::average_precision::{BoxPx, Detection, RunMask, Truth};
 use consumer_metrics::coco_json::{CocoResult, CocoTruth};
 use consumer_truth::masks::runs_text;
+use consumer_truth::scenario::Scenario;
 
 use crate::moment::Moment;
 use crate::report::coco::{Category, CocoFiles, Image, ProgramResults};
-use crate::tasks::classes::Target;
-use crate::tasks::detect::Part;
-use crate::tasks::{Context, Spec};
 
 /// Most images of one task and run; later ones are left out of COCO's files.
 pub const MAX_IMAGES: usize = 20_000;
@@ -35,21 +33,23 @@ pub struct Kept {
 }
 
 impl Kept {
-    /// A scenario begins.
-    pub fn begin(&mut self, context: &Context<'_>, spec: &Spec, targets: &[Target]) {
-        self.task.clone_from(&spec.name);
-        self.truth.clone_from(&spec.truth);
-        self.input = spec.input.as_str().into();
-        self.scenario.clone_from(&context.scenario.name);
-        self.scenario_index = u64::from(context.scenario.index);
-        self.begin_nanos = context.scenario.start_nanos;
-        self.categories = targets
-            .iter()
-            .map(|target| Category {
-                id: target.number,
-                name: target.name.into(),
-            })
-            .collect();
+    /// A scenario begins, of a task with these input, truth camera and classes.
+    pub fn begin<'a>(
+        &mut self,
+        scenario: &Scenario,
+        [task, input, truth]: [&str; 3],
+        classes: impl Iterator<Item = (u32, &'a str)>,
+    ) {
+        (self.task, self.truth) = (task.into(), truth.into());
+        self.input = input.into();
+        self.scenario.clone_from(&scenario.name);
+        self.scenario_index = u64::from(scenario.index);
+        self.begin_nanos = scenario.start_nanos;
+        let category = |(id, name): (u32, &str)| Category {
+            id,
+            name: name.into(),
+        };
+        self.categories = classes.map(category).collect();
     }
 
     fn image(&mut self, moment: &Moment<'_>) -> Option<u64> {
@@ -71,31 +71,42 @@ impl Kept {
     }
 
     /// Keeps a frame with boxes.
-    pub fn add_boxes(&mut self, moment: &Moment<'_>, part: &Part<BoxPx>) {
+    pub fn add_boxes(
+        &mut self,
+        moment: &Moment<'_>,
+        truths: &[Truth<BoxPx>],
+        found: &[Detection<BoxPx>],
+    ) {
         let Some(image) = self.image(moment) else {
             return;
         };
-        for truth in &part.truths {
+        for truth in truths {
             // Numbers follow when runs are joined.
             self.truths.push(CocoTruth::of_box(0, image, truth));
         }
-        let found = part.detections.iter();
         self.results
-            .extend(found.map(|found| CocoResult::of_box(image, found)));
+            .extend(found.iter().map(|found| CocoResult::of_box(image, found)));
     }
 
     /// Keeps a frame with masks.
-    pub fn add_masks(&mut self, moment: &Moment<'_>, part: &Part<RunMask>) {
+    pub fn add_masks(
+        &mut self,
+        moment: &Moment<'_>,
+        truths: &[Truth<RunMask>],
+        found: &[Detection<RunMask>],
+    ) {
         let Some(image) = self.image(moment) else {
             return;
         };
-        for truth in &part.truths {
+        for truth in truths {
             self.truths
                 .push(CocoTruth::of_mask(0, image, truth, runs_text));
         }
-        let found = part.detections.iter();
-        self.results
-            .extend(found.map(|found| CocoResult::of_mask(image, found, runs_text)));
+        self.results.extend(
+            found
+                .iter()
+                .map(|found| CocoResult::of_mask(image, found, runs_text)),
+        );
     }
 
     /// Puts what a run kept beside that of others of the same task.

@@ -8,7 +8,7 @@ use image::{Rgb, RgbImage};
 use nalgebra::{Isometry3, Point3, Vector3};
 use schema_types::class::CLASSES;
 
-use crate::tasks::pixels::Pixels;
+use crate::pixels::Pixels;
 
 /// Colours of what counts, one after the other, and of what is ignored.
 const COLOURS: [[u8; 3]; 8] = [

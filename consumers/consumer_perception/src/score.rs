@@ -5,11 +5,10 @@
 //! sums, matches and poses are kept. A second look at some ticks draws the worst frames.
 
 mod plan;
+mod work;
 mod worst;
 
-use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
-use std::sync::Arc;
 
 use consumer_truth::recording::{TickReader, scenario};
 use consumer_truth::scenario::Scenario;
@@ -26,6 +25,7 @@ use crate::tasks::{AnyTask, Context, Plan};
 use crate::truth_pass::TruthRecording;
 
 pub use plan::check;
+use work::{Wanted, Work, is_query};
 
 /// Worst frames of a task that are drawn of each scenario.
 const N_WORST: usize = 3;
@@ -58,24 +58,6 @@ pub struct Finished {
 struct RunState {
     run: Run,
     tasks: Vec<Box<dyn AnyTask>>,
-}
-
-/// A task at work on a scenario.
-struct Work<'a> {
-    /// Which run it belongs to.
-    run: usize,
-    capture: &'a Capture,
-    task: Box<dyn AnyTask>,
-    from_nanos: u64,
-    failed: Option<String>,
-}
-
-/// What is read of a scenario's recording.
-pub(crate) struct Wanted {
-    /// Topics of frames.
-    pub(crate) topics: HashSet<Arc<str>>,
-    /// Truth cameras that tasks look at, `rig/sensor`.
-    pub(crate) views: Vec<Arc<str>>,
 }
 
 impl Scorer {
@@ -221,7 +203,6 @@ impl Scorer {
                     capture,
                     task,
                     from_nanos,
-                    failed: None,
                 });
             }
         }
@@ -316,8 +297,7 @@ impl Scorer {
                 add_association(&mut scenario_run.counts, &scored.association);
             }
             let state = &mut self.runs[work.run];
-            let sentences = scored.first_fault.into_iter().chain(work.failed.take());
-            for sentence in sentences {
+            if let Some(sentence) = scored.first_fault {
                 if state.run.faults.len() < MAX_FAULTS {
                     let name = &truth.scenario.name;
                     state.run.faults.push(format!("{name}: {sentence}"));
@@ -370,18 +350,6 @@ fn works_specs<'a>(works: &'a [Work<'_>]) -> Vec<&'a crate::tasks::Spec> {
     works.iter().map(|work| work.task.spec()).collect()
 }
 
-/// Whether truth from snapshots is asked for at a time: at most half a tick from a query. Queries are
-/// counted from the first frame of the inputs on.
-fn is_query(truth: &TruthRecording, about: &Scenario, sim_nanos: u64) -> bool {
-    let of_sensors = truth.inputs.iter().filter(|input| input.rate_hz.is_some());
-    let first = of_sensors.filter_map(|input| truth.frames.get(&input.topic)?.first());
-    let first = first.map(|frame| frame.sim_nanos).min();
-    let since = sim_nanos.abs_diff(first.unwrap_or(truth.begin_nanos));
-    let interval = truth.query_nanos.max(1);
-    let apart = since % interval;
-    apart.min(interval - apart) * 2 < about.info.period_nanos.max(1)
-}
-
 fn add_association(counts: &mut Counts, of: &Association) {
     counts.n_queries += of.n_queries;
     counts.miss += of.miss;
@@ -403,6 +371,3 @@ fn add_counts(all: &mut Counts, of: &Counts) {
     all.mismatch += of.mismatch;
     all.n_queries += of.n_queries;
 }
-
-/// Topics of results that are scored, with the input that each answers.
-pub(crate) type Inputs = BTreeMap<Arc<str>, String>;

@@ -7,7 +7,7 @@ use consumer_truth::scenario::Scenario;
 use schema_frames::document::Weather;
 use schema_frames::{Modality, StepMode, WorldInfo};
 
-use super::{Inputs, Wanted};
+use super::work::{Inputs, Wanted};
 use crate::capture::{Capture, CapturedResult, Mode, SentFrame};
 use crate::ignore::Rules;
 use crate::suite::{Suite, Task, TaskKind};

@@ -10,7 +10,7 @@ use consumer_truth::scenario::Scenario;
 use schema_frames::Modality;
 use schema_recording::read::RecordingFile;
 
-use super::{Wanted, Work, is_query};
+use super::work::{Wanted, Work, is_query};
 use crate::moment::Moment;
 use crate::picture::Picture;
 use crate::report::WorstFrame;

@@ -37,7 +37,7 @@ impl Shape for Boxes {
     }
 
     fn keep(kept: &mut Kept, moment: &Moment<'_>, part: &Part<BoxPx>) {
-        kept.add_boxes(moment, part);
+        kept.add_boxes(moment, &part.truths, &part.detections);
     }
 
     fn draw(picture: &mut Picture, region: &BoxPx, _: usize, counts: bool, label: &str) {

@@ -6,10 +6,11 @@ use std::sync::Arc;
 use consumer_metrics::depth::{Collector, Settings};
 use schema_frames::Modality;
 
-use super::pixels::{Pixels, depth_strata, in_depth};
+use super::pixels::{depth_strata, in_depth, read_pixels};
 use super::{Bad, Drawn, Headline, Measure, Reading, Spec};
 use crate::moment::Moment;
 use crate::picture::{Picture, Scale};
+use crate::pixels::Pixels;
 
 /// Nearest and usual farthest depth that counts, metres.
 pub const DEPTHS_M: (f64, f64) = (0.5, 80.0);
@@ -103,7 +104,7 @@ impl Measure for Depth {
     }
 
     fn read(&self, reading: &Reading<'_>) -> Result<Pixels<f32>, String> {
-        Pixels::read(reading)
+        read_pixels(reading)
     }
 
     fn part(&self, moment: &Moment<'_>, estimate: Option<&Pixels<f32>>) -> Option<Part> {

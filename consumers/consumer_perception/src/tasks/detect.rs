@@ -202,7 +202,12 @@ impl<S: Shape> Measure for Detect<S> {
     }
 
     fn begin(&mut self, context: &Context<'_>) -> anyhow::Result<()> {
-        self.kept.begin(context, &self.spec, &self.targets);
+        let classes = self.targets.iter();
+        self.kept.begin(
+            context.scenario,
+            [&self.spec.name, &self.spec.input, &self.spec.truth],
+            classes.map(|target| (target.number, target.name)),
+        );
         Ok(())
     }
 

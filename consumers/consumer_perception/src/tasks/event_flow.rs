@@ -10,10 +10,11 @@ use consumer_metrics::event_flow::Collector;
 use schema_frames::Modality;
 
 use super::flow::{has_truth, pairs_of};
-use super::pixels::Pixels;
+use super::pixels::read_pixels;
 use super::{Bad, Drawn, Headline, Measure, Reading, Spec};
 use crate::moment::Moment;
 use crate::picture::Picture;
+use crate::pixels::Pixels;
 
 /// The measure.
 pub struct EventFlow {
@@ -63,7 +64,7 @@ impl Measure for EventFlow {
     }
 
     fn read(&self, reading: &Reading<'_>) -> Result<Self::Estimate, String> {
-        Pixels::read(reading)
+        read_pixels(reading)
     }
 
     fn part(&self, moment: &Moment<'_>, estimate: Option<&Self::Estimate>) -> Option<Collector> {

@@ -15,10 +15,11 @@ use consumer_truth::Camera;
 use nalgebra::Point3;
 use schema_frames::{FrameHeader, Modality};
 
-use super::pixels::Pixels;
+use super::pixels::read_pixels;
 use super::{Bad, Drawn, Headline, Measure, Reading, Spec};
 use crate::moment::{Moment, View};
 use crate::picture::Picture;
+use crate::pixels::Pixels;
 
 /// Speed from which a body moves, m/s: slower is what a standing vehicle's suspension does.
 pub const MOVING_MPS: f64 = 0.3;
@@ -203,7 +204,7 @@ impl Measure for Flow {
     }
 
     fn read(&self, reading: &Reading<'_>) -> Result<Self::Estimate, String> {
-        Pixels::read(reading)
+        read_pixels(reading)
     }
 
     fn part(&self, moment: &Moment<'_>, estimate: Option<&Self::Estimate>) -> Option<Collector> {

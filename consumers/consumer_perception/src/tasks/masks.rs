@@ -58,7 +58,7 @@ impl Shape for OfPixels {
     }
 
     fn keep(kept: &mut Kept, moment: &Moment<'_>, part: &Part<RunMask>) {
-        kept.add_masks(moment, part);
+        kept.add_masks(moment, &part.truths, &part.detections);
     }
 
     fn draw(picture: &mut Picture, region: &RunMask, n: usize, counts: bool, _: &str) {

@@ -3,81 +3,51 @@
 use bytemuck::AnyBitPattern;
 use schema_frames::{ElementType, ResultType};
 
-use super::Reading;
+use super::measure::Reading;
+use crate::pixels::Pixels;
 
-/// An image, tight.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Pixels<T> {
-    /// Pixels per row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// Row after row.
-    pub values: Vec<T>,
-}
-
-impl<T: AnyBitPattern> Pixels<T> {
-    /// The pixels of a result that has some of `T`'s size, or the elements of a tensor with the shape
-    /// (height, width), with ones before or behind.
-    ///
-    /// # Errors
-    /// A sentence if its body is shorter than its shape, or its elements are others.
-    pub fn read(reading: &Reading<'_>) -> Result<Pixels<T>, String> {
-        let header = &reading.result.header;
-        let bytes = size_of::<T>();
-        if header.element_bytes as usize != bytes {
-            return Err(format!(
-                "has elements of {} bytes, but must have {bytes}",
-                header.element_bytes
-            ));
-        }
-        let (width, height, stride) = match header.kind() {
-            Some(ResultType::Tensor) => {
-                let sizes: Vec<u32> = header.shape().iter().copied().filter(|n| *n != 1).collect();
-                let &[height, width] = &sizes[..] else {
-                    return Err(format!(
-                        "is a tensor of shape {:?}, but must be (height, width)",
-                        header.shape()
-                    ));
-                };
-                (width, height, width as usize * bytes)
-            }
-            _ => (header.width, header.height, header.row_stride as usize),
-        };
-        let row_bytes = width as usize * bytes;
-        let mut values = Vec::with_capacity(width as usize * height as usize);
-        for row in 0..height as usize {
-            let at = row * stride;
-            let row = reading.body.get(at..at + row_bytes);
-            let row = row.ok_or("is shorter than its shape says")?;
-            values.extend(
-                row.chunks_exact(bytes)
-                    .map(bytemuck::pod_read_unaligned::<T>),
-            );
-        }
-        Ok(Pixels {
-            width,
-            height,
-            values,
-        })
+/// The pixels of a result that has some of `T`'s size, or the elements of a tensor with the shape
+/// (height, width), with ones before or behind.
+///
+/// # Errors
+/// A sentence if its body is shorter than its shape, or its elements are others.
+pub fn read_pixels<T: AnyBitPattern>(reading: &Reading<'_>) -> Result<Pixels<T>, String> {
+    let header = &reading.result.header;
+    let bytes = size_of::<T>();
+    if header.element_bytes as usize != bytes {
+        return Err(format!(
+            "has elements of {} bytes, but must have {bytes}",
+            header.element_bytes
+        ));
     }
-}
-
-impl<T> Pixels<T> {
-    /// The values if the image has this size; a result of another size answers no pixel.
-    pub fn of_size(&self, width: u32, height: u32) -> Option<&[T]> {
-        (self.width == width && self.height == height).then_some(&self.values[..])
+    let (width, height, stride) = match header.kind() {
+        Some(ResultType::Tensor) => {
+            let sizes: Vec<u32> = header.shape().iter().copied().filter(|n| *n != 1).collect();
+            let &[height, width] = &sizes[..] else {
+                return Err(format!(
+                    "is a tensor of shape {:?}, but must be (height, width)",
+                    header.shape()
+                ));
+            };
+            (width, height, width as usize * bytes)
+        }
+        _ => (header.width, header.height, header.row_stride as usize),
+    };
+    let row_bytes = width as usize * bytes;
+    let mut values = Vec::with_capacity(width as usize * height as usize);
+    for row in 0..height as usize {
+        let at = row * stride;
+        let row = reading.body.get(at..at + row_bytes);
+        let row = row.ok_or("is shorter than its shape says")?;
+        values.extend(
+            row.chunks_exact(bytes)
+                .map(bytemuck::pod_read_unaligned::<T>),
+        );
     }
-}
-
-/// A sentence about the size of a result, for the worst frames.
-pub fn size_differs<T>(found: &Pixels<T>, width: u32, height: u32) -> Option<String> {
-    let differs = found.width != width || found.height != height;
-    differs.then(|| {
-        format!(
-            "the result has {} x {} pixels, the truth {width} x {height}",
-            found.width, found.height
-        )
+    Ok(Pixels {
+        width,
+        height,
+        values,
     })
 }
 

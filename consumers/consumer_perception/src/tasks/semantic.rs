@@ -6,10 +6,11 @@ use consumer_metrics::classes::{Collector, Settings};
 use schema_frames::Modality;
 
 use super::classes::{name_of, semantic_table, semantic_targets};
-use super::pixels::Pixels;
+use super::pixels::read_pixels;
 use super::{Bad, Drawn, Headline, Measure, Reading, Spec};
 use crate::moment::Moment;
 use crate::picture::Picture;
+use crate::pixels::Pixels;
 
 /// Classes that do not count.
 pub fn ignored(asked: &[u8]) -> Vec<u8> {
@@ -84,7 +85,7 @@ impl Measure for Semantic {
     }
 
     fn read(&self, reading: &Reading<'_>) -> Result<Pixels<u8>, String> {
-        let mut found: Pixels<u8> = Pixels::read(reading)?;
+        let mut found: Pixels<u8> = read_pixels(reading)?;
         let table = semantic_table(reading.about);
         for class in &mut found.values {
             *class = table[usize::from(*class)];

@@ -7,10 +7,11 @@ use consumer_metrics::stereo::{Collector, disparity_px};
 use schema_frames::{ElementType, Modality, ResultType};
 
 use super::depth::DEPTHS_M;
-use super::pixels::{Pixels, depth_strata, has_elements, in_depth};
+use super::pixels::{depth_strata, has_elements, in_depth, read_pixels};
 use super::{Bad, Context, Drawn, Headline, Measure, Reading, Spec};
 use crate::moment::Moment;
 use crate::picture::{Picture, Scale};
+use crate::pixels::Pixels;
 
 /// The truth of a tick.
 struct Truth {
@@ -145,7 +146,7 @@ impl Measure for Stereo {
             return Err("is a tensor of another type than f32".into());
         }
         let is_depth = reading.result.header.kind() == Some(ResultType::Depth);
-        let pixels = Pixels::read(reading)?;
+        let pixels = read_pixels(reading)?;
         Ok(Estimate { pixels, is_depth })
     }
 
