@@ -6,25 +6,25 @@
 //! its topics is a fault in the [`Capture`] and not of the benchmark.
 
 mod gate;
+mod job;
 mod launch;
 mod observer;
 mod usage;
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use consumer_kit::Lockstep;
 use schema_bus::{Bus, names};
 use schema_frames::{Command, CommandBatch, CommandReply, InputRecord, StepMode, WorldInfo};
-use schema_recording::pattern;
 
 use crate::capture::{Capture, MAX_RESULTS_PER_FRAME, Mode, SentFrame};
-use crate::suite::{Program, Suite};
-use crate::truth_pass::{TruthRecording, take::Stopped};
+use crate::truth_pass::take::Stopped;
 use crate::up::{Note, Up, new_domain};
 
 use gate::{Expected, Gate, Hold};
+pub use job::{Drive, Job, Options, Source};
+use job::{drive_recording, inputs_of, n_frames, streamed, topics};
 use observer::Observer;
 use usage::Meter;
 
@@ -45,108 +45,6 @@ const ANSWERS_PER_PATIENCE: u32 = 3;
 const COMMAND_WITHIN: Duration = Duration::from_secs(10);
 /// Most frames of a run whose results are all kept, for the bound on results.
 const MAX_KEPT_RESULTS: usize = 20_000_000;
-
-/// The recording of a run in which the program drives.
-fn drive_recording(job: &Job<'_>) -> PathBuf {
-    job.folder.join("drive.mcap")
-}
-
-/// Where the frames come from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum Source {
-    /// The recording of the truth pass is replayed: nothing is rendered beside the program.
-    #[default]
-    Replay,
-    /// The simulator runs the recorded run again, and renders beside the program.
-    Live,
-}
-
-/// How a program is driven.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Drive {
-    /// Every frame is waited for.
-    Offline,
-    /// Real time, or a multiple of it.
-    Streaming {
-        /// Simulated seconds per second of the wall clock.
-        speed: f64,
-    },
-    /// A constant stream: frames at one rate, whatever the program does.
-    Constant {
-        /// Frames that are sent.
-        n_frames: u64,
-        /// Simulated seconds per second of the wall clock.
-        speed: f64,
-    },
-    /// A single stream: the next frame comes when the last one was answered.
-    Single {
-        /// Frames that are sent.
-        n_frames: u64,
-    },
-}
-
-impl Drive {
-    /// The mode under which it is reported.
-    pub fn mode(self) -> Mode {
-        match self {
-            Drive::Offline => Mode::Offline,
-            Drive::Streaming { .. } => Mode::Streaming,
-            Drive::Constant { .. } | Drive::Single { .. } => Mode::Stress,
-        }
-    }
-
-    /// Simulated seconds per second of the wall clock; 0 if frames are waited for.
-    pub fn speed(self) -> f64 {
-        match self {
-            Drive::Streaming { speed } | Drive::Constant { speed, .. } => speed,
-            Drive::Offline | Drive::Single { .. } => 0.0,
-        }
-    }
-
-    /// Frames that are sent in a stream without end.
-    fn n_frames(self) -> Option<u64> {
-        match self {
-            Drive::Constant { n_frames, .. } | Drive::Single { n_frames } => Some(n_frames),
-            Drive::Offline | Drive::Streaming { .. } => None,
-        }
-    }
-
-    fn is_in_lockstep(self) -> bool {
-        matches!(self, Drive::Offline | Drive::Single { .. })
-    }
-}
-
-/// Settings of all runs.
-#[derive(Clone, Debug, Default)]
-pub struct Options {
-    /// Where the frames come from.
-    pub source: Source,
-    /// Added to the time at which every result counts as available.
-    pub added_delay_nanos: u64,
-    /// Processor cores of the simulator or the replay; empty: all.
-    pub cores_world: Vec<u32>,
-    /// Processor cores of programs that name none; empty: all.
-    pub cores_program: Vec<u32>,
-    /// GPU for the simulator, as `simd --adapter` takes it.
-    pub adapter: Option<String>,
-}
-
-/// What one run needs.
-#[derive(Clone, Copy, Debug)]
-pub struct Job<'a> {
-    /// The suite.
-    pub suite: &'a Suite,
-    /// The program.
-    pub program: &'a Program,
-    /// What it is shown.
-    pub truth: &'a TruthRecording,
-    /// How.
-    pub drive: Drive,
-    /// Settings of all runs.
-    pub options: &'a Options,
-    /// Folder for logs; it is made.
-    pub folder: &'a Path,
-}
 
 /// Runs a program. `progress` is told how many of how many ticks, or frames of a stream, are done.
 ///
@@ -207,29 +105,6 @@ pub fn run(
     outcome?;
     stopped?;
     Ok(capture)
-}
-
-/// Topics of a recording that a program gets.
-fn inputs_of(program: &Program, truth: &TruthRecording) -> Vec<String> {
-    let all = topics(truth);
-    let is_wanted = |topic: &String| {
-        program.inputs.is_empty()
-            || program
-                .inputs
-                .iter()
-                .any(|wanted| pattern::matches(wanted, topic))
-    };
-    all.into_iter().filter(is_wanted).collect()
-}
-
-fn topics(truth: &TruthRecording) -> Vec<String> {
-    let all = truth.inputs.iter().map(|input| input.topic.clone());
-    all.collect()
-}
-
-fn n_frames(truth: &TruthRecording, inputs: &[String]) -> usize {
-    let frames = inputs.iter().filter_map(|topic| truth.frames.get(topic));
-    frames.map(Vec::len).sum()
 }
 
 /// A run under way.
@@ -667,18 +542,6 @@ impl Run<'_> {
             drive_recording: recorded.is_file().then_some(recorded),
         }
     }
-}
-
-/// The topic whose frames a stream counts: of the first task that the program is about.
-fn streamed(job: &Job<'_>, inputs: &[String]) -> Option<String> {
-    let results = &job.program.results;
-    let mut tasks = job.suite.tasks.iter();
-    let task = tasks.find(|task| results.is_empty() || results.values().any(|it| *it == task.name));
-    let of_task = |topic: &&String| {
-        let sensor = task.and_then(|task| task.sensor.as_deref());
-        topic.split('/').nth(1) == sensor
-    };
-    inputs.iter().find(of_task).or(inputs.first()).cloned()
 }
 
 /// What is awaited: by task, the topics of its sensor that the program gets, and their ticks.

@@ -4,6 +4,7 @@
 //! Recordings are kept in a folder under the hash of everything that makes them. A file that is not
 //! whole is never taken: its description is written last, under its final name.
 
+mod found;
 mod read;
 pub mod take;
 
@@ -21,6 +22,9 @@ use crate::capture::SentFrame;
 use crate::scenario::{InputTopic, Scenario};
 use crate::suite::{Suite, Task};
 use crate::up;
+
+use found::Found;
+pub use found::{Options, RecordedFrame};
 
 /// Number of the way in which recordings are made; it rises when they change.
 const WAY: u32 = 1;
@@ -56,17 +60,6 @@ pub struct TruthRecording {
     pub adapter: String,
     /// Version of Gantry and hash of the programs that made it.
     pub build: String,
-}
-
-/// A frame of an input.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct RecordedFrame {
-    /// Its tick.
-    pub tick: u64,
-    /// Number of its firing.
-    pub seq: u64,
-    /// Its simulated time, nanoseconds.
-    pub sim_nanos: u64,
 }
 
 impl TruthRecording {
@@ -105,35 +98,6 @@ struct Description {
     scenario: Scenario,
     found: Found,
     build: String,
-}
-
-/// What a recording holds.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-struct Found {
-    map: String,
-    seed: u64,
-    rig: String,
-    frames_hash: String,
-    begin_nanos: u64,
-    end_nanos: u64,
-    last_tick: u64,
-    inputs: Vec<InputTopic>,
-    frames: BTreeMap<String, Vec<RecordedFrame>>,
-    topics: Vec<String>,
-    adapter: String,
-}
-
-/// How truth passes are made.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// Folder in which recordings are kept.
-    pub cache: PathBuf,
-    /// GPU for the simulator, as `simd --adapter` takes it.
-    pub adapter: Option<String>,
-    /// Longest time without a finished tick before the simulator counts as hanging.
-    pub stall: std::time::Duration,
-    /// Version and hash of the programs that make recordings, see [`build`].
-    pub build: String,
 }
 
 /// The folder for recordings if none is given: `gantry/bench` in the XDG cache folder.

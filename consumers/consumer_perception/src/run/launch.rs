@@ -9,7 +9,7 @@ use schema_recording::journal::Piece;
 use schema_recording::read::{RecordingFile, TopicKind, What};
 use toml::{Table, Value};
 
-use super::{Drive, Job, Source};
+use super::job::{Drive, Job, Source, drive_recording};
 use crate::up::{cores, process_table};
 
 /// Name of the process that publishes the world.
@@ -70,7 +70,7 @@ pub(super) fn launch(job: &Job<'_>, inputs: &[String]) -> anyhow::Result<Table> 
         let recorder = vec![
             "gantry-record".to_owned(),
             "--out".into(),
-            super::drive_recording(job).display().to_string(),
+            drive_recording(job).display().to_string(),
             "--previews".into(),
             "none".into(),
             "--topics".into(),

@@ -12,7 +12,7 @@ use schema_frames::{SnapshotHeader, WorldInfo};
 use schema_recording::read::{RecordingFile, TopicKind, What};
 use sha2::{Digest as _, Sha256};
 
-use super::{Found, RecordedFrame};
+use super::found::{Found, RecordedFrame};
 use crate::scenario::{InputTopic, Scenario};
 use crate::suite::Suite;
 

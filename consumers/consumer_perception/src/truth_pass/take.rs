@@ -17,7 +17,7 @@ use schema_bus::{Bus, CommandClient, names};
 use schema_frames::{Command as WorldCommand, CommandBatch, CommandReply, WorldInfo};
 use toml::{Table, Value};
 
-use super::Options;
+use super::found::Options;
 use crate::scenario::Scenario;
 use crate::suite::Suite;
 use crate::up::{Up, find, new_domain, process_table};
