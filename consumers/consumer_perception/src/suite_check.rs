@@ -199,8 +199,7 @@ impl Suite {
     fn check_tasks(&self) -> Result<(), String> {
         let mut names = BTreeSet::new();
         for task in &self.tasks {
-            crate::score::check(task)
-                .map_err(|what| format!("the task {:?}: {what}", task.name))?;
+            crate::score::check(task)?;
             if !names.insert(&task.name) {
                 return Err(format!(
                     "two tasks are called {:?}; give one of them another `name`",
@@ -353,7 +352,7 @@ mod tests {
             ),
             (
                 "kind = \"depth\"",
-                "kind = \"driving\"",
+                "kind = \"driving\"\noptions = { route_m = 50 }",
                 "a suite of its own",
             ),
             (

@@ -25,7 +25,7 @@ fn allowed(from: &str, to: &str) -> bool {
         ("schema_recording", "schema_types" | "schema_frames") => true,
         ("consumer_dataset" | "consumer_export" | "consumer_perception", "consumer_truth") => true,
         ("consumer_dataset", "consumer_export" | "launch_spec") => true,
-        ("consumer_perception", "consumer_metrics" | "launch_spec") => true,
+        ("consumer_perception", "consumer_dataset" | "consumer_metrics" | "launch_spec") => true,
         ("consumer_bench", "consumer_perception") => true,
         (_, to) if district(to) == "schema" => district(from) != "schema",
         ("sensor_core", "sensor_spec")
