@@ -4,7 +4,7 @@
 use anyhow::Context as _;
 use serde_json::{Map, Value, json};
 
-use super::rows::{Line, TaskTable, tables};
+use super::rows::{Line, TaskTable, number, percent as show_percent, tables};
 use super::types::Report;
 
 /// The rows as JSON.
@@ -25,6 +25,10 @@ pub fn value(report: &Report) -> Value {
         .flat_map(|table| table.lines.iter().map(|line| row(table, line)))
         .collect();
     let machine = &report.machine;
+    let build = report.build.as_str();
+    let commit = build
+        .rsplit_once("commit ")
+        .map_or(build, |(_, commit)| commit);
     let mut tasks = Map::new();
     for table in &tables {
         let of_task = rows.iter().filter(|row| row["task"] == table.task);
@@ -43,7 +47,7 @@ pub fn value(report: &Report) -> Value {
             "gpu": machine.adapter,
             "kernel": machine.kernel,
             "load_1min": format!("{:.2}", machine.load),
-            "commit": report.build,
+            "commit": commit,
             "command": report.command.join(" "),
             "date": report.began.get(..10).unwrap_or_default(),
         },
@@ -85,5 +89,17 @@ fn row(table: &TaskTable<'_>, line: &Line<'_>) -> Value {
         "answer_p99_ms": or_dash(answer.and_then(|it| it.shown_p99())),
         "cpu_cores": or_dash(line.cpu_cores),
         "n_scored": table.n_scored,
+        // The same as tables show it.
+        "shown": {
+            "offline": number(line.offline),
+            "streaming": number(line.streaming),
+            "streaming_plus_100ms": number(line.delayed),
+            "miss": show_percent(line.miss),
+            "in_time": show_percent(line.in_time),
+            "mismatch": number(line.mismatch),
+            "p50_ms": number(spread.and_then(|it| it.shown_p50())),
+            "p99_ms": number(spread.and_then(|it| it.shown_p99())),
+            "cpu_cores": number(line.cpu_cores),
+        },
     })
 }
