@@ -184,7 +184,8 @@ impl Run<'_> {
                 world_since.get_or_insert_with(Instant::now);
             }
             let is_there = world_since.is_some() && self.observer.newest.is_some();
-            if is_there && self.observer.has_all_results() && self.is_reading(bus)? {
+            let is_written = self.observer.has_all_results() && self.observer.is_described();
+            if is_there && is_written && self.is_reading(bus)? {
                 return Ok(true);
             }
             if self.is_over() {

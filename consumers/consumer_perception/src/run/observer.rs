@@ -5,8 +5,9 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use consumer_kit::FollowedDocument;
-use schema_bus::{Bus, BusError, FrameReader, ResultReader, SnapshotReader, TopicKind, names};
+use schema_bus::{
+    Bus, BusError, DocumentReader, FrameReader, ResultReader, SnapshotReader, TopicKind, names,
+};
 use schema_frames::{About, ResultType};
 
 use crate::capture::{Body, BodyStore, CapturedResult, Clock, SentFrame};
@@ -14,6 +15,9 @@ use crate::suite::{Program, Suite};
 
 /// Time between two looks for new topics while some are missing, and afterwards.
 const LOOK_FOR_TOPICS: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(1)];
+/// How long a topic may lack its description, which its writer makes right behind it, until it counts
+/// as one that has none.
+const DESCRIBED_WITHIN: Duration = Duration::from_millis(500);
 /// Results of a topic that are taken in one look, so that a program that floods it cannot hold the
 /// benchmark there.
 const MAX_AT_ONCE: usize = 256;
@@ -28,7 +32,10 @@ struct ResultTopic {
     topic: Arc<str>,
     kind: ResultType,
     reader: ResultReader,
-    about: FollowedDocument,
+    /// Its description. The writer hands it to readers with its next result, so it must be open
+    /// before the last one.
+    about: Option<DocumentReader>,
+    found: Instant,
     /// Name of the task that it is scored as; `None` if nobody asked for it.
     task: Option<String>,
     /// Whether the task was found by a result, and not only by the topic's type.
@@ -198,7 +205,8 @@ impl<'a> Observer<'a> {
         };
         let task = self.suite.task_of(self.program, &topic, kind, &[]);
         self.results.push(ResultTopic {
-            about: FollowedDocument::optional(names::about(&topic)),
+            about: None,
+            found: Instant::now(),
             task: task.map(|task| task.name.clone()),
             is_settled: false,
             answered: BTreeSet::new(),
@@ -270,7 +278,7 @@ impl<'a> Observer<'a> {
         for at in 0..self.results.len() {
             self.take_results(at)?;
         }
-        if Instant::now() >= self.next_abouts {
+        if !self.is_described() || Instant::now() >= self.next_abouts {
             self.next_abouts = Instant::now() + LOOK_FOR_TOPICS[1];
             self.take_abouts(bus);
         }
@@ -384,9 +392,24 @@ impl<'a> Observer<'a> {
         Ok(())
     }
 
+    /// Whether every topic's description is being read, or there was time enough for one to appear.
+    pub fn is_described(&self) -> bool {
+        self.results
+            .iter()
+            .all(|it| it.about.is_some() || it.found.elapsed() >= DESCRIBED_WITHIN)
+    }
+
     fn take_abouts(&mut self, bus: &Bus) {
         for topic in &mut self.results {
-            let read = match topic.about.changed(bus) {
+            let name = names::about(&topic.topic);
+            if topic.about.is_none() && bus.exists(&name) {
+                // What is being made at this moment is opened at the next look.
+                topic.about = bus.document_reader(&name).ok();
+            }
+            let Some(reader) = &mut topic.about else {
+                continue;
+            };
+            let read = match reader.latest() {
                 Ok(Some(document)) => document.json::<About>().map(Some),
                 Ok(None) => Ok(None),
                 Err(error) => Err(error),
