@@ -297,11 +297,11 @@ impl Scorer {
                 add_association(&mut scenario_run.counts, &scored.association);
             }
             let state = &mut self.runs[work.run];
-            if let Some(sentence) = scored.first_fault {
-                if state.run.faults.len() < MAX_FAULTS {
-                    let name = &truth.scenario.name;
-                    state.run.faults.push(format!("{name}: {sentence}"));
-                }
+            if let Some(sentence) = scored.first_fault
+                && state.run.faults.len() < MAX_FAULTS
+            {
+                let name = &truth.scenario.name;
+                state.run.faults.push(format!("{name}: {sentence}"));
             }
             state.tasks.push(work.task);
         }

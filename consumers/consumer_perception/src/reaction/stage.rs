@@ -52,11 +52,15 @@ pub enum Claim {
     Plain(bool),
 }
 
+/// Pose of a box in the world, half its length, width and height (metres), and its velocity (m/s) if
+/// it is known.
+pub type InSpace = (Isometry3<f64>, Vector3<f64>, Option<Vector3<f64>>);
+
 /// An object that a result names.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Object {
     /// Its box in the world: middle and axes, half sizes, velocity if it was estimated.
-    pub in_space: Option<(Isometry3<f64>, Vector3<f64>, Option<Vector3<f64>>)>,
+    pub in_space: Option<InSpace>,
     /// Its rectangle in the image as in [`Truth::rectangle`].
     pub in_image: Option<[f64; 4]>,
 }

@@ -88,7 +88,7 @@ fn window(runs: &[(&Run, &ScenarioRun)]) -> Option<(f64, f64)> {
                 .reduce(f64::max)
         })
         .fold(f64::NEG_INFINITY, f64::max);
-    if !begin.is_finite() || !(gap > 0.0) {
+    if !begin.is_finite() || gap.is_nan() || gap <= 0.0 {
         return None;
     }
     let length = gap * N_FRAMES as f64;
