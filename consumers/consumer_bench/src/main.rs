@@ -102,7 +102,9 @@ fn main() -> ExitCode {
             Bench::Topics(topics) => topics::run(topics, &args.common.domain),
             Bench::Perception(args_of) => consumer_perception::cli::run(args_of, &args.common),
             Bench::Reaction(reaction) => consumer_perception::reaction::run(reaction, &args.common),
-            Bench::Compare(compare) => consumer_perception::compare::run(compare, args.common.color),
+            Bench::Compare(compare) => {
+                consumer_perception::compare::run(compare, args.common.color)
+            }
             Bench::Show(show) => consumer_perception::show::run(show, args.common.color),
             Bench::Memory(memory) => memory::run(memory),
             Bench::Report(report) => pages::run(report),
