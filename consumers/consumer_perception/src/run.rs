@@ -14,12 +14,12 @@ mod usage;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::time::{Duration, Instant};
 
+use consumer_dataset::stepping::Stopped;
 use consumer_kit::Lockstep;
 use schema_bus::{Bus, names};
 use schema_frames::{Command, CommandBatch, CommandReply, InputRecord, StepMode, WorldInfo};
 
 use crate::capture::{Capture, MAX_RESULTS_PER_FRAME, Mode, SentFrame};
-use crate::truth_pass::take::Stopped;
 use crate::up::{Note, Up, new_domain};
 
 use gate::{Expected, Gate, Hold};
@@ -184,7 +184,7 @@ impl Run<'_> {
                 world_since.get_or_insert_with(Instant::now);
             }
             let is_there = world_since.is_some() && self.observer.newest.is_some();
-            let is_written = self.observer.has_all_results() && self.observer.is_described();
+            let is_written = self.observer.has_all_results() && self.observer.is_described(bus);
             if is_there && is_written && self.is_reading(bus)? {
                 return Ok(true);
             }

@@ -33,7 +33,15 @@ pub struct DocumentPublisher {
 
 impl DocumentPublisher {
     pub(crate) fn open(node: &BusNode, name: &str) -> Result<DocumentPublisher, BusError> {
-        let service = make::<DocumentHeader>(node, name, &qos::DOCUMENT)?;
+        Self::of(Self::service(node, name)?)
+    }
+
+    /// The service that [`DocumentPublisher::of`] writes to, which readers can join from here on.
+    pub(crate) fn service(node: &BusNode, name: &str) -> Result<Slices<DocumentHeader>, BusError> {
+        make::<DocumentHeader>(node, name, &qos::DOCUMENT)
+    }
+
+    pub(crate) fn of(service: Slices<DocumentHeader>) -> Result<DocumentPublisher, BusError> {
         let full = service.name().as_str().to_string();
         let port = service
             .publisher_builder()

@@ -10,7 +10,9 @@ use iceoryx2::prelude::*;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 
 use schema_frames::result::MAX_INPUTS;
-use schema_frames::{About, ElementType, InputRecord, PixelFormat, ResultError, ResultHeader};
+use schema_frames::{
+    About, DocumentHeader, ElementType, InputRecord, PixelFormat, ResultError, ResultHeader,
+};
 use schema_frames::{ResultType, Space};
 use schema_types::Pose;
 
@@ -27,6 +29,7 @@ use crate::node::{BusNode, Service};
 use crate::reader::Frame;
 use crate::result_reader::ResultSample;
 use crate::result_service::ResultService;
+use crate::service::Slices;
 use crate::wire::Wire;
 
 /// Start of the port name of every writer of results; the network tunnel's port has another.
@@ -74,6 +77,10 @@ impl ResultPublisher {
             need_bytes,
             free_bytes: short.free_bytes.unwrap_or(0),
         })?;
+        // Whoever finds the writer finds the service of its description, if it has one.
+        let about = (!spec.about.is_empty())
+            .then(|| DocumentPublisher::service(node, &names::about(topic)))
+            .transpose()?;
         let port = only_writer(node, &service, || {
             service
                 .slices
@@ -86,7 +93,9 @@ impl ResultPublisher {
                 .map_err(|e| writer_error(&full, capacity.publishers, need_bytes, e))
         })?;
         let writer_epoch = mono_now().0 ^ (std::process::id() as u64).rotate_left(40);
-        let about = description(node, topic, &spec.about, writer_epoch)?;
+        let about = about
+            .map(|about| described(about, &spec.about, writer_epoch))
+            .transpose()?;
         Ok(ResultPublisher {
             port,
             end: Arc::new(WriterEnd {
@@ -168,19 +177,15 @@ impl ResultPublisher {
     }
 }
 
-/// Sends the description, if there is one, and keeps its publisher for readers that come later.
-fn description(
-    node: &BusNode,
-    topic: &str,
+/// Sends the description, and keeps its publisher for readers that come later.
+fn described(
+    service: Slices<DocumentHeader>,
     about: &About,
     epoch: u64,
-) -> Result<Option<DocumentPublisher>, BusError> {
-    if about.is_empty() {
-        return Ok(None);
-    }
-    let mut document = DocumentPublisher::open(node, &names::about(topic))?;
+) -> Result<DocumentPublisher, BusError> {
+    let mut document = DocumentPublisher::of(service)?;
     document.send_json(about, epoch, 0)?;
-    Ok(Some(document))
+    Ok(document)
 }
 
 /// Makes the port unless another process of ours writes the topic. Two that come at the same

@@ -15,9 +15,6 @@ use crate::suite::{Program, Suite};
 
 /// Time between two looks for new topics while some are missing, and afterwards.
 const LOOK_FOR_TOPICS: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(1)];
-/// How long a topic may lack its description, which its writer makes right behind it, until it counts
-/// as one that has none.
-const DESCRIBED_WITHIN: Duration = Duration::from_millis(500);
 /// Results of a topic that are taken in one look, so that a program that floods it cannot hold the
 /// benchmark there.
 const MAX_AT_ONCE: usize = 256;
@@ -35,7 +32,6 @@ struct ResultTopic {
     /// Its description. The writer hands it to readers with its next result, so it must be open
     /// before the last one.
     about: Option<DocumentReader>,
-    found: Instant,
     /// Name of the task that it is scored as; `None` if nobody asked for it.
     task: Option<String>,
     /// Whether the task was found by a result, and not only by the topic's type.
@@ -206,7 +202,6 @@ impl<'a> Observer<'a> {
         let task = self.suite.task_of(self.program, &topic, kind, &[]);
         self.results.push(ResultTopic {
             about: None,
-            found: Instant::now(),
             task: task.map(|task| task.name.clone()),
             is_settled: false,
             answered: BTreeSet::new(),
@@ -278,7 +273,7 @@ impl<'a> Observer<'a> {
         for at in 0..self.results.len() {
             self.take_results(at)?;
         }
-        if !self.is_described() || Instant::now() >= self.next_abouts {
+        if Instant::now() >= self.next_abouts {
             self.next_abouts = Instant::now() + LOOK_FOR_TOPICS[1];
             self.take_abouts(bus);
         }
@@ -392,11 +387,13 @@ impl<'a> Observer<'a> {
         Ok(())
     }
 
-    /// Whether every topic's description is being read, or there was time enough for one to appear.
-    pub fn is_described(&self) -> bool {
+    /// Whether the description of every topic that has one is open. Writers make its service before
+    /// they can be found, so ask after [`Observer::has_all_results`].
+    pub fn is_described(&mut self, bus: &Bus) -> bool {
+        self.take_abouts(bus);
         self.results
             .iter()
-            .all(|it| it.about.is_some() || it.found.elapsed() >= DESCRIBED_WITHIN)
+            .all(|it| it.about.is_some() || !bus.exists(&names::about(&it.topic)))
     }
 
     fn take_abouts(&mut self, bus: &Bus) {
