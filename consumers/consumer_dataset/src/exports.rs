@@ -13,7 +13,7 @@ use nix::unistd::Pid;
 use crate::matrix::Scenario;
 use crate::recipe::{Export, Recipe};
 use crate::state::SetFolder;
-use crate::take::Stopped;
+use crate::stepping::Stopped;
 
 /// How often the program is looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(20);

@@ -4,7 +4,7 @@
 //!
 //! In reading order: [`recipe`] (what is asked), [`presets`] (weathers and times of day by name),
 //! [`matrix`] (its scenarios), [`launch`] (a scenario's launch file), [`estimate`] (what it will
-//! cost), [`state`] (the folder, and how far it is), [`children`] (processes), [`take`] (one scenario
+//! cost), [`state`] (the folder, and how far it is), [`children`] (processes), [`stepping`], [`take`] (one scenario
 //! from its start to its recording), [`statistics`] (what a recording shows), [`exports`], [`make`]
 //! (everything together), [`digest`] (hashes of all files), [`page`] and [`svg`] (the summary).
 //!
@@ -26,5 +26,6 @@ pub mod presets;
 pub mod recipe;
 pub mod state;
 pub mod statistics;
+pub mod stepping;
 pub mod svg;
 pub mod take;

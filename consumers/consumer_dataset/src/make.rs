@@ -16,7 +16,8 @@ use crate::matrix::{Scenario, scenarios};
 use crate::recipe::Recipe;
 use crate::state::{Found, Plan, SetFolder, replace};
 use crate::statistics::{Statistics, count};
-use crate::take::{Job, Programs, Stopped, record};
+use crate::stepping::Stopped;
+use crate::take::{Job, Programs, record};
 use crate::{exports, launch, page};
 
 /// Wait before the first new attempt; it doubles with each.

@@ -9,16 +9,14 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
+use launch_cli::programs::find;
 use schema_bus::{Bus, CommandClient, names};
-use schema_frames::{Command, CommandBatch, CommandReply, WorldInfo};
+use schema_frames::WorldInfo;
 
 use crate::children::{Children, Quarters};
 use crate::matrix::Scenario;
+use crate::stepping::{self, ASK_EVERY, Stopped};
 
-/// How often the simulator is asked how far it is.
-const ASK_EVERY: Duration = Duration::from_millis(20);
-/// Longest wait for an answer before the processes are looked at again.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(1);
 /// Time in which processes end that were asked to.
 const END_WITHIN: Duration = Duration::from_secs(60);
 /// Names in lockstep.
@@ -51,23 +49,6 @@ impl Programs {
             export: find("gantry-export")?,
         })
     }
-}
-
-fn find(name: &str) -> anyhow::Result<PathBuf> {
-    let own = std::env::current_exe().context("cannot tell where this program is")?;
-    let beside = own.parent().map(Path::to_owned);
-    let path = std::env::var_os("PATH").unwrap_or_default();
-    beside
-        .into_iter()
-        .chain(std::env::split_paths(&path))
-        .map(|folder| folder.join(name))
-        .find(|path| path.is_file())
-        .with_context(|| {
-            format!(
-                "there is no program {name:?} beside {} or on PATH; build it with `cargo build --release --workspace`",
-                own.display()
-            )
-        })
 }
 
 /// What a scenario needs to run.
@@ -121,7 +102,7 @@ pub fn record(
     // Ports go before the node that made them, and both before the quarters.
     let bus = run.join_bus()?;
     let mut client = bus.command_client("dataset")?;
-    run.wait_for_daemon(&mut client)?;
+    stepping::wait_for_daemon(&mut client, &mut |since| run.look(since))?;
     let scenario = job.scenario;
     if scenario.warm_up_ticks > 0 {
         run.step(&mut client, scenario.warm_up_ticks)?;
@@ -140,18 +121,6 @@ pub fn record(
     fs::rename(&part, job.recording)
         .with_context(|| format!("cannot move the recording to {}", job.recording.display()))
 }
-
-/// The user asked to stop.
-#[derive(Debug)]
-pub struct Stopped;
-
-impl std::fmt::Display for Stopped {
-    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        out.write_str("stopped")
-    }
-}
-
-impl std::error::Error for Stopped {}
 
 /// A scenario that runs.
 struct Run<'a> {
@@ -215,42 +184,9 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// The last finished tick, if the simulator answers.
-    fn tick(client: &mut CommandClient) -> Option<u64> {
-        let ping = CommandBatch::new(vec![Command::Ping]);
-        let answer = client.request(&ping, ANSWER_TIMEOUT).ok()?;
-        Some(answer.tick)
-    }
-
-    fn wait_for_daemon(&mut self, client: &mut CommandClient) -> anyhow::Result<()> {
-        let start = Instant::now();
-        while Self::tick(client).is_none() {
-            self.look(start)?;
-        }
-        Ok(())
-    }
-
-    /// Lets `n` ticks pass.
     fn step(&mut self, client: &mut CommandClient, n: u64) -> anyhow::Result<()> {
-        let first = Self::tick(client).context("the simulator does not answer any more")?;
-        let last = first + n;
-        let cue = CommandBatch::new(vec![Command::Step { n }]);
-        let answer = client.request(&cue, self.job.stall)?;
-        match answer.replies.first() {
-            Some(CommandReply::Stepping { last_tick }) if *last_tick == last => {}
-            other => anyhow::bail!(
-                "the simulator was to step to tick {last} and answered {other:?}; somebody else steps it"
-            ),
-        }
-        let (mut done, mut since) = (first, Instant::now());
-        while done < last {
-            self.look(since)?;
-            if let Some(tick) = Self::tick(client).filter(|tick| *tick > done) {
-                (done, since) = (tick, Instant::now());
-                (self.progress)(done);
-            }
-        }
-        Ok(())
+        let (stall, progress) = (self.job.stall, self.progress);
+        stepping::step(client, n, stall, &mut |since| self.look(since), progress)
     }
 
     /// Starts the recorder, and waits until the simulator waits for it.

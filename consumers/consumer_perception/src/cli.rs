@@ -6,6 +6,7 @@ use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
 use clap::ValueEnum;
+use consumer_dataset::stepping::Stopped;
 use indicatif::{ProgressBar, ProgressStyle};
 use launch_cli::{CommonArgs, Exit, Shutdown, wrong_usage};
 use schema_recording::pattern;
@@ -17,7 +18,7 @@ use crate::run::{self, Drive, Source};
 use crate::scenario::{Scenario, scenarios};
 use crate::score::Scorer;
 use crate::suite::{Program, Suite};
-use crate::truth_pass::{self, TruthRecording, take::Stopped};
+use crate::truth_pass::{self, TruthRecording};
 
 /// Frames of a stream, if nothing else is asked for: what MLPerf Automotive asks of a constant one.
 const STRESS_FRAMES: u64 = 100_000;

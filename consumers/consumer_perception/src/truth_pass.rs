@@ -21,7 +21,6 @@ use sha2::{Digest as _, Sha256};
 use crate::capture::SentFrame;
 use crate::scenario::{InputTopic, Scenario};
 use crate::suite::{Suite, Task};
-use crate::up;
 
 use found::Found;
 pub use found::{Options, RecordedFrame};
@@ -123,7 +122,7 @@ pub fn cache_folder() -> anyhow::Result<PathBuf> {
 pub fn build() -> anyhow::Result<String> {
     let mut hash = Sha256::new();
     for name in ["simd", "gantry-drive", "gantry-record"] {
-        let path = up::find(name)?;
+        let path = launch_cli::programs::find(name)?;
         let mut file =
             fs::File::open(&path).with_context(|| format!("cannot read {}", path.display()))?;
         let mut piece = vec![0; 1 << 20];
@@ -142,7 +141,7 @@ pub fn build() -> anyhow::Result<String> {
 /// how many ticks are done.
 ///
 /// # Errors
-/// [`take::Stopped`] if `stop` says so, or what failed.
+/// [`Stopped`](consumer_dataset::stepping::Stopped) if `stop` says so, or what failed.
 pub fn recording(
     suite: &Suite,
     scenario: &Scenario,

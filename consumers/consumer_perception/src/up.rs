@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
+use launch_cli::programs::find;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use toml::{Table, Value};
@@ -26,27 +27,6 @@ const QUOTED_LINES: usize = 8;
 /// Most bytes of the log that are read in one look, so that a program that prints without end
 /// cannot hold the benchmark here.
 const MAX_LOOK_BYTES: u64 = 1 << 20;
-
-/// The file of one of Gantry's programs: beside this one, else on `PATH`.
-///
-/// # Errors
-/// If there is none.
-pub fn find(name: &str) -> anyhow::Result<PathBuf> {
-    let own = std::env::current_exe().context("cannot tell where this program is")?;
-    let beside = own.parent().map(Path::to_owned);
-    let path = std::env::var_os("PATH").unwrap_or_default();
-    beside
-        .into_iter()
-        .chain(std::env::split_paths(&path))
-        .map(|folder| folder.join(name))
-        .find(|path| path.is_file())
-        .with_context(|| {
-            format!(
-                "there is no program {name:?} beside {} or on PATH; build it with `cargo build --release --workspace`",
-                own.display()
-            )
-        })
-}
 
 /// A domain that no other run has.
 pub fn new_domain() -> String {

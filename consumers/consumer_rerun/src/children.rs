@@ -1,12 +1,12 @@
 //! The programs that a new run needs: the simulator, and a recorder if it is recorded. They end with
 //! this program, whatever ends it.
 
-use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 use launch_cli::CommonArgs;
+use launch_cli::programs::find;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
@@ -122,19 +122,4 @@ pub fn adapters() -> anyhow::Result<Vec<String>> {
         .filter_map(|line| serde_json::from_str(line).ok())
         .map(|adapter: Adapter| adapter.name)
         .collect())
-}
-
-/// The program's file: beside this one, else on `PATH`.
-fn find(name: &str) -> anyhow::Result<PathBuf> {
-    let own = std::env::current_exe().context("cannot tell where this program is")?;
-    let beside = own.parent().map(|folder| folder.join(name));
-    let path = std::env::var_os("PATH").unwrap_or_default();
-    let on_path = std::env::split_paths(&path).map(|folder| folder.join(name));
-    let is_file = |path: &PathBuf| Path::is_file(path);
-    beside.into_iter().chain(on_path).find(is_file).with_context(|| {
-        format!(
-            "there is no program {name:?} beside {} or on PATH; build it with `cargo build --release --workspace`",
-            own.display()
-        )
-    })
 }

@@ -1,103 +1,13 @@
-//! Other programs: where one is (beside this one, then on `PATH`), and what it answers.
+//! What other programs answer.
 
-use std::ffi::OsString;
 use std::io::Read as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 
-/// Whether `program` is one of Gantry's, which understand the common options.
-pub fn is_ours(program: &str) -> bool {
-    let name = Path::new(program)
-        .file_name()
-        .map_or(program.into(), |name| name.to_string_lossy());
-    name == "simd" || name.starts_with("gantry-")
-}
-
-/// Where a program is looked for.
-#[derive(Clone, Debug, Default)]
-pub struct Search {
-    /// Folder that comes before all others.
-    pub first: Option<PathBuf>,
-    /// `PATH`.
-    pub path: OsString,
-    /// Folder in which a relative path begins; `None`: the working folder.
-    pub folder: Option<PathBuf>,
-}
-
-/// The file of `program`: a path is taken as it is, a name is looked for beside this binary and
-/// then on `PATH`.
-///
-/// # Errors
-/// When there is none, with what to do.
-pub fn find(program: &str) -> anyhow::Result<PathBuf> {
-    find_from(
-        program,
-        &Search {
-            path: std::env::var_os("PATH").unwrap_or_default(),
-            ..Default::default()
-        },
-    )
-}
-
-/// As [`find`], with places of one's own. The answer does not depend on the working folder.
-///
-/// # Errors
-/// As [`find`].
-pub fn find_from(program: &str, search: &Search) -> anyhow::Result<PathBuf> {
-    if program.contains('/') {
-        let path = match &search.folder {
-            Some(folder) => folder.join(program),
-            None => std::path::absolute(program)?,
-        };
-        anyhow::ensure!(
-            is_program(&path),
-            "there is no program {program:?}{}",
-            if path.exists() {
-                ": the file is not executable"
-            } else {
-                ""
-            }
-        );
-        return Ok(path);
-    }
-    let own = std::env::current_exe().context("cannot tell where this program is")?;
-    let beside = own.parent().map(|folder| folder.join(program));
-    let on_path = |name: &str| {
-        std::env::split_paths(&search.path)
-            .map(|folder| folder.join(name))
-            .find(|path| is_program(path))
-    };
-    let found = search
-        .first
-        .iter()
-        .map(|folder| folder.join(program))
-        .chain(beside)
-        .find(|path| is_program(path))
-        .or_else(|| on_path(program));
-    found.with_context(|| {
-        let hint = if is_ours(program) {
-            "; build it with `cargo build --release --workspace`"
-        } else if program == "python" && on_path("python3").is_some() {
-            "; this machine calls it \"python3\""
-        } else {
-            "; install it or give its path"
-        };
-        format!(
-            "there is no program {program:?} beside {} or on PATH{hint}",
-            own.display()
-        )
-    })
-}
-
-/// Whether `path` is a file that can be started.
-pub fn is_program(path: &Path) -> bool {
-    use std::os::unix::fs::PermissionsExt as _;
-    path.metadata()
-        .is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
-}
+pub use launch_cli::programs::{Search, find, find_from, is_ours, is_program};
 
 /// What a program prints to stdout; an error if it does not end `within` the time.
 pub fn output_of(program: &Path, args: &[&str], within: Duration) -> anyhow::Result<String> {
@@ -140,22 +50,6 @@ pub fn output_of(program: &Path, args: &[&str], within: Duration) -> anyhow::Res
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn programs_are_found_on_the_path_and_missing_ones_are_named() {
-        assert!(find("sh").unwrap().ends_with("sh"));
-        let message = find("gantry-nothing").unwrap_err().to_string();
-        assert!(
-            message.contains("\"gantry-nothing\"") && message.contains("cargo build"),
-            "{message}"
-        );
-        assert!(find("/etc/passwd").is_err(), "not executable");
-    }
-
-    #[test]
-    fn our_programs_are_known_by_name() {
-        assert!(is_ours("simd") && is_ours("/opt/gantry-view") && !is_ours("sleep"));
-    }
 
     #[test]
     fn programs_that_hang_are_given_up() {

@@ -36,22 +36,6 @@ const QUICKSTART: (&str, &str) = (
 /// The JSON schema of launch files; a test compares it with what the reader accepts.
 const SCHEMA: &str = include_str!("../../launch.schema.json");
 
-/// Asks the kernel for a SIGTERM when the program ends that started this launcher, if it said who it
-/// is: the processes of a benchmark that is killed end with it. The launcher's own messages are no
-/// log lines, so it does not start logging, which would ask for the same.
-fn end_with_parent(common: &CommonArgs) -> anyhow::Result<()> {
-    let Some(parent) = common.parent else {
-        return Ok(());
-    };
-    nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGTERM)
-        .context("cannot watch the process that started this one")?;
-    anyhow::ensure!(
-        nix::unistd::getppid().as_raw() == parent,
-        "process {parent}, which started this one, has ended"
-    );
-    Ok(())
-}
-
 pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     if args.schema {
         print!("{SCHEMA}");
@@ -71,7 +55,8 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
         wrong_usage("the launch file has no [process.NAME]; there is nothing to start")
     );
     check_files(args)?;
-    end_with_parent(common)?;
+    // The launcher starts no logging, which would do this.
+    common.end_with_parent();
     if launch.processes.iter().any(Process::is_daemon) || !launch.topics.is_empty() {
         memory::check(&launch)?;
     }

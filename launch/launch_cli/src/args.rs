@@ -55,15 +55,21 @@ impl CommonArgs {
     /// Starts logging to stderr as these flags ask; call once, before anything logs. A process that
     /// another of Gantry's programs started ends with that one from here on.
     pub fn init_logging(&self) {
-        if let Some(parent) = self.parent {
-            end_with(parent);
-        }
+        self.end_with_parent();
         logging::init(&LogOptions {
             verbose: self.verbose,
             quiet: self.quiet,
             color: self.color,
             format: self.log_format,
         });
+    }
+
+    /// Has the kernel send a SIGTERM when the process that started this one ends, if it said who it
+    /// is ([`CommonArgs::init_logging`] does this too); ends this one if that has happened already.
+    pub fn end_with_parent(&self) {
+        if let Some(parent) = self.parent {
+            end_with(parent);
+        }
     }
 }
 

@@ -6,7 +6,8 @@
 //! sensor, no topic and no world.
 //!
 //! In reading order: [`args`] (flags and subcommands), [`logging`], [`signals`] (Ctrl-C), [`exit`]
-//! (exit codes and errors), [`data`] (the data folder), [`limits`] (open files).
+//! (exit codes and errors), [`data`] (the data folder), [`limits`] (open files),
+//! [`programs`] (where other programs are).
 //!
 //! A binary derives its arguments, flattens [`CommonArgs`] and passes its work to [`run`]:
 //!
@@ -47,6 +48,7 @@ pub mod exit;
 pub mod limits;
 pub mod logging;
 pub mod machine;
+pub mod programs;
 pub mod signals;
 
 pub use args::{CommonArgs, command, parse};

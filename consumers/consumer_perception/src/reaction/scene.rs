@@ -44,7 +44,7 @@ pub struct Plan {
     /// Number of the trial among those of its kind, from 0.
     pub number: u32,
     /// Wait after the settling, simulated seconds.
-    pub wait_secs: f64,
+    pub wait_s: f64,
     /// Distance from the ego's origin at the command, metres.
     pub distance_m: f64,
     /// Speed of the obstacle, m/s.
@@ -82,7 +82,7 @@ impl Plan {
         Plan {
             kind,
             number,
-            wait_secs: within(0, suite.wait_secs),
+            wait_s: within(0, suite.wait_s),
             distance_m: within(1, settings.distance(kind)),
             speed_mps: within(2, settings.speed(kind, suite.speed_mps)),
             brake_ratio: within(3, settings.brake_ratio.unwrap_or([0.6, 1.0])),
@@ -289,7 +289,7 @@ mod tests {
         assert_eq!(plans[7], draw(7));
         for plan in &plans {
             assert!((15.0..=30.0).contains(&plan.distance_m), "{plan:?}");
-            assert!((0.5..=1.5).contains(&plan.wait_secs), "{plan:?}");
+            assert!((0.5..=1.5).contains(&plan.wait_s), "{plan:?}");
         }
         let mean = plans.iter().map(|it| it.distance_m).sum::<f64>() / 200.0;
         assert!((mean - 22.5).abs() < 1.0, "{mean}");

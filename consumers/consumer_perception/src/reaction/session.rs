@@ -245,7 +245,7 @@ impl Session {
     /// # Errors
     /// A sentence with those that have none.
     pub fn await_programs(&mut self, suite: &Suite, stop: &dyn Fn() -> bool) -> anyhow::Result<()> {
-        let within = Duration::from_secs_f64(suite.ready_secs);
+        let within = Duration::from_secs_f64(suite.ready_s);
         let start = Instant::now();
         loop {
             self.bus.clean_dead_nodes();
@@ -261,7 +261,7 @@ impl Session {
                 bail!(
                     "nobody publishes {} after {} s; is a program of the chain missing, or does it publish under another name?",
                     silent.join(", "),
-                    suite.ready_secs
+                    suite.ready_s
                 );
             }
             std::thread::sleep(Duration::from_millis(50));

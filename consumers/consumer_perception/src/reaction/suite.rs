@@ -106,19 +106,19 @@ pub struct Suite {
     pub road_m: f64,
     /// Simulated time after the checkpoint was restored that does not count, seconds.
     #[serde(default = "half")]
-    pub settle_secs: f64,
+    pub settle_s: f64,
     /// Shortest and longest wait after that, simulated seconds.
     #[serde(default = "wait")]
-    pub wait_secs: [f64; 2],
+    pub wait_s: [f64; 2],
     /// Time after the stimulus in which a reaction counts, simulated seconds.
     #[serde(default = "three")]
-    pub window_secs: f64,
+    pub window_s: f64,
     /// Longest time from the command to the stimulus, simulated seconds.
     #[serde(default = "five")]
-    pub appear_secs: f64,
+    pub appear_s: f64,
     /// Longest wait for the programs, seconds of the wall clock.
     #[serde(default = "two_minutes")]
-    pub ready_secs: f64,
+    pub ready_s: f64,
     /// The camera that tells what can be seen.
     pub truth: TruthCamera,
     /// What happens; at least one.
@@ -318,17 +318,17 @@ impl Suite {
             format!("speed_mps is {}, allowed is 0 to 60", self.speed_mps),
         );
         want(
-            range(self.wait_secs, 0.0, 600.0),
+            range(self.wait_s, 0.0, 600.0),
             format!(
-                "wait_secs is {:?}, it must be [shortest, longest], 0 to 600",
-                self.wait_secs
+                "wait_s is {:?}, it must be [shortest, longest], 0 to 600",
+                self.wait_s
             ),
         );
         for (key, secs, least) in [
-            ("settle_secs", self.settle_secs, 0.0),
-            ("window_secs", self.window_secs, 0.05),
-            ("appear_secs", self.appear_secs, 0.05),
-            ("ready_secs", self.ready_secs, 1.0),
+            ("settle_s", self.settle_s, 0.0),
+            ("window_s", self.window_s, 0.05),
+            ("appear_s", self.appear_s, 0.05),
+            ("ready_s", self.ready_s, 1.0),
         ] {
             want(
                 within(secs, least, 3600.0),
@@ -387,8 +387,7 @@ impl Suite {
                 ),
             );
             let [_, farthest] = settings.distance(*kind);
-            let driven =
-                self.speed_mps * (self.settle_secs + self.wait_secs[1] + self.appear_secs.min(2.0));
+            let driven = self.speed_mps * (self.settle_s + self.wait_s[1] + self.appear_s.min(2.0));
             want(
                 *kind == Kind::LightTurnsRed || driven + farthest <= self.road_m,
                 format!(
@@ -574,8 +573,8 @@ mod tests {
             ("name = \"brake\"", "nam = \"brake\"", "nam"),
             (
                 "road_m = 100",
-                "road_m = 100\nwait_secs = [2.0, 1.0]",
-                "wait_secs",
+                "road_m = 100\nwait_s = [2.0, 1.0]",
+                "wait_s",
             ),
         ] {
             let error = read(&GOOD.replace(from, to)).unwrap_err();

@@ -232,7 +232,7 @@ pub(super) mod tests {
             plan: Plan {
                 kind,
                 number,
-                wait_secs: 1.0,
+                wait_s: 1.0,
                 distance_m: 20.0,
                 speed_mps: 2.0,
                 brake_ratio: 1.0,

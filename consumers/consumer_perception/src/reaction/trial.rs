@@ -55,7 +55,7 @@ fn attempt(
     plan: &Plan,
     stop: &dyn Fn() -> bool,
 ) -> anyhow::Result<Trial> {
-    let until_go_secs = suite.settle_secs + plan.wait_secs;
+    let until_go_secs = suite.settle_s + plan.wait_s;
     let mut log = begin(session, suite, plan, until_go_secs)?;
     let kind = plan.kind;
     let mut trial = Trial {
@@ -74,7 +74,7 @@ fn attempt(
     let mut armed_tick = 0;
     session.until(suite, &mut log, stop, &mut |session, log| {
         drive(session, suite, plan, log, false);
-        if armed_tick == 0 && since(log) >= suite.settle_secs {
+        if armed_tick == 0 && since(log) >= suite.settle_s {
             armed_tick = log.newest().map_or(0, |(tick, _)| tick);
         }
         since(log) >= until_go_secs
@@ -97,9 +97,9 @@ fn attempt(
         let now = log.newest().map_or(0, |(_, tick)| tick.sim_nanos);
         let after = |nanos: u64| now.saturating_sub(nanos) as f64 * 1e-9;
         match stimulus(log, suite, kind, go, go_nanos) {
-            None => after(go_nanos) > suite.appear_secs,
+            None => after(go_nanos) > suite.appear_s,
             Some(stimulus) => {
-                after(stimulus.sim_nanos) > suite.window_secs
+                after(stimulus.sim_nanos) > suite.window_s
                     || outcomes(log, suite, kind, armed_tick, &stimulus)
                         .iter()
                         .all(|it| it.reaction.is_some())
@@ -116,7 +116,7 @@ fn attempt(
         }
         None => Some(format!(
             "nothing came into sight within {} s",
-            suite.appear_secs
+            suite.appear_s
         )),
         Some(_) if log.n_left_out > 0 => {
             Some("more was published than can be kept of one trial".into())
@@ -463,7 +463,7 @@ fn reaction(
     mono_nanos: u64,
 ) -> Option<Reaction> {
     let sim_nanos = log.clock.sim_at(mono_nanos)? - stimulus.sim_nanos as f64;
-    (sim_nanos <= suite.window_secs * 1e9).then(|| Reaction {
+    (sim_nanos <= suite.window_s * 1e9).then(|| Reaction {
         tick,
         wall_nanos: mono_nanos.saturating_sub(stimulus.mono_nanos),
         sim_nanos: sim_nanos.max(0.0) as u64,

@@ -25,10 +25,6 @@ pub fn value(report: &Report) -> Value {
         .flat_map(|table| table.lines.iter().map(|line| row(table, line)))
         .collect();
     let machine = &report.machine;
-    let build = report.build.as_str();
-    let commit = build
-        .rsplit_once("commit ")
-        .map_or(build, |(_, commit)| commit);
     let mut tasks = Map::new();
     for table in &tables {
         let of_task = rows.iter().filter(|row| row["task"] == table.task);
@@ -47,7 +43,7 @@ pub fn value(report: &Report) -> Value {
             "gpu": machine.adapter,
             "kernel": machine.kernel,
             "load_1min": format!("{:.2}", machine.load),
-            "commit": commit,
+            "commit": report.build,
             "command": report.command.join(" "),
             "date": report.began.get(..10).unwrap_or_default(),
         },

@@ -11,37 +11,23 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
+use consumer_dataset::stepping::{self, ASK_EVERY, Stopped};
+use launch_cli::programs::find;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use schema_bus::{Bus, CommandClient, names};
-use schema_frames::{Command as WorldCommand, CommandBatch, CommandReply, WorldInfo};
+use schema_frames::WorldInfo;
 use toml::{Table, Value};
 
 use super::found::Options;
 use crate::scenario::Scenario;
 use crate::suite::Suite;
-use crate::up::{Up, find, new_domain, process_table};
+use crate::up::{Up, new_domain, process_table};
 
-/// How often the simulator is asked how far it is.
-const ASK_EVERY: Duration = Duration::from_millis(20);
-/// Longest wait for an answer before the processes are looked at again.
-const ANSWER_TIMEOUT: Duration = Duration::from_secs(1);
 /// Time in which the recorder ends after it was asked to.
 const END_WITHIN: Duration = Duration::from_secs(600);
 /// The recorder's name in lockstep.
 const RECORDER: &str = "record";
-
-/// The user asked to stop.
-#[derive(Debug)]
-pub struct Stopped;
-
-impl std::fmt::Display for Stopped {
-    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        out.write_str("stopped")
-    }
-}
-
-impl std::error::Error for Stopped {}
 
 /// The launch file of a truth pass.
 ///
@@ -132,7 +118,7 @@ pub(super) fn record(
     // Ports go before the node that made them.
     let bus = Bus::open(&domain, "gantry-bench")?;
     let mut client = bus.command_client("bench")?;
-    run.wait_for_daemon(&mut client)?;
+    stepping::wait_for_daemon(&mut client, &mut |since| run.look(since))?;
     if n_settle > 0 {
         run.step(&mut client, n_settle)?;
     }
@@ -202,48 +188,10 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// The last finished tick, if the simulator answers.
-    fn tick(client: &mut CommandClient) -> Option<u64> {
-        let ping = CommandBatch::new(vec![WorldCommand::Ping]);
-        let answer = client.request(&ping, ANSWER_TIMEOUT).ok()?;
-        Some(answer.tick)
-    }
-
-    fn wait_for_daemon(&mut self, client: &mut CommandClient) -> anyhow::Result<()> {
-        let start = Instant::now();
-        while Self::tick(client).is_none() {
-            self.look(start)?;
-        }
-        Ok(())
-    }
-
-    /// Lets `n` ticks pass.
     fn step(&mut self, client: &mut CommandClient, n: u64) -> anyhow::Result<()> {
-        let start = Instant::now();
-        let first = loop {
-            match Self::tick(client) {
-                Some(tick) => break tick,
-                None => self.look(start)?,
-            }
-        };
-        let last = first + n;
-        let cue = CommandBatch::new(vec![WorldCommand::Step { n }]);
-        let answer = client.request(&cue, self.job.stall)?;
-        match answer.replies.first() {
-            Some(CommandReply::Stepping { last_tick }) if *last_tick == last => {}
-            other => anyhow::bail!(
-                "the simulator was to step to tick {last} and answered {other:?}; somebody else steps it"
-            ),
-        }
-        let (mut done, mut since) = (first, Instant::now());
-        while done < last {
-            self.look(since)?;
-            if let Some(tick) = Self::tick(client).filter(|tick| *tick > done) {
-                (done, since) = (tick, Instant::now());
-                (self.progress)(done, self.n_ticks);
-            }
-        }
-        Ok(())
+        let (stall, progress, n_ticks) = (self.job.stall, self.progress, self.n_ticks);
+        let progress = |done| progress(done, n_ticks);
+        stepping::step(client, n, stall, &mut |since| self.look(since), &progress)
     }
 
     /// Starts the recorder, and waits until the simulator waits for it.
