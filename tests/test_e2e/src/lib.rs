@@ -1,11 +1,12 @@
 //! What the end-to-end tests share: a daemon in a sandbox, and the test itself as a client on the
 //! same private bus ([`test_kit::client`]).
 //!
-//! In reading order: [`small_rig`] (the launch file), [`processes`], [`recording`], [`exports`], [`carla`]
-//! and [`judged`].
+//! In reading order: [`small_rig`] (the launch file), [`processes`], [`recording`], [`exports`], [`carla`],
+//! [`benchmark`] and [`judged`].
 
 #![forbid(unsafe_code)]
 
+pub mod benchmark;
 pub mod carla;
 pub mod exports;
 pub mod judged;

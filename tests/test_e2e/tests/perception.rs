@@ -2,67 +2,20 @@
 //! purpose are counted as what they are, and the same suite shows the same frames.
 
 use std::path::Path;
-use std::time::Duration;
 
 use serde_json::Value;
-use test_e2e::{python_package, venv_program};
-use test_kit::sandbox::repository;
-use test_kit::{Ended, Process, Sandbox, Setup, Simulator};
+use test_e2e::benchmark::{BENCH_LIMIT, bench_report, fake_program, start_bench, street};
+use test_kit::{Ended, Sandbox, Setup, Simulator};
 
 /// Two and a half seconds of an empty street: 25 images, of which 20 count.
-const SUITE: &str = r#"version = 1
-settle_s = 0.2
-warm_up_s = 0.5
-secs = 2.0
-tick_hz = 20
-answer_within_s = 10
-ready_within_s = 600
-[matrix]
-maps = ["Town01"]
-densities = ["empty"]
-[rig.car.sensor.front]
-kind = "camera"
-rate_hz = 10
-width_px = 64
-height_px = 48
-mount.position_m = [0.6, 0.0, 1.6]
-[[task]]
-kind = "boxes2d"
-sensor = "front"
-"#;
-
-/// A benchmark takes a minute here; only a hang reaches this.
-const LIMIT: Duration = Duration::from_secs(1800);
-
-/// A table of the suite with a fake program that behaves as `words` say.
-fn program(name: &str, words: &[&str], more: &str) -> String {
-    let script = repository().join("tests/test_e2e/python/perception_fake.py");
-    let words: String = words.iter().map(|word| format!(", {word:?}")).collect();
-    format!(
-        "[program.{name}]\ncmd = [{:?}, {:?}{words}]\n{more}\nenv = {{ PYTHONPATH = {:?}, PYTHONDONTWRITEBYTECODE = \"1\" }}\n",
-        venv_program("python"),
-        script,
-        python_package(),
-    )
-}
-
-fn start(sandbox: &Sandbox, suite: &str, words: &[&str]) -> Process {
-    sandbox.write("suite.toml", suite);
-    let all = [&["perception", "suite.toml", "--cache", "cache"], words].concat();
-    sandbox.spawn("gantry-bench", &all)
+fn suite() -> String {
+    street(2.0, 10)
 }
 
 fn bench(sandbox: &Sandbox, suite: &str, words: &[&str]) -> Ended {
-    start(sandbox, suite, words)
-        .wait_longer(LIMIT)
+    start_bench(sandbox, suite, words)
+        .wait_longer(BENCH_LIMIT)
         .expect_code(0)
-}
-
-/// The report in a folder.
-fn report(sandbox: &Sandbox, out: &str) -> Value {
-    let path = sandbox.path(out).join("report.json");
-    let text = std::fs::read_to_string(&path).expect("a report");
-    serde_json::from_str(&text).expect("JSON")
 }
 
 /// The run of a program.
@@ -82,12 +35,12 @@ fn what_programs_do_on_purpose_is_counted_as_that() {
     let kinds = [
         "every", "second", "twice", "swapped", "late", "never", "invented",
     ];
-    let mut suite = SUITE.to_owned();
+    let mut suite = suite();
     for kind in kinds {
-        suite += &program(kind, &[kind], "modes = [\"offline\"]");
+        suite += &fake_program(kind, &[kind], "modes = [\"offline\"]");
     }
     bench(&sandbox, &suite, &["--out", "out"]);
-    let report = report(&sandbox, "out");
+    let report = bench_report(&sandbox, "out");
     // Images are numbered from 0; the first five are warm-up. `swapped` answers 5, then 7, 6, 9, 8,
     // … 23, 22, and keeps 24; `late` answers 0 to 22. An image that never was has no time, so
     // answers to it count during the warm-up too.
@@ -135,9 +88,9 @@ fn what_programs_do_on_purpose_is_counted_as_that() {
 #[test]
 fn a_known_delay_is_found_in_latency_and_age() {
     let sandbox = Sandbox::new("perception-delay");
-    let suite = SUITE.to_owned() + &program("slow", &["slow", "0.15"], "");
+    let suite = suite() + &fake_program("slow", &["slow", "0.15"], "");
     bench(&sandbox, &suite, &["--out", "out", "--modes", "streaming"]);
-    let report = report(&sandbox, "out");
+    let report = bench_report(&sandbox, "out");
     let run = run(&report, "slow");
     // The program sleeps this long between taking a frame and publishing.
     for which in ["answer", "work", "end_to_end"] {
@@ -155,7 +108,7 @@ fn a_known_delay_is_found_in_latency_and_age() {
 #[test]
 fn a_stream_has_as_many_frames_as_asked_for() {
     let sandbox = Sandbox::new("perception-stress");
-    let suite = SUITE.to_owned() + &program("every", &["every"], "");
+    let suite = suite() + &fake_program("every", &["every"], "");
     let words = [
         "--out",
         "out",
@@ -165,7 +118,7 @@ fn a_stream_has_as_many_frames_as_asked_for() {
         "60",
     ];
     bench(&sandbox, &suite, &words);
-    let report = report(&sandbox, "out");
+    let report = bench_report(&sandbox, "out");
     let runs = report["runs"].as_array().expect("runs");
     assert_eq!(runs.len(), 2);
     for run in runs {
@@ -182,12 +135,12 @@ fn a_stream_has_as_many_frames_as_asked_for() {
 #[test]
 fn the_same_suite_shows_the_same_frames_and_another_seed_others() {
     let sandbox = Sandbox::new("perception-same");
-    let suite = SUITE.replace("secs = 2.0", "secs = 0.5");
+    let suite = street(0.5, 10);
     let hash = |suite: &str, cache: &str| {
         let words = ["--truth-only", "--cache", cache];
         sandbox.write("suite.toml", suite);
         let all = [&["perception", "suite.toml"][..], &words].concat();
-        let ended = sandbox.spawn("gantry-bench", &all).wait_longer(LIMIT);
+        let ended = sandbox.spawn("gantry-bench", &all).wait_longer(BENCH_LIMIT);
         let ended = ended.expect_code(0);
         let line = ended.lines.iter().find(|line| line.contains(".mcap"));
         let line = line.unwrap_or_else(|| panic!("{:#?}", ended.lines));
@@ -209,7 +162,7 @@ fn count_files(folder: &Path) -> usize {
 #[test]
 fn truth_at_every_millisecond_is_what_stepping_the_world_there_gives() {
     let sandbox = Sandbox::new("perception-1khz");
-    let suite = SUITE
+    let suite = suite()
         .replace(
             "tick_hz = 20",
             "tick_hz = 1000\nquery_hz = 1000\ndrive = false",

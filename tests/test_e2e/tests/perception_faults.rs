@@ -1,71 +1,34 @@
 //! `gantry bench perception` and programs that go wrong: each fault is a sentence in the report,
 //! none ends the benchmark, and a killed benchmark leaves nothing behind that is taken for whole.
 
-use std::time::Duration;
-
 use serde_json::Value;
-use test_e2e::{python_package, venv_program};
+use test_e2e::benchmark::{BENCH_LIMIT, fake_program, start_bench, street};
 use test_kit::patience::eventually;
-use test_kit::sandbox::repository;
 use test_kit::{Ended, Sandbox};
 
 /// A second and a half of an empty street: 15 images, of which 10 count.
-const SUITE: &str = r#"version = 1
-settle_s = 0.2
-warm_up_s = 0.5
-secs = 1.0
-tick_hz = 20
-answer_within_s = 20
-ready_within_s = 600
-[matrix]
-maps = ["Town01"]
-densities = ["empty"]
-[rig.car.sensor.front]
-kind = "camera"
-rate_hz = 10
-width_px = 64
-height_px = 48
-mount.position_m = [0.6, 0.0, 1.6]
-[[task]]
-kind = "boxes2d"
-sensor = "front"
-"#;
-
-/// A benchmark takes a minute here; only a hang reaches this.
-const LIMIT: Duration = Duration::from_secs(1800);
-
-/// A table of the suite with a fake program that behaves as `words` say.
-fn program(name: &str, words: &[&str], more: &str) -> String {
-    let script = repository().join("tests/test_e2e/python/perception_fake.py");
-    let words: String = words.iter().map(|word| format!(", {word:?}")).collect();
-    format!(
-        "[program.{name}]\ncmd = [{:?}, {:?}{words}]\n{more}\nenv = {{ PYTHONPATH = {:?}, PYTHONDONTWRITEBYTECODE = \"1\" }}\n",
-        venv_program("python"),
-        script,
-        python_package(),
-    )
+fn suite() -> String {
+    street(1.0, 20)
 }
 
 fn bench(sandbox: &Sandbox, suite: &str, words: &[&str]) -> Ended {
-    sandbox.write("suite.toml", suite);
-    let all = [&["perception", "suite.toml", "--cache", "cache"], words].concat();
-    sandbox.spawn("gantry-bench", &all).wait_longer(LIMIT)
+    start_bench(sandbox, suite, words).wait_longer(BENCH_LIMIT)
 }
 
 #[test]
 fn programs_that_crash_flood_or_keep_silent_do_not_end_the_benchmark() {
     let sandbox = Sandbox::new("perception-faults");
     let restart = "restart = { policy = \"on-failure\", delay = \"100ms\", max = 100 }";
-    let suite = SUITE.replace("ready_within_s = 600", "ready_within_s = 60")
-        + &program("crash", &["crash"], "modes = [\"offline\"]")
-        + &program(
+    let suite = suite().replace("ready_within_s = 600", "ready_within_s = 60")
+        + &fake_program("crash", &["crash"], "modes = [\"offline\"]")
+        + &fake_program(
             "again",
             &["crash"],
             &format!("modes = [\"offline\"]\n{restart}"),
         )
-        + &program("flood", &["flood"], "")
-        + &program("ended", &["ended"], "")
-        + &program("every", &["every"], "modes = [\"offline\"]");
+        + &fake_program("flood", &["flood"], "")
+        + &fake_program("ended", &["ended"], "")
+        + &fake_program("every", &["every"], "modes = [\"offline\"]");
     bench(&sandbox, &suite, &["--out", "out"]).expect_code(0);
     let text = std::fs::read_to_string(sandbox.path("out/report.json")).expect("a report");
     let report: Value = serde_json::from_str(&text).expect("JSON");
@@ -105,8 +68,8 @@ fn programs_that_crash_flood_or_keep_silent_do_not_end_the_benchmark() {
 #[test]
 fn a_program_that_says_nothing_is_waited_for_only_so_long() {
     let sandbox = Sandbox::new("perception-shy");
-    let suite = SUITE.replace("ready_within_s = 600", "ready_within_s = 2")
-        + &program(
+    let suite = suite().replace("ready_within_s = 600", "ready_within_s = 2")
+        + &fake_program(
             "shy",
             &["shy"],
             "results = { \"fake/boxes\" = \"boxes2d\" }",
@@ -126,7 +89,7 @@ fn a_program_that_says_nothing_is_waited_for_only_so_long() {
 #[test]
 fn a_killed_benchmark_leaves_no_recording_that_is_taken_for_whole() {
     let sandbox = Sandbox::new("perception-killed");
-    sandbox.write("suite.toml", SUITE);
+    sandbox.write("suite.toml", &suite());
     let words = [
         "perception",
         "suite.toml",
@@ -159,7 +122,7 @@ fn a_killed_benchmark_leaves_no_recording_that_is_taken_for_whole() {
     assert!(!names().iter().any(whole), "{:?}", names());
     sandbox
         .spawn("gantry-bench", &words)
-        .wait_longer(LIMIT)
+        .wait_longer(BENCH_LIMIT)
         .expect_code(0);
     assert_eq!(names().iter().filter(|name| whole(name)).count(), 2);
 }
@@ -200,7 +163,7 @@ fn what_is_wrong_with_a_suite_is_a_sentence_and_nothing_starts() {
             "none.mcap",
         ),
     ] {
-        let suite = SUITE.replace(from, to);
+        let suite = suite().replace(from, to);
         let ended = bench(&sandbox, &suite, &words).expect_code(2);
         assert!(ended.says(sentence), "{sentence}: {:#?}", ended.lines);
     }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use serde_json::Value;
+use test_e2e::benchmark::bench_report;
 use test_e2e::{python_package, venv_program};
 use test_kit::sandbox::{binary_path, repository};
 use test_kit::{Process, Sandbox};
@@ -78,11 +79,6 @@ fn bench(sandbox: &Sandbox, words: &[&str]) -> Process {
     sandbox.spawn("gantry-bench", words)
 }
 
-fn report(sandbox: &Sandbox, out: &str) -> Value {
-    let text = std::fs::read_to_string(sandbox.path(out).join("report.json")).expect("a report");
-    serde_json::from_str(&text).expect("JSON")
-}
-
 /// An offline figure of a program, of its only task.
 fn offline(report: &Value, program: &str, metric: &str) -> f64 {
     let runs = report["runs"].as_array().expect("runs");
@@ -133,7 +129,7 @@ fn worked_programs_reach_what_their_methods_are_known_for() {
     )
     .wait_longer(LIMIT)
     .expect_code(0);
-    let report = report(&sandbox, "out");
+    let report = bench_report(&sandbox, "out");
     let of = |program: &str, metric: &str| offline(&report, program, metric);
 
     // Better than saying that nothing moves, which is an error of the whole motion: at 6 m/s and
@@ -195,7 +191,7 @@ fn the_first_program_of_the_page_is_benchmarked_as_it_is_written() {
         });
     }
     bench(&sandbox, &args).wait_longer(LIMIT).expect_code(0);
-    let report = report(&sandbox, "first");
+    let report = bench_report(&sandbox, "first");
     // Four colours cannot tell fifteen classes, and tell more than none.
     let miou = offline(&report, "my_classes", "mIoU");
     assert!((0.1..0.4).contains(&miou), "{miou}");

@@ -74,7 +74,7 @@ fn start(sandbox: &Sandbox, name: &str, programs: &[(&str, &str, u64)], suite: &
     sandbox.write("chain.toml", &launch);
     let suite = format!(
         "version = 1\nname = {name:?}\nlaunch = [\"chain.toml\"]\nseed = 5\nspeed_mps = 5.0\n\
-         road_m = 250\nsettle_secs = 0.6\nwait_secs = [0.3, 0.8]\nwindow_secs = 1.5\n\
+         road_m = 250\nsettle_s = 0.6\nwait_s = [0.3, 0.8]\nwindow_s = 1.5\n\
          truth = {{ sensor = \"front\", width_px = 160, height_px = 96 }}\n{suite}"
     );
     let file = sandbox.write("suite.toml", &suite);
