@@ -1,5 +1,5 @@
 //! `gantry-bench`: how long a frame takes from its writer to its reader, what a running simulator
-//! delivers, and which processes grow.
+//! delivers, which processes grow, and how well and how soon programs perceive.
 //!
 //! Every figure comes from real processes and is printed with p50, p99, p99.9 and the maximum,
 //! beside the number of lost frames.
@@ -31,12 +31,13 @@ const EXAMPLES: &str = "Examples:
   gantry-bench chain                                      camera → a → b → c: what each process adds
   gantry-bench lockstep                                   ticks per second with 1 to 8 participants
   gantry-bench topics --for 30s                           what the running simulator delivers
+  gantry-bench perception launch/bench/smoke.toml -- python my_detector.py
   gantry-bench reaction launch/bench/reaction.toml        from the first visible pixel to the brake
   gantry-bench compare A.json B.json                      what changed between two reports beyond noise
   gantry-bench memory --pids 1200,1204 --for 10m --every 5s
   gantry-bench report                                     tables of docs/benchmarks from their JSON";
 
-/// Measures latency, topics and memory with real processes
+/// Measures latency, topics and memory with real processes, and scores programs that perceive
 #[derive(Debug, Parser)]
 #[command(name = "gantry-bench", version, about, after_help = EXAMPLES)]
 struct Args {
