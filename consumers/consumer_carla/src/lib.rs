@@ -50,6 +50,9 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+/// A list of msgpack values: `list![1u32, "text", 0.5f32]`.
+pub use consumer_rpc::list;
+
 mod lock;
 pub mod wire;
 

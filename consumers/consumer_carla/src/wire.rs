@@ -7,7 +7,6 @@ pub mod description;
 pub mod fields;
 pub mod geolocation;
 pub mod lenient;
-pub mod msgpack;
 pub mod navigation_mesh;
 pub mod requests;
 pub mod sensor_kinds;
@@ -17,3 +16,5 @@ pub mod structures;
 pub mod vehicle_physics;
 pub mod weather;
 pub mod world_message;
+
+pub use consumer_rpc::msgpack;

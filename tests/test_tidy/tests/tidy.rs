@@ -32,6 +32,7 @@ fn allowed(from: &str, to: &str) -> bool {
         | ("sensor_camera" | "sensor_ray", "sensor_core" | "sensor_spec") => true,
         ("sensor_camera" | "sensor_ray", "sensor_gpu") => true,
         ("sensor_gpu", "sensor_core") => true,
+        ("consumer_carla" | "consumer_drive", "consumer_rpc") => true,
         (from, "consumer_kit") => district(from) == "consumer",
         _ => false,
     }

@@ -9,7 +9,7 @@ use crate::recorder::extra::Extra;
 use crate::recorder::frame::{Born, Collision, Frame, Head, Light, Motion, Origin, Pedals, family};
 use crate::recorder::read_error::ReadError;
 use crate::wire::axes::Transform;
-use crate::wire::fields::{Fields, Wrong};
+use crate::wire::fields::{Fields, Structures as _, Wrong};
 use crate::wire::msgpack::{self, DecodeError, Limits, Value};
 
 /// First field of the head.

@@ -7,7 +7,7 @@ use crate::rpc::batch_item::{Commands, Item};
 use crate::rpc::call::{Call, Calls};
 use crate::state::actors;
 use crate::wire::axes::{self, Transform};
-use crate::wire::fields::Fields;
+use crate::wire::fields::{Fields, Structures as _};
 use crate::wire::msgpack::Value;
 use crate::wire::requests::{Answer, Failure, Outcome};
 use crate::wire::structures;

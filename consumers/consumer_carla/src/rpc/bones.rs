@@ -7,7 +7,7 @@ use crate::gateway::Gateway;
 use crate::list;
 use crate::rpc::call::{Call, Calls};
 use crate::wire::axes;
-use crate::wire::fields::Fields;
+use crate::wire::fields::{Fields, Structures as _};
 use crate::wire::msgpack::Value;
 use crate::wire::requests::{Answer, Failure, Outcome};
 use crate::wire::structures;

@@ -13,6 +13,7 @@ use crate::recorder::replay::{Replay, Wish};
 use crate::recorder::report;
 use crate::rpc::call::{Call, Calls};
 use crate::rpc::maps::own_map;
+use crate::wire::fields::Structures as _;
 use crate::wire::requests::{Answer, Failure, Outcome};
 
 /// Longest wait for the new episode after loading a recording's map.

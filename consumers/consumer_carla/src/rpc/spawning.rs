@@ -12,6 +12,7 @@ use crate::state::actors;
 use crate::state::known_world::{Known, Own};
 use crate::wire::axes::Transform;
 use crate::wire::description::Description;
+use crate::wire::fields::Structures as _;
 use crate::wire::fields::Wrong;
 use crate::wire::requests::{Answer, Failure, Outcome};
 

@@ -6,6 +6,7 @@ use crate::gateway::Gateway;
 use crate::list;
 use crate::rpc::batch_item::{Commands, Item};
 use crate::rpc::call::{Call, Calls};
+use crate::wire::fields::Structures as _;
 use crate::wire::msgpack::Value;
 use crate::wire::requests::{Answer, Outcome};
 use crate::wire::structures::LAMPS;

@@ -6,7 +6,7 @@ use crate::gateway::Gateway;
 use crate::rpc::batch_item::{Commands, Item};
 use crate::rpc::call::{Call, Calls};
 use crate::wire::axes;
-use crate::wire::fields::{Fields, Wrong};
+use crate::wire::fields::{Fields, Structures as _, Wrong};
 use crate::wire::requests::{Answer, Outcome};
 
 /// Fastest walker, m/s; scripts that ask for more get this.

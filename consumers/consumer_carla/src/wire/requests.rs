@@ -1,8 +1,10 @@
-//! Msgpack-rpc: requests as clients write them, and the responses to them.
+//! Calls as clients write them, and CARLA's responses to them.
+
+use consumer_rpc::message;
 
 use crate::list;
 use crate::wire::fields::{Fields, Wrong};
-use crate::wire::msgpack::{self, Value};
+use crate::wire::msgpack::Value;
 
 /// The version this gateway speaks; clients compare it with theirs.
 pub const CARLA_VERSION: &str = "0.9.16";
@@ -42,7 +44,7 @@ impl From<Wrong> for Failure {
 /// Result of a call.
 pub type Outcome = Result<Answer, Failure>;
 
-/// A request of msgpack-rpc.
+/// A call of a client.
 #[derive(Debug, PartialEq)]
 pub struct Request {
     /// Number of the request, which the response repeats.
@@ -55,34 +57,25 @@ pub struct Request {
     pub args: Vec<Value>,
 }
 
-/// Reads a request from a message.
+/// Reads a call from a message.
 ///
 /// # Errors
 /// If the message is no request; the connection is then of no further use.
 pub fn parse(message: Value) -> Result<Request, Wrong> {
-    let Value::Array(items) = message else {
-        return Err(Wrong::Value(format!(
-            "a request is {}, but must be a list",
-            message.kind()
-        )));
-    };
-    let mut fields = Fields::new("a request", &items);
-    let kind = fields.uint(u64::MAX)?;
-    if kind != 0 {
-        return Err(Wrong::Value(format!(
-            "a message is of type {kind}, but clients send only requests, type 0"
-        )));
-    }
-    let (id, method, params) = (fields.u32()?, fields.text()?.to_owned(), fields.list()?);
-    let mut params = Fields::new("the parameters", params);
+    message::parse(message).and_then(call)
+}
+
+/// Reads a call from a request: its first parameter is the metadata.
+///
+/// # Errors
+/// If there is no metadata; the connection is then of no further use.
+pub fn call(mut request: message::Request) -> Result<Request, Wrong> {
+    let mut params = Fields::new("the parameters", &request.args);
     let is_async = params.fields("the metadata")?.bool()?;
-    let args = match items.into_iter().nth(3) {
-        Some(Value::Array(mut params)) => params.split_off(1),
-        _ => Vec::new(),
-    };
+    let args = request.args.split_off(1);
     Ok(Request {
-        id,
-        method,
+        id: request.id,
+        method: request.method,
         is_async,
         args,
     })
@@ -90,24 +83,21 @@ pub fn parse(message: Value) -> Result<Request, Wrong> {
 
 /// Bytes of a response.
 pub fn response(id: u32, is_void: bool, outcome: Result<Answer, Failure>) -> Vec<u8> {
-    let ok = |result: Value| list![1u32, id, Value::Nil, result];
-    let message = match outcome {
-        Ok(Answer::Value(value)) => ok(list![list![1u32, value]]),
-        Ok(Answer::Void) => ok(list![list![false]]),
-        Ok(Answer::Bare(value)) => ok(value),
-        Err(Failure::Refused(error)) if is_void => ok(list![list![true, list![error]]]),
-        Err(Failure::Refused(error)) => ok(list![list![0u32, list![error]]]),
-        Err(Failure::Unknown(error)) => list![1u32, id, error, Value::Nil],
+    let record = match outcome {
+        Ok(Answer::Value(value)) => list![list![1u32, value]],
+        Ok(Answer::Void) => list![list![false]],
+        Ok(Answer::Bare(value)) => value,
+        Err(Failure::Refused(error)) if is_void => list![list![true, list![error]]],
+        Err(Failure::Refused(error)) => list![list![0u32, list![error]]],
+        Err(Failure::Unknown(error)) => return message::failure(id, &error),
     };
-    let mut bytes = Vec::new();
-    msgpack::write(&mut bytes, &message);
-    bytes
+    message::success(id, record)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::wire::msgpack::Limits;
+    use crate::wire::msgpack::{self, Limits};
 
     #[test]
     fn a_request_loses_its_metadata() {

@@ -324,7 +324,7 @@ impl From<Vec<Value>> for Value {
 /// A list of values of any kinds: `list![1u32, "text", 0.5f32]`.
 #[macro_export]
 macro_rules! list {
-    ($($item:expr),* $(,)?) => { $crate::wire::msgpack::Value::Array(vec![$($crate::wire::msgpack::Value::from($item)),*]) };
+    ($($item:expr),* $(,)?) => { $crate::msgpack::Value::Array(vec![$($crate::msgpack::Value::from($item)),*]) };
 }
 
 #[cfg(test)]

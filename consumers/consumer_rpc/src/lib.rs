@@ -1,0 +1,27 @@
+//! Msgpack-rpc as CARLA's clients speak it: bounded values, fields that are read strictly, requests
+//! and responses, and a server of connections. Nothing here knows what a method does.
+//!
+//! The gateway (`gantry-carla`) and the Traffic Manager (`gantry-drive --serve`) are built on it.
+//! Modules in reading order: [`msgpack`] (values and their bytes), [`fields`] (reads what clients
+//! send), [`message`] (requests and responses), [`server`] (connections and their threads).
+//!
+//! ```
+//! use consumer_rpc::fields::Fields;
+//! use consumer_rpc::list;
+//! use consumer_rpc::message::{self, Request};
+//! use consumer_rpc::msgpack::Value;
+//!
+//! let request = message::parse(list![0u32, 7u32, "set_global_lane_offset", list![0.5f32]])?;
+//! let mut args = Fields::new("the arguments", &request.args);
+//! assert_eq!((request.id, args.f32()?), (7, 0.5));
+//! assert_eq!(message::success(request.id, Value::Nil), [0x94, 1, 7, 0xc0, 0xc0]);
+//! # Ok::<(), consumer_rpc::fields::Wrong>(())
+//! ```
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
+pub mod fields;
+pub mod message;
+pub mod msgpack;
+pub mod server;
