@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use schema_frames::{LightState, VehicleControlRecord};
+use schema_frames::{Command, LightState, VehicleControlRecord};
 use schema_roads::{LaneKey, RoadMap, SignalKind};
 
 use crate::driver::{Driver, STANDING_MPS, Wait, locate};
+use crate::parameters::{Action, RoadOption, Settings};
 use crate::path::{distance, wrap};
 use crate::steer::Geometry;
 use crate::traffic::{Mover, Traffic};
@@ -53,23 +54,31 @@ struct Arrival {
     waiting_secs: f64,
 }
 
+/// What a fleet does in a tick.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Step {
+    /// One record per driven vehicle that is there, by rising id.
+    pub controls: Vec<VehicleControlRecord>,
+    /// What is asked of the simulator besides: vehicles that are moved without physics, removed, or
+    /// brought back.
+    pub commands: Vec<Command>,
+}
+
 /// All drivers of one process.
 #[derive(Clone, Debug)]
 pub struct Fleet {
     map: Arc<RoadMap>,
     seed: u64,
-    speed_factor: f64,
     drivers: BTreeMap<u32, Driver>,
     arrivals: BTreeMap<u32, Arrival>,
 }
 
 impl Fleet {
-    /// A fleet without drivers. `speed_factor` scales every speed limit.
-    pub fn new(map: Arc<RoadMap>, seed: u64, speed_factor: f64) -> Fleet {
+    /// A fleet without drivers.
+    pub fn new(map: Arc<RoadMap>) -> Fleet {
         Fleet {
             map,
-            seed,
-            speed_factor,
+            seed: 0,
             drivers: BTreeMap::new(),
             arrivals: BTreeMap::new(),
         }
@@ -106,7 +115,7 @@ impl Fleet {
             let Some(me) = traffic.mover(*id) else {
                 continue;
             };
-            if let Some(mut driver) = Driver::new(&self.map, me, self.seed, self.speed_factor) {
+            if let Some(mut driver) = Driver::new(&self.map, me, self.seed, 1.0) {
                 if let Some(geometry) = geometry(*id) {
                     driver.set_geometry(geometry);
                 }
@@ -115,8 +124,27 @@ impl Fleet {
         }
     }
 
-    /// One record per driven vehicle that is there, by rising id.
-    pub fn step(&mut self, traffic: &Traffic) -> Vec<VehicleControlRecord> {
+    /// The decisions ahead of a vehicle, the next first; none for one that is not driven.
+    pub fn actions(&self, id: u32) -> Vec<Action> {
+        let entry = self.drivers.get(&id).and_then(|d| Some((d, d.entry()?)));
+        let action = entry.map(|(driver, entry)| {
+            let point = driver.path().at(entry.arc_m[0]);
+            Action {
+                option: match entry.turn_rad {
+                    turn if turn > 0.45 => RoadOption::Left,
+                    turn if turn < -0.45 => RoadOption::Right,
+                    _ => RoadOption::Straight,
+                },
+                position_m: [point.position_m[0], point.position_m[1], 0.0],
+                heading_rad: point.heading_rad,
+            }
+        });
+        action.into_iter().collect()
+    }
+
+    /// What to do in this tick.
+    pub fn step(&mut self, traffic: &Traffic, settings: &mut Settings) -> Step {
+        self.seed = settings.seed;
         for (id, driver) in &mut self.drivers {
             if let Some(me) = traffic.mover(*id) {
                 driver.localise(&self.map, me, self.seed);
@@ -143,7 +171,10 @@ impl Fleet {
             driver.may_enter = may_enter;
             records.push(driver.control(&self.map, me, traffic));
         }
-        records
+        Step {
+            controls: records,
+            commands: Vec::new(),
+        }
     }
 
     /// Makes a vehicle that waits before a junction and blocks another one inside it back off,

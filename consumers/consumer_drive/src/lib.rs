@@ -19,14 +19,20 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod desk;
 pub mod driver;
 pub mod fleet;
+pub mod parameters;
 pub mod path;
+pub mod selection;
+pub mod session;
 pub mod speed;
 pub mod steer;
 pub mod traffic;
 
+pub use desk::{Desk, Request};
 pub use driver::Driver;
-pub use fleet::Fleet;
+pub use fleet::{Fleet, Step};
+pub use parameters::{Action, Parameters, RoadOption, Settings, SpeedRule, VehicleParameters};
 pub use steer::Geometry;
 pub use traffic::{Mover, Traffic};

@@ -3,12 +3,9 @@
 use std::process::ExitCode;
 
 use clap::Parser;
+use consumer_drive::selection::Selection;
+use consumer_drive::session;
 use launch_cli::{CommonArgs, Exit, Shutdown, run};
-
-mod selection;
-mod session;
-
-use selection::Selection;
 
 /// Drives vehicles along lanes: keeps distance, stops at red lights, turns at junctions, gets out
 /// of jams.
@@ -64,7 +61,7 @@ fn main() -> ExitCode {
             seed: args.seed,
             speed_factor: args.speed_factor,
         };
-        session::drive(&options, &|| shutdown.requested())?;
+        session::drive(&options, None, &|| shutdown.requested())?;
         Ok(Exit::Done)
     })
 }

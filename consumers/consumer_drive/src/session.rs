@@ -3,16 +3,24 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
-use consumer_drive::{Fleet, Geometry, Traffic};
 use consumer_kit::{FollowedDocument, Lockstep, SnapshotTrail, WorldAt};
-use schema_bus::{Bus, BusError, ControlWriter, Listener, Notifier, names};
-use schema_frames::{ActorList, VehicleControl, VehicleControlRecord, WorldInfo};
+use schema_bus::{
+    Bus, BusError, CommandClient, CommandError, ControlWriter, Listener, Notifier, names,
+};
+use schema_frames::{
+    ActorList, Command, CommandBatch, VehicleControl, VehicleControlRecord, WorldInfo,
+};
 use schema_roads::RoadMap;
 
+use crate::desk::{Desk, Request};
+use crate::fleet::{Fleet, Step};
 use crate::selection::Selection;
+use crate::steer::Geometry;
+use crate::traffic::Traffic;
 
 /// Longest wait for a snapshot, so that a shutdown is seen in time.
 const MAX_WAIT: Duration = Duration::from_millis(50);
@@ -23,6 +31,8 @@ const LIST_WAIT: Duration = Duration::from_millis(200);
 /// How long it waits for list and map in lockstep, where the world waits as well: what is driven must
 /// not depend on when a document arrives.
 const LOCKSTEP_WAIT: Duration = Duration::from_secs(10);
+/// How long a command waits for its answer.
+const COMMAND_WAIT: Duration = Duration::from_secs(2);
 /// Between attempts to join lockstep.
 const JOIN_EVERY: Duration = Duration::from_secs(1);
 
@@ -43,10 +53,22 @@ pub struct Options {
     pub speed_factor: f64,
 }
 
-/// Drives until `stop` says so.
-pub fn drive(options: &Options, stop: &dyn Fn() -> bool) -> anyhow::Result<()> {
+/// Drives until `stop` says so. `requests` are run in their order, before the next snapshot is
+/// answered.
+///
+/// # Errors
+/// The bus fails, or a document of the simulator cannot be read.
+pub fn drive(
+    options: &Options,
+    requests: Option<&Receiver<Request>>,
+    stop: &dyn Fn() -> bool,
+) -> anyhow::Result<()> {
     let mut session = Session::open(options)?;
     while !stop() {
+        for request in requests.into_iter().flat_map(Receiver::try_iter) {
+            request(&mut session.desk);
+        }
+        session.leave_lockstep_if_asked();
         session.turn()?;
     }
     session.park()
@@ -74,13 +96,16 @@ struct Session<'o> {
     map: FollowedDocument,
     info: FollowedDocument,
     actors: FollowedDocument,
-    list: ActorList,
     list_revision: u64,
     list_epoch: u64,
-    seed: u64,
+    desk: Desk,
+    /// Opened when the first command is sent.
+    commands: Option<CommandClient>,
+    command_name: String,
     episode: Option<Episode>,
     done: (u64, u64),
-    assigned: Option<(u64, u64)>,
+    /// List and registrations by which vehicles were assigned.
+    assigned: Option<(u64, u64, u64)>,
     refused_map: Option<(u64, u64)>,
     /// Since when a tick has waited for its map.
     waiting: Option<((u64, u64), Instant)>,
@@ -106,10 +131,15 @@ impl<'o> Session<'o> {
             map: FollowedDocument::new(names::WORLD_MAP),
             info: FollowedDocument::new(names::WORLD_INFO),
             actors: FollowedDocument::new(names::WORLD_ACTORS),
-            list: ActorList::default(),
             list_revision: 0,
             list_epoch: 0,
-            seed: options.seed.unwrap_or(0),
+            desk: Desk::new(
+                options.seed,
+                100.0 * (1.0 - options.speed_factor),
+                options.lockstep,
+            ),
+            commands: None,
+            command_name: format!("gantry-{name}"),
             episode: None,
             done: (0, 0),
             assigned: None,
@@ -138,18 +168,21 @@ impl<'o> Session<'o> {
             return Ok(());
         }
         self.join()?;
-        if self.options.lockstep && !self.answers(now) {
+        if self.desk.lockstep() && !self.answers(now) {
             self.done = now;
             return Ok(());
         }
-        let records = if is_ready {
+        let step = if is_ready {
             self.step(&world)
         } else {
-            Vec::new()
+            Step::default()
         };
-        if !records.is_empty() {
-            self.writer.send(world.header.tick, &records)?;
+        if !step.controls.is_empty() {
+            self.writer.send(world.header.tick, &step.controls)?;
             self.daemon.notify();
+        }
+        if !step.commands.is_empty() {
+            self.send(step.commands)?;
         }
         self.done = now;
         if let Some(lockstep) = &self.lockstep {
@@ -170,7 +203,7 @@ impl<'o> Session<'o> {
     fn waits_for_map(&mut self, world: &WorldAt) -> bool {
         let now = (world.header.epoch, world.header.tick);
         let is_refused = self.refused_map.is_some_and(|(epoch, _)| epoch == now.0);
-        if !self.options.lockstep || is_refused {
+        if !self.desk.lockstep() || is_refused {
             return false;
         }
         let since = match self.waiting {
@@ -183,7 +216,7 @@ impl<'o> Session<'o> {
 
     /// Joins lockstep, and joins again after a restart.
     fn join(&mut self) -> anyhow::Result<()> {
-        if !self.options.lockstep {
+        if !self.desk.lockstep() {
             return Ok(());
         }
         let epoch = self
@@ -213,7 +246,7 @@ impl<'o> Session<'o> {
 
     /// Reads the list of actors until it matches this snapshot, but waits only a short while.
     fn read_list(&mut self, world: &WorldAt) -> anyhow::Result<()> {
-        let wait = if self.options.lockstep {
+        let wait = if self.desk.lockstep() {
             LOCKSTEP_WAIT
         } else {
             LIST_WAIT
@@ -221,10 +254,10 @@ impl<'o> Session<'o> {
         let deadline = Instant::now() + wait;
         loop {
             if let Some(document) = heal(self.actors.changed(&self.bus))?.flatten() {
-                self.list = document.json().context("world/actors")?;
+                let list = document.json().context("world/actors")?;
                 (self.list_revision, self.list_epoch) =
                     (document.header.revision, document.header.epoch);
-                self.list.actors.sort_by_key(|actor| actor.id);
+                self.desk.set_actors(list);
             }
             let is_of_now = self.list_epoch == world.header.epoch
                 && self.list_revision >= world.header.actors_revision;
@@ -232,6 +265,13 @@ impl<'o> Session<'o> {
                 return Ok(());
             }
             std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    /// Leaves lockstep when it has been switched off.
+    fn leave_lockstep_if_asked(&mut self) {
+        if !self.desk.lockstep() && self.lockstep.take().is_some() {
+            tracing::info!("left lockstep");
         }
     }
 
@@ -246,15 +286,15 @@ impl<'o> Session<'o> {
         {
             return Ok(true);
         }
-        if self.options.seed.is_none() {
+        if !self.desk.has_own_seed() {
             heal(self.info.changed(&self.bus))?;
             let newest = self.info.newest().filter(|d| d.header.epoch == epoch);
             let Some(document) = newest else {
                 return Ok(false);
             };
-            self.seed = document
-                .json::<WorldInfo>()
-                .map_or(self.seed, |info| info.seed);
+            if let Ok(info) = document.json::<WorldInfo>() {
+                self.desk.settings_mut().seed = info.seed;
+            }
         }
         heal(self.map.changed(&self.bus))?;
         let Some(document) = self.map.newest().filter(|d| d.header.epoch == epoch) else {
@@ -281,7 +321,7 @@ impl<'o> Session<'o> {
                     episode,
                     "read the map"
                 );
-                let fleet = Fleet::new(Arc::new(map), self.seed, self.options.speed_factor);
+                let fleet = Fleet::new(Arc::new(map));
                 self.episode = Some(Episode {
                     epoch,
                     episode,
@@ -299,9 +339,9 @@ impl<'o> Session<'o> {
         }
     }
 
-    fn step(&mut self, at: &WorldAt) -> Vec<VehicleControlRecord> {
+    fn step(&mut self, at: &WorldAt) -> Step {
         let Some(episode) = &mut self.episode else {
-            return Vec::new();
+            return Step::default();
         };
         let header = &at.header;
         let traffic = Traffic::from_records(
@@ -309,23 +349,49 @@ impl<'o> Session<'o> {
             header.sim_nanos,
             header.period_nanos,
             &at.records,
-            &self.list,
+            self.desk.actors(),
         );
-        let list = (self.list_epoch, self.list_revision);
+        let now = (self.list_epoch, self.list_revision, self.desk.revision());
         // Vehicles that could not be placed on a lane are tried again once a second.
-        if self.assigned != Some(list) || header.tick.is_multiple_of(20) {
-            let ids = self.options.vehicles.choose(&self.list);
+        if self.assigned != Some(now) || header.tick.is_multiple_of(20) {
+            let mut ids = self.options.vehicles.choose(self.desk.actors());
+            ids.extend(self.desk.registered());
+            ids.sort_unstable();
+            ids.dedup();
             let before = episode.fleet.len();
-            let geometry = geometry(&self.list);
+            let geometry = geometry(self.desk.actors());
             episode
                 .fleet
                 .assign(&ids, &traffic, |id| geometry.get(&id).copied());
             if episode.fleet.len() != before {
                 tracing::info!(vehicles = episode.fleet.len(), "driving");
             }
-            self.assigned = Some(list);
+            self.assigned = Some(now);
         }
-        episode.fleet.step(&traffic)
+        let step = episode.fleet.step(&traffic, self.desk.settings_mut());
+        self.desk.note_actions(&mut episode.fleet);
+        step
+    }
+
+    /// Sends commands and waits until they are taken, so that they act on the next tick.
+    fn send(&mut self, commands: Vec<Command>) -> anyhow::Result<()> {
+        let client = match &mut self.commands {
+            Some(client) => client,
+            none => none.insert(self.bus.command_client(&self.command_name)?),
+        };
+        match client.request(&CommandBatch::new(commands), COMMAND_WAIT) {
+            Ok(answer) => {
+                for reply in answer.replies {
+                    tracing::debug!(?reply, "command");
+                }
+                Ok(())
+            }
+            Err(CommandError::Bus(error)) => Err(error.into()),
+            Err(error) => {
+                tracing::warn!(%error, "the simulator took no command");
+                Ok(())
+            }
+        }
     }
 
     /// Brakes all driven vehicles, because the simulator keeps applying the last controls.

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use consumer_drive::path::distance;
-use consumer_drive::{Fleet, Geometry, Traffic};
+use consumer_drive::{Fleet, Geometry, Settings, Traffic};
 use schema_frames::{ActorList, ActorRecord};
 use schema_roads::RoadMap;
 use schema_types::ActorId;
@@ -30,6 +30,7 @@ struct Log {
 struct Stage {
     world: simd_world::World,
     fleet: Fleet,
+    settings: Settings,
     roads: Arc<RoadMap>,
     actors: ActorList,
     logs: BTreeMap<u32, Log>,
@@ -75,7 +76,11 @@ impl Stage {
         let actors = world.actor_list();
         Stage {
             world,
-            fleet: Fleet::new(roads.clone(), seed, 1.0),
+            fleet: Fleet::new(roads.clone()),
+            settings: Settings {
+                seed,
+                ..Settings::default()
+            },
             roads,
             actors,
             logs: BTreeMap::new(),
@@ -118,7 +123,7 @@ impl Stage {
             });
             assert_eq!(self.fleet.len(), ids.len());
         }
-        for record in self.fleet.step(&view) {
+        for record in self.fleet.step(&view, &mut self.settings).controls {
             self.world
                 .set_control(ActorId(record.actor_id), record.control())
                 .unwrap();
