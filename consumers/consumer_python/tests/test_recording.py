@@ -10,6 +10,7 @@ import unittest
 
 import numpy as np
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -27,6 +28,23 @@ def decoded(path):
     with open(path, "rb") as file:
         for _, channel, message, proto in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(log_time_order=False):
             yield channel.topic, message, proto
+
+
+def pictures_only(source, path, topic):
+    """Copies a recording as if one topic's frames had been kept as JPEG files alone."""
+    with open(source, "rb") as file, open(path, "wb") as out:
+        writer, channels = Writer(out), {}
+        writer.start()
+        for schema, channel, message, proto in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            if channel.topic not in channels:
+                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, schema_id, dict(channel.metadata))
+            data = message.data
+            if channel.topic == f"/{topic}/gantry":
+                proto.codec = "jpeg"
+                data = proto.SerializeToString()
+            writer.add_message(channels[channel.topic], message.log_time, data, message.publish_time, message.sequence)
+        writer.finish()
 
 
 class Recordings(unittest.TestCase):
@@ -56,6 +74,16 @@ class Recordings(unittest.TestCase):
                 payload = shown[place].data if heads[place].payload_topic else heads[place].payload
                 self.assertEqual(np.ascontiguousarray(frame.array).tobytes(), payload)
                 self.assertFalse(frame.array.flags.writeable)
+
+    def test_frames_that_were_kept_as_pictures_are_a_sentence(self):
+        path = os.path.join(self.folder.name, "pictures.mcap")
+        pictures_only(self.sample, path, "ego/front/rgb")
+        drive = gantry.Recording(path)
+        # Eight other topics have their frames.
+        self.assertEqual(len({frame.topic for frame in drive.frames()}), 8)
+        for read in (lambda: drive.frames("ego/front/rgb"), lambda: drive.sync(["ego/front/rgb"])):
+            with self.assertRaisesRegex(gantry.GantryError, f"none of {N_TICKS} frames .*only a picture for people was kept.*--jpeg"):
+                list(read())
 
     def test_times_and_patterns_choose(self):
         drive = gantry.Recording(self.sample)

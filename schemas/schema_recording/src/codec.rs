@@ -166,6 +166,9 @@ pub fn decode(
         FLOW => planes::decode_flow(header, bytes, out),
         RECORDS => records::decode(header, bytes, out),
         EVENTS => events::decode(bytes, out),
+        "jpeg" | "h264" => Err(CodecError(
+            "only a picture for people was kept of it (--jpeg or --video), not the frame".to_owned(),
+        )),
         other => Err(CodecError(format!(
             "the codec {other:?} is not known to this version, which knows {}",
             CODECS.join(", ")

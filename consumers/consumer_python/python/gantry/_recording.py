@@ -129,8 +129,12 @@ class Recording:
         raise KeyError(f"{self.path} has no document {name!r}{'' if time is None else f' at {time} s'}")
 
     def frames(self, *topics: str, start: float = 0.0, end: float | None = None) -> Iterator[Frame]:
-        """Reads frames in the order of the file. Their arrays are read-only and stay as long as they are held."""
-        return self._read(("frame",), topics, start, end, lambda item: _frame(item))
+        """Reads frames in the order of the file. Their arrays are read-only and stay as long as they are held.
+
+        Raises `GantryError` at the end if there were some and none could be read: colour that was recorded with
+        `--jpeg` or `--video` has pictures for people and no frames.
+        """
+        return self._read(("frame",), topics, start, end, lambda item: _frame(item), must_find="frame")
 
     def results(self, *topics: str, start: float = 0.0, end: float | None = None) -> Iterator[Result]:
         """Reads results of users' programs in the order of the file."""
@@ -203,7 +207,7 @@ class Recording:
             found = ticks.pop(frame.tick)
             return Row({name: found[name] for name in topics}, worlds.get(frame.tick) if snapshots else None)
 
-        return self._read(kinds, topics, start, end, make)
+        return self._read(kinds, topics, start, end, make, must_find="frame")
 
     @property
     def damage(self) -> dict[str, int]:
@@ -223,7 +227,13 @@ class Recording:
         return {topic: About(json.loads(text)) for topic, _, _, _, text in documents if topic.endswith("/about")}
 
     def _read(
-        self, kinds: tuple[str, ...], topics: tuple[str, ...], start: float, end: float | None, make: Callable[[tuple[Any, ...]], T | None]
+        self,
+        kinds: tuple[str, ...],
+        topics: tuple[str, ...],
+        start: float,
+        end: float | None,
+        make: Callable[[tuple[Any, ...]], T | None],
+        must_find: str | None = None,
     ) -> Iterator[T]:
         if end is not None and end < start:
             raise ValueError(f"end is {end} s, but must not be before start, {start} s")
@@ -231,8 +241,10 @@ class Recording:
 
         def items() -> Iterator[T]:
             self._cursors.append(cursor)
+            is_found = False
             try:
                 while (item := cursor.next()) is not None:
+                    is_found = is_found or item[0] == must_find
                     made = make(item)
                     del item
                     if made is not None:
@@ -243,6 +255,8 @@ class Recording:
                 counts, sentences = cursor.damage()
                 _add(self._damage, counts)
                 self._sentences += sentences[: _MOST_SENTENCES - len(self._sentences)]
+            if must_find is not None and not is_found and "codec" in counts:
+                raise GantryError(f"{self.path}: none of {counts['codec']} frames can be read; {sentences[0]}")
 
         return items()
 
