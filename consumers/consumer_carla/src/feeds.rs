@@ -87,6 +87,11 @@ impl Feeds {
         let _ = self.shared.bus.set(bus);
     }
 
+    /// The bus that sensors are read from, if it was set.
+    pub fn bus(&self) -> Option<&Bus> {
+        self.shared.bus.get()
+    }
+
     /// A client is about to connect to this stream: opens its source now.
     pub fn expect(self: &Arc<Self>, stream: u32) {
         self.sweep();

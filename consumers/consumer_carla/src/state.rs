@@ -6,5 +6,6 @@ pub mod blueprints;
 pub mod commander;
 pub mod known_world;
 pub mod navigation_file;
+pub mod served_manager;
 pub mod settings;
 pub mod traffic_managers;

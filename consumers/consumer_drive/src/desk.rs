@@ -3,42 +3,113 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use schema_frames::ActorList;
+use schema_frames::{ActorList, Command, StepMode, WorldInfo};
+use serde::{Deserialize, Serialize};
 
 use crate::fleet::Fleet;
-use crate::parameters::{Action, Parameters, Settings, VehicleParameters};
+use crate::parameters::{Action, Parameters, Settings, Surroundings, VehicleParameters};
 
-/// Something to do between two snapshots.
-pub type Request = Box<dyn FnOnce(&mut Desk) + Send>;
+/// Something to do between two snapshots; what it returns is called when it counts.
+pub type Request = Box<dyn FnOnce(&mut Desk) -> Answer + Send>;
+/// Tells whoever asked.
+pub type Answer = Box<dyn FnOnce()>;
+
+/// Low beams are switched on when the sun stands lower than this, degrees.
+const DARK_BELOW_DEG: f32 = 15.0;
+/// Low beams are switched on in rain above this, percent.
+const WET_ABOVE_PERCENT: f32 = 80.0;
+/// Low beams and fog lamps are switched on in fog above this, percent.
+const FOGGY_ABOVE_PERCENT: f32 = 20.0;
+/// Radius of hybrid physics that CARLA's clients expect, metres.
+const HYBRID_RADIUS_M: f64 = 70.0;
+/// Distances from a hero at which dormant vehicles return, metres.
+const RESPAWN_M: [f64; 2] = [100.0, 1000.0];
+
+/// What is set apart from whether it is on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Switches {
+    /// Whether vehicles far from every hero move without physics.
+    pub is_hybrid: bool,
+    /// Radius around heroes within which vehicles obey physics, metres.
+    pub hybrid_radius_m: f64,
+    /// Whether dormant vehicles come back near a hero.
+    pub respawns: bool,
+    /// Least and greatest distance from a hero at which they do, metres.
+    pub respawn_m: [f64; 2],
+}
+
+impl Default for Switches {
+    fn default() -> Self {
+        Switches {
+            is_hybrid: false,
+            hybrid_radius_m: HYBRID_RADIUS_M,
+            respawns: false,
+            respawn_m: RESPAWN_M,
+        }
+    }
+}
+
+/// What a session begins with.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Start {
+    /// What holds for all vehicles.
+    pub common: Parameters,
+    /// Seed of choices; `None` takes the simulator's.
+    pub seed: Option<u64>,
+    /// Whether the simulator always waits for the controls of each tick.
+    pub lockstep: bool,
+}
+
+/// What outlives a session that was killed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Memory {
+    /// The simulator's epoch.
+    pub epoch: u64,
+    /// Its episode.
+    pub episode: u32,
+    settings: Settings,
+    switches: Switches,
+    has_own_seed: bool,
+    registered: BTreeSet<u32>,
+    lockstep: bool,
+}
+
+impl Memory {
+    pub(crate) fn n_registered(&self) -> usize {
+        self.registered.len()
+    }
+}
 
 /// What is set, and what is known of those who are driven.
 #[derive(Debug, Default)]
 pub struct Desk {
+    start: Start,
     settings: Settings,
+    switches: Switches,
     has_own_seed: bool,
+    /// Seed of the simulator.
+    world_seed: u64,
     registered: BTreeSet<u32>,
+    /// Vehicles that are let go and shall stand.
+    parked: Vec<u32>,
     revision: u64,
     lockstep: bool,
+    is_stepped: bool,
     actors: ActorList,
+    episode: Option<(u64, u32)>,
     /// Vehicles somebody has asked about, with what they will do next.
     watched: BTreeMap<u32, Vec<Action>>,
+    commands: Vec<Command>,
 }
 
 impl Desk {
-    pub(crate) fn new(seed: Option<u64>, speed_difference_percent: f64, lockstep: bool) -> Desk {
-        Desk {
-            settings: Settings {
-                common: Parameters {
-                    speed_difference_percent,
-                    ..Parameters::default()
-                },
-                seed: seed.unwrap_or(0),
-                ..Settings::default()
-            },
-            has_own_seed: seed.is_some(),
-            lockstep,
+    pub(crate) fn new(start: Start) -> Desk {
+        let mut desk = Desk {
+            start,
             ..Desk::default()
-        }
+        };
+        desk.reset_common();
+        desk
     }
 
     /// Drives these vehicles from now on, besides those of the selection.
@@ -47,13 +118,30 @@ impl Desk {
         self.revision += 1;
     }
 
-    /// Drives these vehicles no longer and forgets what was set for them.
+    /// Drives these vehicles no longer. What was set for them is kept, and they keep their last
+    /// controls.
     pub fn unregister(&mut self, ids: &[u32]) {
         for id in ids {
             self.registered.remove(id);
-            self.settings.vehicles.remove(id);
-            self.watched.remove(id);
         }
+        self.revision += 1;
+    }
+
+    /// Sets for all vehicles what held at the start, also seed and lockstep.
+    pub fn reset_common(&mut self) {
+        self.settings.common = self.start.common.clone();
+        self.switches = Switches::default();
+        self.has_own_seed = self.start.seed.is_some();
+        self.settings.seed = self.start.seed.unwrap_or(self.world_seed);
+        self.lockstep = false;
+    }
+
+    /// Begins anew: nothing is registered or set, and the vehicles that were driven stop.
+    pub fn reset(&mut self) {
+        self.reset_common();
+        self.parked.extend(std::mem::take(&mut self.registered));
+        self.settings.vehicles.clear();
+        self.watched.clear();
         self.revision += 1;
     }
 
@@ -72,20 +160,34 @@ impl Desk {
         self.settings.vehicle_mut(id)
     }
 
+    /// Changes what is set apart from whether it is on.
+    pub fn switch(&mut self, change: impl FnOnce(&mut Switches)) {
+        change(&mut self.switches);
+        let (switches, common) = (&self.switches, &mut self.settings.common);
+        common.hybrid_radius_m = switches.is_hybrid.then_some(switches.hybrid_radius_m);
+        common.respawn_m = switches.respawns.then_some(switches.respawn_m);
+    }
+
+    /// Sends a command to the simulator, before the next tick.
+    pub fn command(&mut self, command: Command) {
+        self.commands.push(command);
+    }
+
     /// Decides every choice from now on; all vehicles plan their ways anew.
     pub fn set_seed(&mut self, seed: u64) {
         self.settings.seed = seed;
         self.has_own_seed = true;
     }
 
-    /// Sets whether the simulator waits for the controls of each tick.
+    /// Sets whether the simulator waits for the controls of each tick, also where it steps by itself.
     pub fn set_lockstep(&mut self, on: bool) {
         self.lockstep = on;
     }
 
-    /// Whether the simulator shall wait for the controls of each tick.
+    /// Whether the simulator shall wait for the controls of each tick: when that was asked for, and
+    /// while registered vehicles are driven in a world that a client steps, however fast.
     pub fn lockstep(&self) -> bool {
-        self.lockstep
+        self.start.lockstep || self.lockstep || self.is_stepped && !self.registered.is_empty()
     }
 
     /// The actors of the newest list, by rising id.
@@ -105,6 +207,77 @@ impl Desk {
 
     pub(crate) fn has_own_seed(&self) -> bool {
         self.has_own_seed
+    }
+
+    /// Takes what the simulator says about itself.
+    pub(crate) fn set_world(&mut self, info: &WorldInfo) {
+        self.is_stepped = info.mode == StepMode::Stepped;
+        self.world_seed = info.seed;
+        if !self.has_own_seed {
+            self.settings.seed = info.seed;
+        }
+        let weather = &info.weather;
+        self.settings.common.surroundings = Surroundings {
+            dark: weather.sun_altitude_deg < DARK_BELOW_DEG
+                || weather.precipitation > WET_ABOVE_PERCENT
+                || weather.fog_density > FOGGY_ABOVE_PERCENT,
+            foggy: weather.fog_density > FOGGY_ABOVE_PERCENT,
+        };
+    }
+
+    /// Notes the episode. Vehicles of another one are forgotten: their ids may be others' now.
+    pub(crate) fn set_episode(&mut self, epoch: u64, episode: u32) {
+        let now = Some((epoch, episode));
+        if self.episode.is_some() && self.episode != now {
+            self.registered.clear();
+            self.parked.clear();
+            self.settings.vehicles.clear();
+            self.watched.clear();
+            self.revision += 1;
+        }
+        self.episode = now;
+    }
+
+    /// Epoch and episode of the newest snapshot.
+    pub(crate) fn episode(&self) -> Option<(u64, u32)> {
+        self.episode
+    }
+
+    /// What to remember, for a session that takes over; `None` before the first snapshot.
+    pub(crate) fn memory(&self) -> Option<Memory> {
+        let (epoch, episode) = self.episode?;
+        Some(Memory {
+            epoch,
+            episode,
+            settings: self.settings.clone(),
+            switches: self.switches.clone(),
+            has_own_seed: self.has_own_seed,
+            registered: self.registered.clone(),
+            lockstep: self.lockstep,
+        })
+    }
+
+    /// Goes on where a session of the same episode was killed.
+    pub(crate) fn recall(&mut self, memory: Memory) {
+        let since = std::mem::take(&mut self.registered);
+        self.registered = memory.registered;
+        self.registered.extend(since);
+        let since = std::mem::replace(&mut self.settings, memory.settings);
+        self.settings.vehicles.extend(since.vehicles);
+        self.switches = memory.switches;
+        self.has_own_seed = memory.has_own_seed;
+        self.lockstep |= memory.lockstep;
+        self.revision += 1;
+    }
+
+    /// Commands that wait to be sent.
+    pub(crate) fn take_commands(&mut self) -> Vec<Command> {
+        std::mem::take(&mut self.commands)
+    }
+
+    /// Vehicles that are let go and shall stand.
+    pub(crate) fn take_parked(&mut self) -> Vec<u32> {
+        std::mem::take(&mut self.parked)
     }
 
     /// Counts changes of the registrations.
@@ -167,7 +340,7 @@ mod tests {
     /// has it.
     #[test]
     fn settings_wait_for_a_vehicle_and_leave_with_it() {
-        let mut desk = Desk::new(None, 0.0, false);
+        let mut desk = Desk::new(Start::default());
         desk.register(&[7, 8]);
         desk.vehicle_mut(7).ignore_lights_percent = 100.0;
         desk.set_actors(list(&[8]));

@@ -1,9 +1,12 @@
 //! `gantry-drive`: drives vehicles along the lanes of the map on the bus.
 
+use std::net::{IpAddr, Ipv4Addr};
 use std::process::ExitCode;
 
 use clap::Parser;
+use consumer_drive::parameters::Parameters;
 use consumer_drive::selection::Selection;
+use consumer_drive::served::{self, Served};
 use consumer_drive::session;
 use launch_cli::{CommonArgs, Exit, Shutdown, run};
 
@@ -13,16 +16,27 @@ use launch_cli::{CommonArgs, Exit, Shutdown, run};
 #[command(
     name = "gantry-drive",
     version,
-    after_help = "Examples:\n  gantry-drive\n  gantry-drive --vehicles ego --speed-factor 0.8\n  gantry-drive --vehicles others --lockstep --seed 7\n  gantry-drive --vehicles 24,31"
+    after_help = "Examples:\n  gantry-drive\n  gantry-drive --vehicles ego --speed-factor 0.8\n  gantry-drive --vehicles others --lockstep --seed 7\n  gantry-drive --vehicles 24,31\n  gantry-drive --serve 8000"
 )]
 struct Args {
     #[command(flatten)]
     common: CommonArgs,
 
     /// Whom to drive: "ego" (role ego_vehicle or hero), "others" (role autopilot), "all" (both), or
-    /// actor ids; several with commas
-    #[arg(long, value_name = "WHO", default_value = "all")]
-    vehicles: Selection,
+    /// actor ids; several with commas [default: all, and none besides those that clients register
+    /// with --serve]
+    #[arg(long, value_name = "WHO")]
+    vehicles: Option<Selection>,
+
+    /// Be the Traffic Manager of CARLA's clients, at the ports at which they look for it: the
+    /// gateway of this domain sends them here
+    #[arg(long, value_name = "PORTS", value_delimiter = ',', value_parser = clap::value_parser!(u16).range(1..))]
+    serve: Vec<u16>,
+
+    /// Address to listen on with --serve; 0.0.0.0 lets clients of other machines in, and there is no
+    /// password
+    #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST), requires = "serve")]
+    bind: IpAddr,
 
     /// Let the simulator wait for these controls before each tick, so that the run is repeatable;
     /// NAME is the name to take part under [default: drive- and whom]
@@ -53,15 +67,35 @@ fn main() -> ExitCode {
     run(|args: Args| {
         args.common.init_logging();
         let shutdown = Shutdown::install()?;
+        let is_served = !args.serve.is_empty();
+        let base = if is_served {
+            served::parameters()
+        } else {
+            Parameters::default()
+        };
         let options = session::Options {
             domain: args.common.domain,
-            vehicles: args.vehicles,
+            vehicles: match args.vehicles {
+                None if is_served => Selection::default(),
+                given => given.unwrap_or_else(Selection::all),
+            },
             lockstep: args.lockstep.is_some(),
             lockstep_name: args.lockstep.filter(|name| !name.is_empty()),
             seed: args.seed,
-            speed_factor: args.speed_factor,
+            parameters: Parameters {
+                speed_difference_percent: 100.0 * (1.0 - args.speed_factor),
+                ..base
+            },
         };
-        session::drive(&options, None, &|| shutdown.requested())?;
+        let served = match is_served {
+            true => Some(Served::start(&options.domain, args.bind, args.serve)?),
+            false => None,
+        };
+        if let Some(served) = &served {
+            let place = served.place();
+            println!("listening on {}:{}", place.host, place.port);
+        }
+        session::drive(&options, served, &|| shutdown.requested())?;
         Ok(Exit::Done)
     })
 }

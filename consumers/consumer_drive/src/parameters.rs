@@ -7,10 +7,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use serde::{Deserialize, Serialize};
+
 use crate::path::Side;
 
 /// What holds for all vehicles.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Parameters {
     /// How much slower than the limit to drive, percent of the limit; negative is faster.
     pub speed_difference_percent: f64,
@@ -50,7 +52,7 @@ impl Default for Parameters {
 }
 
 /// What the weather asks of lamps.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Surroundings {
     /// Whether low beams are needed.
     pub dark: bool,
@@ -59,7 +61,7 @@ pub struct Surroundings {
 }
 
 /// How fast to drive.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum SpeedRule {
     /// As all vehicles.
     #[default]
@@ -71,7 +73,7 @@ pub enum SpeedRule {
 }
 
 /// A decision on the way: CARLA's `RoadOption`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum RoadOption {
     /// Turn left at the next junction.
     Left,
@@ -88,7 +90,7 @@ pub enum RoadOption {
 }
 
 /// What holds for one vehicle.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VehicleParameters {
     /// How fast to drive.
     pub speed: SpeedRule,
@@ -148,7 +150,7 @@ impl Default for VehicleParameters {
 }
 
 /// All that is set: for all vehicles, for single ones, and the seed of their choices.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// What holds for all vehicles.
     pub common: Parameters,

@@ -6,6 +6,7 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel as queue};
+use std::time::Duration;
 
 use crate::desk::{Desk, Request};
 
@@ -43,21 +44,24 @@ pub fn channel() -> io::Result<(Counter, Requests)> {
 }
 
 impl Counter {
-    /// Runs `question` on the desk between two snapshots and returns its answer; `None` if the
-    /// session has ended.
+    /// Runs `question` on the desk between two snapshots and returns its answer when what it changed
+    /// counts; `None` if the session has ended or takes longer than `patience`. A question that was
+    /// not answered in time is run later all the same.
     pub fn ask<R: Send + 'static>(
         &self,
         question: impl FnOnce(&mut Desk) -> R + Send + 'static,
+        patience: Duration,
     ) -> Option<R> {
         let (answer, answered) = queue();
         let request: Request = Box::new(move |desk| {
+            let result = question(desk);
             // Who asked may have gone.
-            let _ = answer.send(question(desk));
+            Box::new(move || drop(answer.send(result)))
         });
         self.requests.send(request).ok()?;
         // A socket that is full has woken the session already.
         let _ = (&*self.wake).write(&[1]);
-        answered.recv().ok()
+        answered.recv_timeout(patience).ok()
     }
 }
 
@@ -86,18 +90,20 @@ mod tests {
     fn answers_come_back_in_order_and_end_with_the_session() {
         let (counter, requests) = channel().unwrap();
         let asking = std::thread::spawn(move || {
-            let first = counter.ask(|desk| {
+            let patience = Duration::from_secs(60);
+            let register = |desk: &mut Desk| {
                 desk.register(&[7]);
                 desk.registered().collect::<Vec<_>>()
-            });
-            let second = counter.ask(|desk| desk.lockstep());
-            (first, second, counter.ask(|_| ()))
+            };
+            let first = counter.ask(register, patience);
+            let second = counter.ask(|desk| desk.lockstep(), patience);
+            (first, second, counter.ask(|_| (), patience))
         });
         let mut desk = Desk::default();
         let mut n_run = 0;
         while n_run < 2 {
             for request in requests.take() {
-                request(&mut desk);
+                request(&mut desk)();
                 n_run += 1;
             }
         }

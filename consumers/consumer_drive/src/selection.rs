@@ -57,6 +57,15 @@ impl std::fmt::Display for Selection {
 }
 
 impl Selection {
+    /// All roles.
+    pub fn all() -> Selection {
+        Selection {
+            ego: true,
+            others: true,
+            ids: Vec::new(),
+        }
+    }
+
     /// Ids of the selected vehicles that are there, rising.
     pub fn choose(&self, actors: &ActorList) -> Vec<u32> {
         let wanted = |role: &str, id: u32| match role {

@@ -2,23 +2,25 @@
 //! the simulator.
 
 use std::collections::BTreeMap;
+use std::os::fd::AsFd as _;
 use std::sync::Arc;
-use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use consumer_kit::{FollowedDocument, Lockstep, SnapshotTrail, WorldAt};
 use schema_bus::{
-    Bus, BusError, CommandClient, CommandError, ControlWriter, Listener, Notifier, names,
+    Bus, BusError, CommandClient, CommandError, ControlWriter, Notifier, Token, WaitSet, names,
 };
 use schema_frames::{
     ActorList, Command, CommandBatch, VehicleControl, VehicleControlRecord, WorldInfo,
 };
 use schema_roads::RoadMap;
 
-use crate::desk::{Desk, Request};
+use crate::desk::{Answer, Desk, Start};
 use crate::fleet::{Fleet, Step};
+use crate::parameters::Parameters;
 use crate::selection::Selection;
+use crate::served::Served;
 use crate::steer::Geometry;
 use crate::traffic::Traffic;
 
@@ -49,26 +51,22 @@ pub struct Options {
     pub lockstep_name: Option<String>,
     /// Seed of the turns; `None` takes the simulator's.
     pub seed: Option<u64>,
-    /// Share of the speed limit.
-    pub speed_factor: f64,
+    /// What holds for all vehicles until it is set.
+    pub parameters: Parameters,
 }
 
-/// Drives until `stop` says so. `requests` are run in their order, before the next snapshot is
-/// answered.
+/// Drives until `stop` says so, and does what clients of `served` ask.
 ///
 /// # Errors
 /// The bus fails, or a document of the simulator cannot be read.
 pub fn drive(
     options: &Options,
-    requests: Option<&Receiver<Request>>,
+    served: Option<Served>,
     stop: &dyn Fn() -> bool,
 ) -> anyhow::Result<()> {
-    let mut session = Session::open(options)?;
+    let mut session = Session::open(options, served)?;
     while !stop() {
-        for request in requests.into_iter().flat_map(Receiver::try_iter) {
-            request(&mut session.desk);
-        }
-        session.leave_lockstep_if_asked();
+        session.wait()?;
         session.turn()?;
     }
     session.park()
@@ -88,13 +86,16 @@ struct Session<'o> {
     // Dropped in this order: ports before their node.
     lockstep: Option<Lockstep>,
     next_join: Instant,
-    wake: Listener,
+    wake: WaitSet,
+    snapshots: Token,
     announced: bool,
+    served: Option<Served>,
     daemon: Notifier,
     writer: ControlWriter,
     trail: SnapshotTrail,
     map: FollowedDocument,
     info: FollowedDocument,
+    info_epoch: Option<u64>,
     actors: FollowedDocument,
     list_revision: u64,
     list_epoch: u64,
@@ -113,31 +114,40 @@ struct Session<'o> {
 }
 
 impl<'o> Session<'o> {
-    fn open(options: &'o Options) -> anyhow::Result<Session<'o>> {
-        let name: String = format!("drive-{}", options.vehicles)
-            .chars()
-            .take(40)
-            .collect();
+    fn open(options: &'o Options, mut served: Option<Served>) -> anyhow::Result<Session<'o>> {
+        let whom = match &served {
+            Some(served) => served.name(),
+            None => options.vehicles.to_string(),
+        };
+        let name: String = format!("drive-{whom}").chars().take(40).collect();
         let bus = Bus::open(&options.domain, &format!("gantry-{name}"))?;
+        let mut wake = WaitSet::new();
+        let snapshots = wake.add(bus.listener(names::WORLD_SNAPSHOT)?);
+        if let Some(served) = &mut served {
+            served.announce(&bus)?;
+        }
         Ok(Session {
             options,
             lockstep: None,
             next_join: Instant::now(),
-            wake: bus.listener(names::WORLD_SNAPSHOT)?,
+            wake,
+            snapshots,
             announced: false,
+            served,
             daemon: bus.notifier(names::CONTROL_WAKE)?,
             writer: bus.control_writer(&name)?,
             trail: SnapshotTrail::new(),
             map: FollowedDocument::new(names::WORLD_MAP),
             info: FollowedDocument::new(names::WORLD_INFO),
+            info_epoch: None,
             actors: FollowedDocument::new(names::WORLD_ACTORS),
             list_revision: 0,
             list_epoch: 0,
-            desk: Desk::new(
-                options.seed,
-                100.0 * (1.0 - options.speed_factor),
-                options.lockstep,
-            ),
+            desk: Desk::new(Start {
+                common: options.parameters.clone(),
+                seed: options.seed,
+                lockstep: options.lockstep,
+            }),
             commands: None,
             command_name: format!("gantry-{name}"),
             episode: None,
@@ -150,17 +160,69 @@ impl<'o> Session<'o> {
         })
     }
 
-    /// Waits for the next snapshot and answers it.
+    /// Waits for the next snapshot or request.
+    fn wait(&mut self) -> anyhow::Result<()> {
+        let most = if self.announced { MAX_WAIT } else { POLL };
+        match &self.served {
+            None => self.wake.wait(most)?,
+            Some(served) => {
+                served.greet();
+                let requests = [served.requests.as_fd()];
+                !self.wake.wait_beside(&requests, most)?.is_empty()
+            }
+        };
+        self.announced |= self.wake.woken(self.snapshots);
+        Ok(())
+    }
+
+    /// Answers the newest snapshot and runs requests.
+    ///
+    /// Who asks has seen at most the snapshot that is on the bus when its request is taken. That one
+    /// is answered first, so that what is asked between two ticks counts from the same tick in every
+    /// run.
     fn turn(&mut self) -> anyhow::Result<()> {
-        self.announced |= self
-            .wake
-            .wait(if self.announced { MAX_WAIT } else { POLL })?;
+        let requests = self.served.as_ref().map(|served| served.requests.take());
+        self.answer()?;
+        let Some(requests) = requests else {
+            return Ok(());
+        };
+        let answers: Vec<Answer> = requests
+            .into_iter()
+            .map(|request| request(&mut self.desk))
+            .collect();
+        if !answers.is_empty() {
+            let parked = self.desk.take_parked();
+            self.brake(&parked)?;
+            let commands = self.desk.take_commands();
+            self.send(commands)?;
+            self.read_info()?;
+            self.leave_lockstep_if_asked();
+            if self.lockstep.is_none() {
+                self.next_join = Instant::now();
+                self.join()?;
+            }
+        }
+        if let Some(served) = &mut self.served {
+            served.keep(&self.desk, !answers.is_empty());
+        }
+        answers.into_iter().for_each(|tell| tell());
+        Ok(())
+    }
+
+    fn answer(&mut self) -> anyhow::Result<()> {
         let Some(world) = self.trail.newest(&self.bus)? else {
             return Ok(());
         };
         let now = (world.header.epoch, world.header.tick);
+        self.read_info()?;
+        self.leave_lockstep_if_asked();
         if now == self.done {
             return self.join();
+        }
+        self.desk
+            .set_episode(world.header.epoch, world.header.episode);
+        if let Some(served) = &mut self.served {
+            served.recall(&mut self.desk);
         }
         self.read_list(&world)?;
         let is_ready = self.prepare(&world)?;
@@ -181,9 +243,7 @@ impl<'o> Session<'o> {
             self.writer.send(world.header.tick, &step.controls)?;
             self.daemon.notify();
         }
-        if !step.commands.is_empty() {
-            self.send(step.commands)?;
-        }
+        self.send(step.commands)?;
         self.done = now;
         if let Some(lockstep) = &self.lockstep {
             lockstep.ack(world.header.tick)?;
@@ -268,6 +328,17 @@ impl<'o> Session<'o> {
         }
     }
 
+    /// Reads what the simulator says about itself.
+    fn read_info(&mut self) -> anyhow::Result<()> {
+        if let Some(document) = heal(self.info.changed(&self.bus))?.flatten() {
+            self.info_epoch = Some(document.header.epoch);
+            if let Ok(info) = document.json::<WorldInfo>() {
+                self.desk.set_world(&info);
+            }
+        }
+        Ok(())
+    }
+
     /// Leaves lockstep when it has been switched off.
     fn leave_lockstep_if_asked(&mut self) {
         if !self.desk.lockstep() && self.lockstep.take().is_some() {
@@ -286,15 +357,8 @@ impl<'o> Session<'o> {
         {
             return Ok(true);
         }
-        if !self.desk.has_own_seed() {
-            heal(self.info.changed(&self.bus))?;
-            let newest = self.info.newest().filter(|d| d.header.epoch == epoch);
-            let Some(document) = newest else {
-                return Ok(false);
-            };
-            if let Ok(info) = document.json::<WorldInfo>() {
-                self.desk.settings_mut().seed = info.seed;
-            }
+        if !self.desk.has_own_seed() && self.info_epoch != Some(epoch) {
+            return Ok(false);
         }
         heal(self.map.changed(&self.bus))?;
         let Some(document) = self.map.newest().filter(|d| d.header.epoch == epoch) else {
@@ -375,6 +439,9 @@ impl<'o> Session<'o> {
 
     /// Sends commands and waits until they are taken, so that they act on the next tick.
     fn send(&mut self, commands: Vec<Command>) -> anyhow::Result<()> {
+        if commands.is_empty() {
+            return Ok(());
+        }
         let client = match &mut self.commands {
             Some(client) => client,
             none => none.insert(self.bus.command_client(&self.command_name)?),
@@ -394,14 +461,23 @@ impl<'o> Session<'o> {
         }
     }
 
-    /// Brakes all driven vehicles, because the simulator keeps applying the last controls.
+    /// Stops all driven vehicles, because the simulator keeps applying the last controls.
     fn park(&mut self) -> anyhow::Result<()> {
+        let driven = self.episode.iter().flat_map(|e| e.fleet.drivers().keys());
+        let ids: Vec<u32> = driven.copied().collect();
+        if let Some(served) = &mut self.served {
+            served.end();
+        }
+        self.brake(&ids)
+    }
+
+    fn brake(&mut self, ids: &[u32]) -> anyhow::Result<()> {
         let brake = VehicleControl {
             brake_ratio: 1.0,
             ..VehicleControl::default()
         };
-        let ids = self.episode.iter().flat_map(|e| e.fleet.drivers().keys());
         let records: Vec<VehicleControlRecord> = ids
+            .iter()
             .map(|id| VehicleControlRecord::new(*id, brake))
             .collect();
         if !records.is_empty() {

@@ -3,7 +3,8 @@
 //!
 //! The gateway (`gantry-carla`) and the Traffic Manager (`gantry-drive --serve`) are built on it.
 //! Modules in reading order: [`msgpack`] (values and their bytes), [`fields`] (reads what clients
-//! send), [`message`] (requests and responses), [`server`] (connections and their threads).
+//! send), [`message`] (requests and responses), [`server`] (connections and their threads), and
+//! [`place`] (where gateways find a Traffic Manager).
 //!
 //! ```
 //! use consumer_rpc::fields::Fields;
@@ -24,4 +25,5 @@
 pub mod fields;
 pub mod message;
 pub mod msgpack;
+pub mod place;
 pub mod server;

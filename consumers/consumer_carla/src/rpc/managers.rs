@@ -1,8 +1,12 @@
-//! The registry of Traffic Managers, which run in clients; other clients ask here for their hosts.
+//! The registry of Traffic Managers, which run in clients or as processes of their own; clients ask
+//! here for their hosts.
+
+use consumer_rpc::place::Place;
 
 use crate::gateway::Gateway;
 use crate::list;
 use crate::rpc::call::{Call, Calls};
+use crate::state::served_manager;
 use crate::wire::requests::{Answer, Outcome};
 
 pub(crate) const CALLS: Calls = &[
@@ -14,16 +18,24 @@ pub(crate) const CALLS: Calls = &[
 
 fn is_manager_running(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let port = call.u16()?;
-    let is_running = gateway.traffic_managers.host(port).is_some();
-    Ok(Answer::Value(is_running.into()))
+    Ok(Answer::Value(place(gateway, port).is_some().into()))
 }
 
 fn running_manager(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let port = call.u16()?;
-    let found = gateway.traffic_managers.host(port);
-    Ok(Answer::Value(
-        found.map_or_else(|| list!["", 0u16], |host| list![host, port]),
-    ))
+    let found = place(gateway, port);
+    Ok(Answer::Value(found.map_or_else(
+        || list!["", 0u16],
+        |place| list![place.host, place.port],
+    )))
+}
+
+/// Where the Traffic Manager of this port listens: one that a client runs, or else a process on this
+/// domain.
+fn place(gateway: &Gateway, port: u16) -> Option<Place> {
+    let of_client = gateway.traffic_managers.host(port);
+    let of_client = of_client.map(|host| Place { host, port });
+    of_client.or_else(|| served_manager::find(gateway.feeds.bus()?, port))
 }
 
 fn add_manager(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
