@@ -69,6 +69,12 @@ impl Gateway {
         }
     }
 
+    /// Begins in CARLA's no-rendering mode, until a client's settings say otherwise.
+    pub fn begin_without_rendering(&self) {
+        lock(&self.settings).no_rendering = true;
+        self.feeds.set_no_rendering(true);
+    }
+
     /// Runs after each snapshot, before clients see it.
     pub fn after_snapshot(&self) {
         self.recorder.step(&self.world, &self.commander);

@@ -31,6 +31,14 @@ struct Args {
     #[arg(long, value_name = "PORT", default_value_t = 2000, value_parser = clap::value_parser!(u16).range(..=65534))]
     port: u16,
 
+    /// Port of the streams, 0 for any free one [default: the one after --port]
+    #[arg(long, value_name = "PORT")]
+    stream_port: Option<u16>,
+
+    /// Begin in CARLA's no-rendering mode, in which cameras send nothing, until a client leaves it
+    #[arg(long)]
+    no_rendering: bool,
+
     /// Address to listen on; 0.0.0.0 lets clients of other machines in, and there is no password
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     bind: IpAddr,
@@ -62,7 +70,8 @@ fn listen(bind: IpAddr, port: u16) -> anyhow::Result<(TcpListener, u16)> {
 
 fn serve(args: &Args, shutdown: &Shutdown) -> anyhow::Result<()> {
     let (calls, port) = listen(args.bind, args.port)?;
-    let (listener, stream_port) = listen(args.bind, if args.port == 0 { 0 } else { port + 1 })?;
+    let behind = if args.port == 0 { 0 } else { port + 1 };
+    let (listener, stream_port) = listen(args.bind, args.stream_port.unwrap_or(behind))?;
     let (world, stop) = (Arc::new(World::default()), Arc::new(AtomicBool::new(false)));
     let (commander, work) = commander::commander();
     let feeds = Arc::new(Feeds::new(world.clone()));
@@ -76,6 +85,9 @@ fn serve(args: &Args, shutdown: &Shutdown) -> anyhow::Result<()> {
         feeds.clone(),
         stream_port,
     ));
+    if args.no_rendering {
+        gateway.begin_without_rendering();
+    }
     if let Some(data) = &args.data {
         gateway.recorder.keep_in(data.clone());
     }

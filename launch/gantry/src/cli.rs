@@ -1,5 +1,6 @@
 //! The command line of `gantry`.
 
+mod carla;
 mod look;
 mod make;
 
@@ -12,6 +13,7 @@ use clap::{Parser, Subcommand};
 use launch_cli::CommonArgs;
 use launch_spec::Period;
 
+pub use carla::{CarlaRootArgs, CarlaServerArgs};
 pub use look::{Column, EchoArgs, GraphArgs, TopArgs, TopicArgs, TopicWord, WindowArgs};
 pub use make::{ConsumerArgs, Lang, NewArgs, NewWord};
 
@@ -50,6 +52,11 @@ pub enum Word {
     Map(MapArgs),
     /// Make a project of your own that runs with the simulator
     New(NewArgs),
+    /// Make a folder for CARLA_ROOT, whose CarlaUE4.sh starts a server that is Gantry
+    CarlaRoot(CarlaRootArgs),
+    /// The launcher behind CarlaUE4.sh
+    #[command(hide = true)]
+    CarlaServer(CarlaServerArgs),
     /// Any other word runs the program gantry-WORD
     #[command(external_subcommand)]
     External(Vec<OsString>),
@@ -67,7 +74,7 @@ Examples:
   gantry up launch/two_rigs.toml --set scenario.seed=9 --set sensor.front.width_px=640 --dry-run";
 
 /// `gantry up`.
-#[derive(clap::Args, Debug, Clone)]
+#[derive(clap::Args, Debug, Clone, Default)]
 #[command(after_help = UP_EXAMPLES)]
 pub struct UpArgs {
     /// Launch files, each laid over those before it [default: launch/quickstart.toml, which is also

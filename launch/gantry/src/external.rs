@@ -17,7 +17,7 @@ pub fn run(words: &[OsString], common: &CommonArgs) -> anyhow::Result<Exit> {
     let program = programs::find(&name).map_err(|error| {
         let known = installed().join(", ");
         wrong_usage(format!(
-            "{error}; words are up, new, topic, top, graph, doctor, map, completions, help{}{known}",
+            "{error}; words are up, new, topic, top, graph, doctor, map, carla-root, completions, help{}{known}",
             if known.is_empty() { "" } else { " and " }
         ))
     })?;

@@ -1,11 +1,13 @@
 //! `gantry`: starts, watches and stops a set of processes (`up`), shows what they do (`top`,
-//! `graph`, `topic`), and examines the machine (`doctor`) and maps (`map`).
+//! `graph`, `topic`), examines the machine (`doctor`) and maps (`map`), makes projects (`new`) and
+//! stands in for a CARLA that other programs start (`carla-root`).
 //!
 //! Every other word runs the program `gantry-WORD` beside this one, as `cargo` and `git` do.
 //! The tool reads topics like any consumer and sends the daemon no commands; it only starts and
 //! stops it.
 
 mod bus;
+mod carla_root;
 mod census;
 mod cli;
 mod doctor;
@@ -24,6 +26,9 @@ use std::process::ExitCode;
 use cli::{Args, TopicWord, Word};
 
 fn main() -> ExitCode {
+    if let Some(called) = carla_root::is_front() {
+        return launch_cli::run_main(|| carla_root::run_front(&called));
+    }
     launch_cli::run(|args: Args| match &args.word {
         Word::Up(up) => up::run(up, &args.common),
         Word::Topic(topic) => {
@@ -50,6 +55,11 @@ fn main() -> ExitCode {
             args.common.init_logging();
             new::run(new)
         }
+        Word::CarlaRoot(root) => {
+            args.common.init_logging();
+            carla_root::run(root)
+        }
+        Word::CarlaServer(server) => carla_root::run_server(server, &args.common),
         Word::External(words) => external::run(words, &args.common),
     })
 }

@@ -17,11 +17,13 @@ mod surroundings;
 mod topics;
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::Context as _;
 use launch_cli::{CommonArgs, Exit, wrong_usage};
 use launch_spec::{FileText, Launch, LaunchErrors, Process};
 
+pub use signals::Signals;
 use topics::own_topics;
 
 use crate::bus::Bus;
@@ -55,10 +57,26 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
         wrong_usage("the launch file has no [process.NAME]; there is nothing to start")
     );
     check_files(args)?;
+    let data = args.data.as_deref();
     // The launcher starts no logging, which would do this.
     common.end_with_parent();
+    start(&launch, data, args.run_for(), common, Signals::install)
+}
+
+/// Runs the processes of a launch file until the end, with the run's folder in the data folder
+/// `data`. `signals` is called when nothing speaks against the start any more.
+///
+/// # Errors
+/// A sentence if the processes cannot be started.
+pub fn start(
+    launch: &Launch,
+    data: Option<&Path>,
+    run_for: Option<Duration>,
+    common: &CommonArgs,
+    signals: impl FnOnce() -> anyhow::Result<Signals>,
+) -> anyhow::Result<Exit> {
     if launch.processes.iter().any(Process::is_daemon) || !launch.topics.is_empty() {
-        memory::check(&launch)?;
+        memory::check(launch)?;
     }
     let bus = Bus::open(&common.domain)?;
     if launch.processes.iter().any(Process::is_daemon) && bus.daemon_alive()? {
@@ -67,14 +85,14 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
             "a simulator or a replay runs on domain {domain:?} already; stop it, or choose another name with --domain"
         )));
     }
-    let signals = signals::Signals::install()?;
+    let signals = signals()?;
     // Processes may run in other folders, so every path that they are given is a whole one.
-    let run_dir = std::path::absolute(run_dir::make(args.data.as_deref())?)?;
+    let run_dir = std::path::absolute(run_dir::make(data)?)?;
     let resolved = run_dir.join("launch.toml");
     std::fs::write(&resolved, launch.to_toml_with_defaults())
         .with_context(|| format!("cannot write {}", resolved.display()))?;
     let run = plan::Run {
-        launch: &launch,
+        launch,
         common,
         dir: &run_dir,
         resolved: &resolved,
@@ -88,7 +106,7 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     ));
     // A launcher that was killed may have left its topics behind.
     bus.clean();
-    let kept: Vec<&str> = own_topics(&launch)
+    let kept: Vec<&str> = own_topics(launch)
         .map(|(name, _)| name)
         .filter(|name| bus.exists(name))
         .collect();
@@ -99,10 +117,10 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
         ));
     }
     // Kept for as long as the processes run: their readers may come before their writers.
-    let _topics: Vec<_> = own_topics(&launch)
+    let _topics: Vec<_> = own_topics(launch)
         .map(|(name, topic)| bus.hold_topic(name, &topic))
         .collect::<anyhow::Result<_>>()?;
-    let supervisor = supervise::Supervisor::new(plans, output, bus, args.run_for(), signals)?;
+    let supervisor = supervise::Supervisor::new(plans, output, bus, run_for, signals)?;
     Ok(supervisor.run())
 }
 
@@ -146,7 +164,11 @@ fn check_files(args: &UpArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn read(args: &UpArgs) -> anyhow::Result<Launch> {
+/// Reads the launch files with what `--set` says.
+///
+/// # Errors
+/// All errors of the files in one.
+pub fn read(args: &UpArgs) -> anyhow::Result<Launch> {
     let mut folders = Vec::new();
     let mut read_file = |path: &Path| {
         let file = FileText::read(path)?;

@@ -25,7 +25,7 @@ fn help_of(words: &[&str]) -> String {
 
 #[test]
 fn help_texts_are_those_that_were_reviewed() {
-    let cases: [(&str, &[&str]); 18] = [
+    let cases: [(&str, &[&str]); 19] = [
         ("gantry", &["--help"]),
         ("gantry_up", &["up", "--help"]),
         ("gantry_topic", &["topic", "--help"]),
@@ -41,6 +41,7 @@ fn help_texts_are_those_that_were_reviewed() {
         ("gantry_doctor", &["doctor", "--help"]),
         ("gantry_new", &["new", "--help"]),
         ("gantry_new_consumer", &["new", "consumer", "--help"]),
+        ("gantry_carla-root", &["carla-root", "--help"]),
         ("gantry_map", &["map", "--help"]),
         ("gantry_map_check", &["map", "check", "--help"]),
         ("gantry_map_export", &["map", "export", "--help"]),
