@@ -1,14 +1,19 @@
-//! Debug strokes, drawn over the finished colour image of a view and hidden by nearer surfaces.
-//! They appear in no other image.
+//! Debug strokes, drawn over the finished colour image of a view and hidden by nearer surfaces, and
+//! over them what the spectator alone sees. They appear in no other image.
 
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Isometry3, Point3, Vector3};
-use sensor_core::scene::DebugStroke;
+use sensor_core::scene::{DebugStroke, Overlay, Scene};
 use sensor_gpu::Gpu;
 use sensor_spec::Intrinsics;
 
 use crate::camera_motion::NEAR_M;
+use crate::overlay::{Pane, PixelQuad};
 use crate::target::{Target, TargetLayer};
+use crate::view::ViewSpec;
+
+/// Distance at which the overlay lies: nearer than anything that is drawn.
+const OVERLAY_M: f64 = 1e-3;
 
 /// Strokes are drawn nearer by this factor, so that a stroke on a road is not half hidden by it.
 const NEARER_RATIO: f64 = 1.002;
@@ -26,6 +31,13 @@ pub(crate) struct DebugView<'t> {
     pub lens: &'t Intrinsics,
     pub world_from_camera: &'t Isometry3<f64>,
     pub images: TargetLayer<'t>,
+    /// Drawn on top, if the view shows it.
+    pub overlay: Option<&'t Overlay>,
+}
+
+/// Whether a view of `spec` has something to draw over its colour image.
+pub(crate) fn is_drawn(scene: &Scene, spec: &ViewSpec) -> bool {
+    !scene.debug.is_empty() || (spec.shows_overlay && !scene.overlay.is_empty())
 }
 
 /// The pipeline.
@@ -98,12 +110,21 @@ impl DebugPass {
             lens,
             world_from_camera,
             images,
+            overlay,
         } = view;
-        let corners: Vec<Corner> = strokes
+        let mut corners: Vec<Corner> = strokes
             .iter()
             .flat_map(|stroke| corners(stroke, lens, world_from_camera))
             .flatten()
             .collect();
+        if let Some(overlay) = overlay {
+            let pane = Pane::new(lens, world_from_camera);
+            corners.extend(
+                pane.quads(overlay)
+                    .iter()
+                    .flat_map(|quad| on_screen(quad, lens)),
+            );
+        }
         if corners.is_empty() {
             return;
         }
@@ -190,8 +211,21 @@ fn corners(
     Some([0, 1, 2, 0, 2, 3].map(|i| corner(quad[i])))
 }
 
+/// The two triangles of a quadrangle of the image.
+fn on_screen(quad: &PixelQuad, lens: &Intrinsics) -> [Corner; 6] {
+    let [width, height] = [lens.width_px, lens.height_px].map(f64::from);
+    let [r, g, b] = quad.color_rgb;
+    let bgra = u32::from_le_bytes([b, g, r, 255]);
+    let corner = |[x, y]: [f64; 2]| Corner {
+        clip: [2.0 * x / width - 1.0, 1.0 - 2.0 * y / height, 1.0, 1.0]
+            .map(|of_one| (of_one * OVERLAY_M) as f32),
+        bgra,
+    };
+    [0, 1, 2, 0, 2, 3].map(|i| corner(quad.corners_px[i]))
+}
+
 /// The part of a stroke in front of the near plane.
-fn in_front(from: Vector3<f64>, to: Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
+pub(crate) fn in_front(from: Vector3<f64>, to: Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let least_m = NEAR_M * NEARER_RATIO * 1.01;
     let cut = |inside: Vector3<f64>, outside: Vector3<f64>| {
         inside + (outside - inside) * ((inside.z - least_m) / (inside.z - outside.z))

@@ -18,7 +18,8 @@
 //! | `camera_motion`, `assets`, `target` | poses, meshes on the GPU, render targets |
 //! | `visible`, `lamps`, `light`, `shadow` | what a view sees, and the light it is seen in |
 //! | `binding_layout`, `bindings` | bind groups that several passes share |
-//! | `geometry`, `raster`, `shade`, `post`, `debug` | the passes, each beside its shaders |
+//! | `geometry`, `raster`, `shade`, `blur`, `post`, `debug`, `lens` | the passes, each beside its shaders |
+//! | `overlay` | what the spectator alone sees: texts, lines on the screen |
 //! | [`dvs`] | the event camera, on the CPU and on the GPU |
 //! | `view` | what is asked of a camera, and the results |
 //! | `renderer` | the tick: who has readers, what is drawn in which order |
@@ -69,8 +70,11 @@ mod visible;
 mod binding_layout;
 mod bindings;
 
+mod blur;
 mod debug;
 mod geometry;
+mod lens;
+mod overlay;
 mod post;
 mod raster;
 mod shade;
@@ -82,7 +86,9 @@ mod view;
 mod renderer;
 mod shader_sources;
 
+pub use blur::BlurData;
 pub use dvs::EventJob;
+pub use lens::LensData;
 pub use post::PostData;
 pub use quality::Quality;
 pub use raster::{RasterDraw, RasterView, Rasteriser};

@@ -5,13 +5,14 @@
 
 use bytemuck::{Pod, Zeroable};
 use sensor_gpu::Gpu;
-use sensor_spec::{ExposureMode, OpticsSpec};
+use sensor_spec::{ExposureMode, FilmCurve, Intrinsics, OpticsSpec};
 
 use crate::binding_layout::{
     entry, grow, texture, texture_of, uniform_at_offset, written_layers, written_storage,
 };
 use crate::bindings::Together;
-use crate::target::{Image, Target, Targets, image};
+use crate::blur::{BlurJob, BlurPass};
+use crate::target::{Image, Target, TargetSet, Targets, image};
 use crate::uniform::MAX_TOGETHER;
 
 /// Text of the shader.
@@ -73,8 +74,30 @@ pub struct PostData {
     pub white_rgb: [f32; 3],
     /// Layer of the image.
     pub layer: u32,
+    /// Width and height of the picture, which lies in the middle of the image.
+    pub out_px: [f32; 2],
+    /// Strength of ghosts.
+    pub flare: f32,
+    /// Whether the film's curve is a shaped one.
+    pub is_shaped: f32,
+    /// Shaped film: steepness of its straight part.
+    pub slope: f32,
+    /// Where its toe ends, log10 of light.
+    pub toe_at: f32,
+    /// Where its shoulder begins.
+    pub shoulder_at: f32,
+    /// Offset of its straight part.
+    pub straight_offset: f32,
+    /// Height of its toe.
+    pub toe_height: f32,
+    /// Height of its shoulder.
+    pub shoulder_height: f32,
+    /// How far it reaches below black.
+    pub black_clip: f32,
+    /// How far it reaches above white.
+    pub white_clip: f32,
     /// Unused: a uniform's offset can be a multiple of 256 only.
-    pub rest: [[u32; 4]; 9],
+    pub rest: [[u32; 4]; 6],
 }
 
 /// One view's work.
@@ -82,6 +105,8 @@ pub(crate) struct PostJob<'p> {
     /// Number of its view in this submission.
     pub view_idx: usize,
     pub optics: &'p OpticsSpec,
+    /// The picture's lens, without margins.
+    pub lens: Intrinsics,
     pub targets: &'p Targets,
     /// Its layer in these targets.
     pub layer: u32,
@@ -99,11 +124,30 @@ impl PostJob<'_> {
         self.optics.postprocess && self.optics.bloom_intensity > 0.0
     }
 
-    /// Whether it needs neither a meter nor glow images, so that it can be developed together with
+    fn has_flare(&self) -> bool {
+        self.optics.postprocess && self.optics.flare_intensity > 0.0
+    }
+
+    /// Whether it needs no meter, no glow and no blur, so that it can be developed together with
     /// other plain views.
     pub fn is_plain(&self) -> bool {
-        self.meter.is_none() && !self.has_bloom()
+        self.meter.is_none()
+            && !self.has_bloom()
+            && !self.has_flare()
+            && !self.optics.is_blurred()
     }
+}
+
+/// What development reads of a view beside radiance.
+pub(crate) fn reads(optics: &OpticsSpec) -> TargetSet {
+    let mut set = TargetSet::default();
+    if optics.is_blurred() {
+        set = set.union(Target::Depth.bit());
+    }
+    if optics.smears_motion() {
+        set = set.union(Target::Flow.bit());
+    }
+    set
 }
 
 /// Pixels of one workgroup, as `post.wgsl` has it.
@@ -112,6 +156,8 @@ const GROUP_PX: [u32; 2] = [16, 8];
 const N_GLOW: usize = 4;
 /// Share of the light that strays, at intensity 1.
 const BLOOM_SHARE: f32 = 0.06;
+/// Share of light far above white that a ghost shows at intensity 1, in its brightest colour.
+const FLARE_SHARE: f32 = 0.2;
 
 /// Pipelines.
 #[derive(Debug)]
@@ -120,6 +166,9 @@ pub(crate) struct PostPass {
     main: wgpu::ComputePipeline,
     metering: wgpu::ComputePipeline,
     shrink: wgpu::ComputePipeline,
+    shrink_bright: wgpu::ComputePipeline,
+    /// Made for the first view that is blurred.
+    blur: Option<BlurPass>,
     sampler: wgpu::Sampler,
     /// Bound where a pass writes no colour or reads no glow.
     no_color: Image,
@@ -165,6 +214,7 @@ impl PostPass {
             written_layers(4, Target::Color.format()),
             texture(5, wgpu::TextureSampleType::Float { filterable: true }),
             written(6, GLOW_FORMAT),
+            texture(7, wgpu::TextureSampleType::Float { filterable: true }),
         ];
         entries
             .iter_mut()
@@ -193,6 +243,8 @@ impl PostPass {
             main: pipeline("cs_main"),
             metering: pipeline("cs_meter"),
             shrink: pipeline("cs_shrink"),
+            shrink_bright: pipeline("cs_shrink_bright"),
+            blur: None,
             layout,
             sampler: device.create_sampler(&wgpu::SamplerDescriptor {
                 mag_filter: wgpu::FilterMode::Linear,
@@ -226,6 +278,9 @@ impl PostPass {
     pub fn upload(&mut self, gpu: &Gpu, jobs: &[&PostJob<'_>], n_views: usize) {
         if jobs.is_empty() {
             return;
+        }
+        if jobs.iter().any(|job| job.optics.is_blurred()) {
+            self.blur.get_or_insert_with(|| BlurPass::new(gpu));
         }
         while self.spares.len() < n_views {
             self.spares.push((
@@ -263,7 +318,7 @@ impl PostPass {
             gpu,
             &radiance.layers,
             no_meter,
-            [color, &self.black.view, &no_glow.view],
+            [color, &self.black.view, &self.black.view, &no_glow.view],
         );
         let [across, down] = groups([radiance.texture.width(), radiance.texture.height()]);
         pass.set_pipeline(&self.main);
@@ -271,7 +326,7 @@ impl PostPass {
         pass.dispatch_workgroups(across, down, views.n as u32);
     }
 
-    /// Records the same for one view with a meter or bloom.
+    /// Records the same for one view with a meter, bloom, flare or blur.
     pub fn develop(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>, job: &PostJob<'_>) {
         let radiance = job.targets.get(Target::Radiance);
         let size_px = [radiance.texture.width(), radiance.texture.height()];
@@ -280,9 +335,20 @@ impl PostPass {
         let (no_meter, no_glow) = &self.spares[job.view_idx];
         let meter = job.meter.unwrap_or(no_meter);
         let (no_color, no_glow, black) = (&self.no_color.layers, &no_glow.view, &self.black.view);
+        let blurred = self.blur.as_ref().and_then(|blur| {
+            let job = BlurJob {
+                optics: job.optics,
+                lens: job.lens,
+                targets: job.targets,
+                layer: job.layer,
+                since_secs: job.since_secs,
+            };
+            blur.record(gpu, pass, &job)
+        });
+        let source = blurred.as_ref().map_or(&radiance, |image| &image.layers);
         let mut run = |pipeline: &wgpu::ComputePipeline,
                        from: &wgpu::TextureView,
-                       images: [&wgpu::TextureView; 3],
+                       images: [&wgpu::TextureView; 4],
                        groups: [u32; 2]| {
             pass.set_pipeline(pipeline);
             pass.set_bind_group(
@@ -296,44 +362,47 @@ impl PostPass {
             run(
                 &self.metering,
                 &radiance,
-                [no_color, black, no_glow],
+                [no_color, black, black, no_glow],
                 [1, 1],
             );
         }
-        let mut glows: Vec<Image> = Vec::new();
-        if job.has_bloom() {
-            let mut size = size_px;
-            for _ in 0..N_GLOW {
+        // Halves the image several times; the first step differs.
+        let mut shrunk = |first: &wgpu::ComputePipeline| {
+            let (mut size, mut last) = (size_px, None::<Image>);
+            for i in 0..N_GLOW {
                 size = size.map(|side| side.div_ceil(2));
                 let usage =
                     wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING;
                 let smaller = image(gpu, "glow", size, GLOW_FORMAT, usage);
-                let from = glows.last().map_or(&radiance, |glow| &glow.layers);
-                run(
-                    &self.shrink,
-                    from,
-                    [no_color, black, &smaller.view],
-                    groups(size),
-                );
-                glows.push(smaller);
+                let from = last.as_ref().map_or(source, |glow| &glow.layers);
+                let pipeline = if i == 0 { first } else { &self.shrink };
+                let images = [no_color, black, black, &smaller.view];
+                run(pipeline, from, images, groups(size));
+                last = Some(smaller);
             }
-        }
-        let glow = glows.last().map_or(black, |glow| &glow.view);
-        run(
-            &self.main,
-            &radiance,
-            [&color, glow, no_glow],
-            groups(size_px),
-        );
+            last
+        };
+        let glow = match job.has_bloom() {
+            true => shrunk(&self.shrink),
+            false => None,
+        };
+        let ghosts = match job.has_flare() {
+            true => shrunk(&self.shrink_bright),
+            false => None,
+        };
+        let [glow, ghosts] =
+            [&glow, &ghosts].map(|image| image.as_ref().map_or(black, |image| &image.view));
+        let images = [&color, glow, ghosts, no_glow];
+        run(&self.main, source, images, groups(size_px));
     }
 
-    /// Bind group of the source, the meter, and the images for colour, glow, and glow output.
+    /// Bind group of the source, the meter, and the images for colour, glow, ghosts, and glow output.
     fn bind(
         &self,
         gpu: &Gpu,
         from: &wgpu::TextureView,
         meter: &wgpu::Buffer,
-        [color, glow, glow_out]: [&wgpu::TextureView; 3],
+        [color, glow, ghosts, glow_out]: [&wgpu::TextureView; 4],
     ) -> wgpu::BindGroup {
         let view = |binding, view| wgpu::BindGroupEntry {
             binding,
@@ -361,6 +430,7 @@ impl PostPass {
                 view(4, color),
                 view(5, glow),
                 view(6, glow_out),
+                view(7, ghosts),
             ],
         })
     }
@@ -405,6 +475,7 @@ fn post_data(job: &PostJob<'_>, size_px: [u32; 2]) -> PostData {
     // A difference decays exponentially over time.
     let gone = |per_s: f32| 1.0 - (-per_s * job.since_secs).exp();
     let number = |on: bool| on as u32 as f32;
+    let film = optics.film.parts();
     PostData {
         size_px: [width, height],
         per_px: [1.0 / width, 1.0 / height],
@@ -434,7 +505,22 @@ fn post_data(job: &PostJob<'_>, size_px: [u32; 2]) -> PostData {
         white_rgb: white_gains(optics.white_kelvin, optics.tint),
         // Other views are bound with a single layer.
         layer: if job.is_plain() { job.layer } else { 0 },
-        rest: [[0; 4]; 9],
+        out_px: [job.lens.width_px as f32, job.lens.height_px as f32],
+        flare: if job.has_flare() {
+            optics.flare_intensity * FLARE_SHARE
+        } else {
+            0.0
+        },
+        is_shaped: number(optics.film.curve == FilmCurve::Shaped),
+        slope: optics.film.slope,
+        toe_at: film.toe_at,
+        shoulder_at: film.shoulder_at,
+        straight_offset: film.straight_offset,
+        toe_height: film.toe_height,
+        shoulder_height: film.shoulder_height,
+        black_clip: optics.film.black_clip,
+        white_clip: optics.film.white_clip,
+        rest: [[0; 4]; 6],
     }
 }
 

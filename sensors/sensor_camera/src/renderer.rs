@@ -3,6 +3,7 @@
 
 mod active;
 mod assign_targets;
+mod bend;
 mod check;
 mod find;
 mod gpu_events;
@@ -28,9 +29,12 @@ use tick::{TickDrawing, TickScene};
 
 use crate::assets::GpuAssets;
 use crate::camera_motion::{CameraMotion, Firing, InstancePoses};
+use crate::debug::is_drawn;
 use crate::geometry::SceneryLamps;
 use crate::lamps::{LampLists, LampRange};
+use crate::lens::LensPass;
 use crate::light::Light;
+use crate::post;
 use crate::quality::Quality;
 use crate::raster::Rasteriser;
 use crate::shade::Shading;
@@ -47,6 +51,7 @@ pub struct CameraRenderer {
     assets: Option<GpuAssets>,
     light: Option<Light>,
     passes: Passes,
+    lens: LensPass,
     shadows: ShadowMaps,
     pool: TargetPool,
     events: GpuEvents,
@@ -74,6 +79,7 @@ impl CameraRenderer {
             assets: None,
             light: None,
             passes,
+            lens: LensPass::default(),
             shadows: ShadowMaps::new(gpu, quality, layout),
             pool: TargetPool::default(),
             events: GpuEvents::new(gpu),
@@ -191,7 +197,7 @@ impl CameraRenderer {
         for active in active.iter_mut().filter(|active| active.set.is_lit()) {
             active.lamps = lamps.add_view(
                 &active.lamps_in_view,
-                &jobs[active.job_idx].view.spec.intrinsics,
+                &jobs[active.job_idx].view.drawn,
             );
         }
         gpu.time("targets", || {
@@ -220,9 +226,17 @@ impl CameraRenderer {
         active
             .iter()
             .for_each(|active| batch.overwrites(&active.targets.reads));
-        active.iter().for_each(|active| {
-            images[active.job_idx] = Some((active.targets.clone(), active.layer))
-        });
+        for active in &active {
+            let view = &mut *jobs[active.job_idx].view;
+            let bent = bend::bend(&gpu, &mut self.lens, view, active, &mut encoder);
+            if let Some(bent) = &bent {
+                batch.overwrites(&bent.reads);
+            }
+            images[active.job_idx] = Some(match bent {
+                Some(bent) => (bent, 0),
+                None => (active.targets.clone(), active.layer),
+            });
+        }
         self.spare_drawn = active.into_iter().map(|active| active.drawn).collect();
         let plans = jobs
             .iter_mut()
@@ -269,10 +283,13 @@ impl CameraRenderer {
             {
                 set = set.union(Target::Radiance.bit());
             }
+            if set.contains(Target::Radiance) {
+                set = set.union(post::reads(&job.view.spec.optics));
+            }
             if set.is_lit() {
                 set = set.union(self.passes.shading_reads(lamps));
             }
-            if set.contains(Target::Color) && !scene.debug.is_empty() {
+            if set.contains(Target::Color) && is_drawn(scene, &job.view.spec) {
                 set = set.union(Target::Depth.bit());
             }
             if set == TargetSet::default() {

@@ -3,7 +3,7 @@
 use crate::geometry::{GeometryShader, Instances, SceneryLamps};
 use crate::shade::Shading;
 use crate::target::Surfaces;
-use crate::{dvs, post, raster, shade, shadow};
+use crate::{blur, dvs, lens, post, raster, shade, shadow};
 
 /// The text of every shader by name, as the GPU gets it.
 pub fn shader_sources() -> Vec<(&'static str, String)> {
@@ -34,7 +34,9 @@ pub fn shader_sources() -> Vec<(&'static str, String)> {
         ("shade, drawn", shade::shade_wgsl(Shading::Drawn)),
         ("raster", raster::raster_wgsl()),
         ("resolve", raster::resolve_wgsl()),
+        ("blur", blur::BLUR_WGSL.to_owned()),
         ("post", post::post_wgsl()),
+        ("lens", lens::LENS_WGSL.to_owned()),
         ("shadow", shadow::SHADOW_WGSL.to_owned()),
         ("events", dvs::events_wgsl()),
     ]

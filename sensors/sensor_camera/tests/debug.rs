@@ -11,8 +11,10 @@ use schema_frames::Modality;
 use schema_types::Class;
 use sensor_camera::{CameraRenderer, Quality};
 use sensor_core::mesh::Surface;
-use sensor_core::scene::DebugStroke;
+use sensor_camera::{Output, Place, View, ViewJob, ViewSpec};
+use sensor_core::scene::{DebugStroke, DebugText, Overlay};
 use sensor_core::{Material, Scene, SceneAssets};
+use sensor_spec::Intrinsics;
 
 const SIZE_PX: [u32; 2] = [160, 120];
 const MAGENTA: [u8; 4] = [255, 0, 255, 255];
@@ -134,5 +136,67 @@ fn strokes_are_where_a_pinhole_puts_them_and_in_colour_only() {
             painted(&look(vec![stroke([-5.0, 0.0, 0.0], [-1.0, 0.0, 0.0], 1.0)])[&Modality::Rgb].0)
                 .is_empty()
         );
+    }
+}
+
+#[test]
+fn the_overlay_is_on_top_of_one_view_and_not_of_its_twin() {
+    let gpu = common::gpu();
+    let mut assets = SceneAssets {
+        episode: 1,
+        ..Default::default()
+    };
+    // A wall from edge to edge 5 m ahead; what is drawn lies 10 m ahead.
+    let wall = common::cuboid(
+        "wall",
+        Surface::new(Class::WALLS, Material::Concrete, [90, 120, 90]),
+        [5.0, 0.0, 0.0],
+        [0.5, 20.0, 20.0],
+    );
+    let wall = assets.add_mesh(wall);
+    assets
+        .statics
+        .push(common::fixed(wall, Isometry3::identity()));
+    let scene = Scene {
+        overlay: Overlay {
+            strokes: vec![stroke([10.0, 4.0, 0.0], [10.0, -4.0, 0.0], 4.0)],
+            texts: vec![DebugText {
+                at_m: [10.0, 0.0, 4.0],
+                text: "text".into(),
+                color_rgb: [255, 0, 255],
+                shadow: false,
+            }],
+            panel: Vec::new(),
+        },
+        ..common::scene(&Arc::new(assets), Vec::new(), 50_000_000)
+    };
+    for quality in [Quality::Low, Quality::High] {
+        let mut renderer = CameraRenderer::new(&gpu, quality);
+        let lens = Intrinsics::from_fov(SIZE_PX[0], SIZE_PX[1], 90f64.to_radians());
+        let mut views = [false, true].map(|shows_overlay| {
+            let spec = ViewSpec {
+                shows_overlay,
+                ..ViewSpec::pinhole(lens)
+            };
+            View::new(&gpu, spec)
+        });
+        let mut bytes = [0, 1].map(|_| vec![0; 4 * (SIZE_PX[0] * SIZE_PX[1]) as usize]);
+        let jobs = views.iter_mut().zip(&mut bytes).map(|(view, bytes)| ViewJob {
+            view,
+            world_from_sensor: Isometry3::identity(),
+            outputs: vec![Output {
+                modality: Modality::Rgb,
+                place: Place::Memory(bytes),
+            }],
+        });
+        renderer.render(&scene, jobs.collect()).unwrap().wait().unwrap();
+        let [plain, overlaid] = bytes.map(|bytes| painted(&bytes));
+        assert!(plain.is_empty(), "{quality:?}: the views must not share one drawing");
+        // f = 80: 8 m are 64 pixels, four high; the text begins 32 pixels above the middle.
+        let (bar, text): (Vec<_>, Vec<_>) = overlaid.iter().partition(|(_, y)| *y > 50);
+        assert_eq!(bar.len(), 64 * 4, "{quality:?}");
+        assert!(text.len() > 30, "{quality:?}: {}", text.len());
+        let is_in_place = |(x, y): &(u32, u32)| (80..112).contains(x) && (28..36).contains(y);
+        assert!(text.iter().all(is_in_place), "{quality:?}: {text:?}");
     }
 }

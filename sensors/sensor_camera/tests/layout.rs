@@ -3,8 +3,8 @@
 use std::mem::offset_of;
 
 use sensor_camera::{
-    AmbientData, EventJob, FogData, InstanceData, LampData, LightData, MapPlace, PostData,
-    SceneryLampsData, SunData, ViewData, WaterData, shader_sources,
+    AmbientData, BlurData, EventJob, FogData, InstanceData, LampData, LensData, LightData,
+    MapPlace, PostData, SceneryLampsData, SunData, ViewData, WaterData, shader_sources,
 };
 
 fn module(name: &str) -> naga::Module {
@@ -37,7 +37,9 @@ fn wgsl_structs_lie_where_rust_has_them() {
     let modules = [
         module("geometry"),
         module("shade, drawn"),
+        module("blur"),
         module("post"),
+        module("lens"),
         module("events"),
     ];
     let check = |name: &str, size: usize, offsets: &[usize]| {
@@ -241,7 +243,46 @@ fn wgsl_structs_lie_where_rust_has_them() {
             offset_of!(PostData, aberration_start),
             offset_of!(PostData, white_rgb),
             offset_of!(PostData, layer),
+            offset_of!(PostData, out_px),
+            offset_of!(PostData, flare),
+            offset_of!(PostData, is_shaped),
+            offset_of!(PostData, slope),
+            offset_of!(PostData, toe_at),
+            offset_of!(PostData, shoulder_at),
+            offset_of!(PostData, straight_offset),
+            offset_of!(PostData, toe_height),
+            offset_of!(PostData, shoulder_height),
+            offset_of!(PostData, black_clip),
+            offset_of!(PostData, white_clip),
             offset_of!(PostData, rest),
+        ],
+    );
+    check(
+        "Blur",
+        size_of::<BlurData>(),
+        &[
+            offset_of!(BlurData, size_px),
+            offset_of!(BlurData, far_radius_px),
+            offset_of!(BlurData, focus_m),
+            offset_of!(BlurData, haze_px),
+            offset_of!(BlurData, haze_per_m),
+            offset_of!(BlurData, longest_px),
+            offset_of!(BlurData, half_exposure_ratio),
+            offset_of!(BlurData, n_blades),
+            offset_of!(BlurData, blade_radius),
+            offset_of!(BlurData, blades_area),
+            offset_of!(BlurData, unused),
+        ],
+    );
+    check(
+        "Lens",
+        size_of::<LensData>(),
+        &[
+            offset_of!(LensData, out_px),
+            offset_of!(LensData, margin_px),
+            offset_of!(LensData, distortion_size),
+            offset_of!(LensData, distortion_k),
+            offset_of!(LensData, distortion_k_cubed),
         ],
     );
 }

@@ -1,5 +1,5 @@
-//! Effect of exposure and lens on colour, against a photographer's arithmetic; other modalities are
-//! unaffected.
+//! Effect of exposure, film and lens on colour, against a photographer's arithmetic; `lens.rs` and
+//! `blur.rs` hold distortion and blur.
 
 #[path = "common/mod.rs"]
 mod common;
@@ -11,7 +11,10 @@ use schema_types::Class;
 use sensor_camera::{CameraRenderer, Quality, View, ViewSpec};
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, MeshBuilder, Scene, SceneAssets};
-use sensor_spec::{DvsSpec, ExposureMode, ExposureSpec, Intrinsics, OpticsSpec};
+use sensor_spec::{
+    ExposureMode, ExposureSpec, FilmCurve, FilmSpec, FocusSpec, Intrinsics, MotionBlurSpec,
+    OpticsSpec,
+};
 
 const SIZE_PX: [u32; 2] = [96, 64];
 
@@ -54,11 +57,10 @@ fn shoot(scene: &Scene, optics: &OpticsSpec, quality: Quality, modality: Modalit
     let mut view = View::new(
         &gpu,
         ViewSpec {
-            intrinsics,
             optics: optics.clone(),
-            dvs: DvsSpec::default(),
             seed: 1,
             sensor_id: 1,
+            ..ViewSpec::pinhole(intrinsics)
         },
     );
     common::render(
@@ -186,14 +188,27 @@ fn distortion_moves_an_edge_where_its_formula_says() {
     );
 }
 
+/// Goal: everything but the bend of the lens acts on colour alone.
 #[test]
-fn optics_touch_colour_alone() {
+fn optics_without_distortion_touch_colour_alone() {
     let scene = floor(60, 200);
     let wild = OpticsSpec {
-        distortion_k: 3.0,
-        distortion_size: [1.0; 2],
         gamma: 1.0,
         bloom_intensity: 2.0,
+        flare_intensity: 1.0,
+        film: FilmSpec {
+            curve: FilmCurve::Shaped,
+            ..Default::default()
+        },
+        motion_blur: MotionBlurSpec {
+            shutter_secs: 0.02,
+            longest_ratio: 0.05,
+        },
+        focus: FocusSpec {
+            distance_m: 1.0,
+            fstop: 0.5,
+            ..Default::default()
+        },
         ..Default::default()
     };
     for quality in [Quality::Low, Quality::High] {
@@ -208,4 +223,175 @@ fn optics_touch_colour_alone() {
             );
         }
     }
+}
+
+/// The shaped film curve after the formula in docs/sensors.md, in its own words: logistic toe and
+/// shoulder over log10, joined by a smooth step.
+fn film_oracle(film: &FilmSpec, light: f64) -> f64 {
+    let [slope, toe, shoulder, black, white] = [
+        film.slope,
+        film.toe,
+        film.shoulder,
+        film.black_clip,
+        film.white_clip,
+    ]
+    .map(f64::from);
+    let (low, high) = (1.0 + black - toe, 1.0 + white - shoulder);
+    let grey = 0.18f64.log10();
+    // The logistic toe takes 18 % grey to 18 % grey.
+    let at_toe = match toe > 0.8 {
+        true => grey + (1.0 - toe - 0.18) / slope,
+        false => grey + low / (2.0 * slope) * (2.0 * low / (0.18 + black) - 1.0).ln(),
+    };
+    let offset = (1.0 - toe) / slope - at_toe;
+    let at_shoulder = shoulder / slope - offset;
+    let x = light.max(1e-6).log10();
+    let straight = slope * (x + offset);
+    let below = match x < at_toe {
+        true => 2.0 * low / (1.0 + (-2.0 * slope * (x - at_toe) / low).exp()) - black,
+        false => straight,
+    };
+    let above = match x > at_shoulder {
+        true => 1.0 + white - 2.0 * high / (1.0 + (2.0 * slope * (x - at_shoulder) / high).exp()),
+        false => straight,
+    };
+    let mut share = ((x - at_toe) / (at_shoulder - at_toe)).clamp(0.0, 1.0);
+    if at_shoulder < at_toe {
+        share = 1.0 - share;
+    }
+    let smooth = share * share * (3.0 - 2.0 * share);
+    below + (above - below) * smooth
+}
+
+/// Goal: every grey of a floor comes out where the film's formula has it. The light itself is read
+/// from a picture without film, which is light to the power of 1 / 2.2.
+#[test]
+fn a_shaped_film_draws_its_curve() {
+    let films = [
+        FilmSpec {
+            curve: FilmCurve::Shaped,
+            ..Default::default()
+        },
+        FilmSpec {
+            curve: FilmCurve::Shaped,
+            slope: 1.3,
+            toe: 0.3,
+            shoulder: 0.5,
+            black_clip: 0.05,
+            white_clip: 0.1,
+        },
+        FilmSpec {
+            curve: FilmCurve::Shaped,
+            toe: 0.9,
+            ..Default::default()
+        },
+    ];
+    assert!((film_oracle(&films[0], 0.18) - 0.18).abs() < 0.02);
+    for grey in [12, 60, 140, 230] {
+        let scene = floor(grey, grey);
+        let at = |optics: OpticsSpec| {
+            green(&shoot(&scene, &optics, Quality::Low, Modality::Rgb), 30, 20) / 255.0
+        };
+        for ev in [-2.0f32, 0.0] {
+            let exposure = ExposureSpec {
+                compensation_ev: ev,
+                ..Default::default()
+            };
+            // Dimmer by a known factor, so that nothing is clipped.
+            let raw = at(OpticsSpec {
+                postprocess: false,
+                exposure: ExposureSpec {
+                    compensation_ev: ev - 2.0,
+                    ..Default::default()
+                },
+                ..Default::default()
+            });
+            let light = 4.0 * raw.powf(2.2);
+            for film in &films {
+                let shown = at(OpticsSpec {
+                    exposure: exposure.clone(),
+                    film: film.clone(),
+                    ..Default::default()
+                });
+                let expected = film_oracle(film, light).clamp(0.0, 1.0).powf(1.0 / 2.2);
+                assert!(
+                    (shown - expected).abs() < 0.025,
+                    "grey {grey}, {ev} EV, {film:?}: {shown:.3}, not {expected:.3}"
+                );
+            }
+        }
+    }
+}
+
+/// Goal: the sun in the picture leaves a ghost opposite of it, none beside it; twice the intensity
+/// is a brighter ghost, and without the sun there is none.
+#[test]
+fn the_sun_leaves_ghosts_on_the_other_side_of_the_middle() {
+    let mut scene = floor(20, 20);
+    (
+        scene.weather.sun_altitude_deg,
+        scene.weather.sun_azimuth_deg,
+    ) = (30.0, 0.0);
+    let gpu = common::gpu();
+    let picture = |flare_intensity: f32, compensation_ev: f32, yaw_deg: f64| {
+        let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
+        let intrinsics = Intrinsics::from_fov(256, 192, 90f64.to_radians());
+        let mut view = View::new(
+            &gpu,
+            ViewSpec {
+                optics: OpticsSpec {
+                    flare_intensity,
+                    exposure: ExposureSpec {
+                        compensation_ev,
+                        ..Default::default()
+                    },
+                    ..Default::default()
+                },
+                ..ViewSpec::pinhole(intrinsics)
+            },
+        );
+        let pose = common::pose(0.0, 0.0, 10.0, [0.0, -10.0, yaw_deg]);
+        common::render(&mut renderer, &scene, &mut view, pose, &[Modality::Rgb])[&Modality::Rgb]
+            .0
+            .chunks(4)
+            .map(|bgra| bgra[1] as f64)
+            .collect::<Vec<f64>>()
+    };
+    // Find the sun: the heading under which the picture has its brightest spot off the middle.
+    let sun_of = |picture: &[f64]| {
+        let brightest = picture.iter().copied().fold(0.0, f64::max);
+        let spot: Vec<usize> = (0..picture.len())
+            .filter(|i| picture[*i] >= brightest - 1.0)
+            .collect();
+        let n = spot.len() as f64;
+        let x = spot.iter().map(|i| (i % 256) as f64 + 0.5).sum::<f64>() / n - 128.0;
+        let y = spot.iter().map(|i| (i / 256) as f64 + 0.5).sum::<f64>() / n - 96.0;
+        (n < 200.0 && brightest > 200.0 && x.abs() > 20.0 && x.abs() < 90.0).then_some([x, y])
+    };
+    let heading = (0..24)
+        .map(|i| 15.0 * i as f64)
+        .find(|yaw| sun_of(&picture(0.0, -4.0, *yaw)).is_some())
+        .expect("the sun stands 30° high and 90° of the sky are in view");
+    let sun = sun_of(&picture(0.0, -4.0, heading)).unwrap();
+    let (plain, flared) = (picture(0.0, -1.0, heading), picture(2.0, -1.0, heading));
+    let gain = |flared: &[f64], x: f64, y: f64| {
+        let around = (-2..=2).flat_map(|dy| (-2..=2).map(move |dx| (dx, dy)));
+        around
+            .map(|(dx, dy)| {
+                let (x, y) = ((x + 128.0) as i64 + dx, (y + 96.0) as i64 + dy);
+                let i = (y.clamp(0, 191) * 256 + x.clamp(0, 255)) as usize;
+                flared[i] - plain[i]
+            })
+            .fold(f64::MIN, f64::max)
+    };
+    // One ghost has the distance of the sun itself.
+    let ghost = gain(&flared, -sun[0], -sun[1]);
+    assert!(ghost > 3.0, "{ghost} at {sun:?}, heading {heading}");
+    assert!(gain(&flared, sun[1], -sun[0]).abs() < 1.0);
+    let brighter = gain(&picture(8.0, -1.0, heading), -sun[0], -sun[1]);
+    assert!(brighter > ghost + 1.0, "{brighter} to {ghost}");
+    // Looking away from the sun nothing changes.
+    let away = heading + 180.0;
+    let (a, b) = (picture(0.0, -1.0, away), picture(4.0, -1.0, away));
+    assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1.5));
 }

@@ -23,6 +23,8 @@ pub struct ObstacleSpec {
     pub hit_radius_m: f64,
     /// Whether only vehicles and walkers count.
     pub only_dynamics: bool,
+    /// Whether colour images show the path of the ball, in red, with a circle at either end.
+    pub debug_linetrace: bool,
 }
 
 impl Default for ObstacleSpec {
@@ -33,6 +35,7 @@ impl Default for ObstacleSpec {
             distance_m: 5.0,
             hit_radius_m: 0.5,
             only_dynamics: false,
+            debug_linetrace: false,
         }
     }
 }

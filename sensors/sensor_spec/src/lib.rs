@@ -4,7 +4,8 @@
 //! are in the keys. [`SensorSpec`] is one sensor of any kind. A check reports every problem at
 //! once: the key, the value found, and what is allowed.
 //!
-//! Modules in reading order: `check` ([`SpecError`]), `mount` (where a sensor sits), one per kind
+//! Modules in reading order: `check` ([`SpecError`]), `mount` (where a sensor sits), `intrinsics`
+//! (the pinhole camera) with `distortion`, `film` and `blur`, which `optics` joins, one per kind
 //! (`camera` with `optics` and `dvs`, `lidar`, `radar`, `imu`, `gnss`, `events`), and `sensor`
 //! ([`SensorSpec`]).
 //!
@@ -22,24 +23,32 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+mod blur;
 mod camera;
 mod check;
+mod distortion;
 mod dvs;
 mod events;
+mod film;
 mod gnss;
 mod imu;
+mod intrinsics;
 mod lidar;
 mod mount;
 mod optics;
 mod radar;
 mod sensor;
 
-pub use camera::{CameraSpec, Intrinsics, SIDE_PX};
+pub use blur::{FocusSpec, MotionBlurSpec};
+pub use camera::{CameraSpec, SIDE_PX};
 pub use check::SpecError;
+pub use distortion::Distortion;
 pub use dvs::{DvsMode, DvsSpec};
 pub use events::{CollisionSpec, LaneInvasionSpec, MAX_EVENTS_PER_TICK, ObstacleSpec};
+pub use film::{FilmCurve, FilmParts, FilmSpec};
 pub use gnss::GnssSpec;
 pub use imu::ImuSpec;
+pub use intrinsics::Intrinsics;
 pub use lidar::{LidarScan, LidarSpec, MAX_CHANNELS, MAX_POINTS_PER_SECOND};
 pub use mount::{Attachment, MountSpec};
 pub use optics::{ExposureMode, ExposureSpec, OpticsSpec};

@@ -1,11 +1,14 @@
-//! Settings of a camera's colour image: exposure, lens, white balance. Labels, depth, flow and
-//! events stay those of a pinhole camera.
+//! Settings of a camera's lens and of the way from light to colour. Distortion bends every image of
+//! a camera alike; all other settings act on colour alone.
 
 use serde::{Deserialize, Serialize};
 
+use crate::blur::{FocusSpec, MotionBlurSpec};
 use crate::check::{SpecError, check_range};
+use crate::distortion::Distortion;
+use crate::film::{FilmCurve, FilmSpec};
 
-/// Colour processing of a camera. The defaults leave an image as it is.
+/// Lens and colour processing of a camera. The defaults leave an image as it is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OpticsSpec {
@@ -13,7 +16,8 @@ pub struct OpticsSpec {
     pub exposure: ExposureSpec,
     /// Exponent of the display's curve; a value above 2.2 brightens dark parts.
     pub gamma: f32,
-    /// `false`: no film curve, bloom, vignette or automatic exposure; light is clipped at white.
+    /// `false`: no film curve, bloom, flare, vignette, blur or automatic exposure; light is clipped
+    /// at white.
     pub postprocess: bool,
     /// Colour temperature of light that is shown as white, kelvin; above 6500 the image turns
     /// warmer.
@@ -27,7 +31,7 @@ pub struct OpticsSpec {
     /// Exponent of the darkening.
     pub vignette_falloff: f32,
     /// Distortion: a pixel at p (−0.5 to 0.5) shows what a pinhole has at p · (1 + k r² + k_cubed
-    /// r³), r = |p · distortion_size|.
+    /// r³), r = |p · distortion_size|. It bends all images of the camera alike.
     pub distortion_k: f32,
     /// Cubic coefficient of the distortion.
     pub distortion_k_cubed: f32,
@@ -37,6 +41,14 @@ pub struct OpticsSpec {
     pub chromatic_aberration: f32,
     /// Distance from the middle (1 is the corner) at which the aberration begins.
     pub chromatic_aberration_start: f32,
+    /// Strength of the ghosts that bright light leaves in the lens; 0 is none.
+    pub flare_intensity: f32,
+    /// Tone curve.
+    pub film: FilmSpec,
+    /// Motion blur.
+    pub motion_blur: MotionBlurSpec,
+    /// Depth of field.
+    pub focus: FocusSpec,
 }
 
 impl Default for OpticsSpec {
@@ -55,6 +67,10 @@ impl Default for OpticsSpec {
             distortion_size: [0.08; 2],
             chromatic_aberration: 0.0,
             chromatic_aberration_start: 0.0,
+            flare_intensity: 0.0,
+            film: FilmSpec::default(),
+            motion_blur: MotionBlurSpec::default(),
+            focus: FocusSpec::default(),
         }
     }
 }
@@ -123,7 +139,8 @@ impl ExposureSpec {
 }
 
 impl OpticsSpec {
-    /// Whether an image stays as shaded, so that there is nothing to process.
+    /// Whether the light of a pinhole image becomes colour as it was shaded, so that there is
+    /// nothing to process; a lens may bend it all the same.
     pub fn is_neutral(&self) -> bool {
         let exposure = &self.exposure;
         exposure.mode == ExposureMode::Weather
@@ -134,13 +151,35 @@ impl OpticsSpec {
             && self.tint == 0.0
             && self.bloom_intensity == 0.0
             && self.vignette_multiplier == 0.0
-            && !self.is_distorted()
             && self.chromatic_aberration == 0.0
+            && self.flare_intensity == 0.0
+            && self.film.curve == FilmCurve::Standard
+            && !self.is_blurred()
     }
 
-    /// Whether the lens bends lines.
-    pub fn is_distorted(&self) -> bool {
-        self.distortion_k != 0.0 || self.distortion_k_cubed != 0.0
+    /// The bend of the lens; `None` if straight lines stay straight.
+    pub fn distortion(&self) -> Option<Distortion> {
+        let bends = self.distortion_k != 0.0 || self.distortion_k_cubed != 0.0;
+        bends.then_some(Distortion {
+            k: self.distortion_k,
+            k_cubed: self.distortion_k_cubed,
+            size: self.distortion_size,
+        })
+    }
+
+    /// Whether motion is smeared.
+    pub fn smears_motion(&self) -> bool {
+        self.postprocess && self.motion_blur.is_on()
+    }
+
+    /// Whether parts of the image are out of focus.
+    pub fn has_focus(&self) -> bool {
+        self.postprocess && self.focus.is_on()
+    }
+
+    /// Whether motion is smeared or parts of the image are out of focus.
+    pub fn is_blurred(&self) -> bool {
+        self.smears_motion() || self.has_focus()
     }
 
     pub(crate) fn check(&self, errors: &mut Vec<SpecError>) {
@@ -178,6 +217,7 @@ impl OpticsSpec {
                 0.0,
                 1.0,
             ),
+            ("optics.flare_intensity", self.flare_intensity, 0.0, 100.0),
             (
                 "optics.exposure.compensation_ev",
                 exposure.compensation_ev,
@@ -215,6 +255,9 @@ impl OpticsSpec {
         ] {
             check_range(key, value, low, high, errors);
         }
+        self.film.check(errors);
+        self.motion_blur.check(errors);
+        self.focus.check(errors);
         if exposure.min_ev100 > exposure.max_ev100 {
             errors.push(SpecError {
                 key: "optics.exposure.min_ev100",

@@ -1,8 +1,9 @@
-//! Turns a colour camera's lens and exposure attributes into the simulator's `optics`.
+//! Turns a camera's lens and exposure attributes into the simulator's `optics`.
 //!
 //! Clients send every attribute of a blueprint, most with their defaults. An attribute at its
-//! default leaves Gantry's own image as it is: exposure follows the weather, the lens is a pinhole,
-//! and lamps have no bloom.
+//! default leaves Gantry's own image as it is: exposure follows the weather, the lens is a sharp
+//! pinhole, and lamps have neither bloom nor ghosts. Attributes of one effect act together as soon
+//! as one of them differs.
 
 use serde_json::{Map, Value, json};
 
@@ -16,9 +17,52 @@ const MANUAL_OFFSET_EV: f64 = 6.4;
 /// streets by day (13.5 to 15.5).
 const HISTOGRAM_OFFSET_EV: f64 = 3.5;
 
-/// The optics that differ from a plain image; `None` if nothing does.
-pub fn optics(given: &Attributes<'_>) -> Option<Value> {
+/// The frame time that CARLA's motion blur is a share of, seconds.
+const BLURRED_SECS: f64 = 1.0 / 30.0;
+
+type Keys = Map<String, Value>;
+
+/// The optics that differ from a plain image; `None` if nothing does. The lens bends the images of
+/// every camera, so that they fit each other; all else acts on colour.
+pub fn optics(given: &Attributes<'_>, has_colour: bool) -> Option<Value> {
     let mut keys = Map::new();
+    lens(given, &mut keys);
+    if has_colour {
+        colour(given, &mut keys);
+        film(given, &mut keys);
+        blur(given, &mut keys);
+        if let Some(exposure) = exposure(given) {
+            keys.insert("exposure".into(), exposure);
+        }
+    }
+    (!keys.is_empty()).then_some(Value::Object(keys))
+}
+
+/// The attributes' values; `None` if all are the defaults.
+fn unless_default<const N: usize>(
+    given: &Attributes<'_>,
+    attributes: [(&str, f64); N],
+) -> Option<[f64; N]> {
+    let values = attributes.map(|(name, default)| given.float(name, default));
+    let defaults = attributes.map(|(_, default)| default);
+    (values != defaults).then_some(values)
+}
+
+fn lens(given: &Attributes<'_>, keys: &mut Keys) {
+    let lens = [
+        ("lens_k", -1.0),
+        ("lens_kcube", 0.0),
+        ("lens_x_size", 0.08),
+        ("lens_y_size", 0.08),
+    ];
+    if let Some([k, k_cubed, x, y]) = unless_default(given, lens) {
+        keys.insert("distortion_k".into(), k.into());
+        keys.insert("distortion_k_cubed".into(), k_cubed.into());
+        keys.insert("distortion_size".into(), json!([x, y]));
+    }
+}
+
+fn colour(given: &Attributes<'_>, keys: &mut Keys) {
     let mut put = |key: &str, name: &str, default: f64| {
         let value = given.float(name, default);
         if value != default {
@@ -29,6 +73,7 @@ pub fn optics(given: &Attributes<'_>) -> Option<Value> {
     put("white_kelvin", "temp", 6500.0);
     put("tint", "tint", 0.0);
     put("bloom_intensity", "bloom_intensity", 0.675);
+    put("flare_intensity", "lens_flare_intensity", 0.1);
     put(
         "chromatic_aberration",
         "chromatic_aberration_intensity",
@@ -49,28 +94,69 @@ pub fn optics(given: &Attributes<'_>) -> Option<Value> {
             given.float("lens_circle_falloff", 5.0).into(),
         );
     }
-    let lens = [
-        ("lens_k", -1.0),
-        ("lens_kcube", 0.0),
-        ("lens_x_size", 0.08),
-        ("lens_y_size", 0.08),
-    ];
-    let [k, k_cubed, x, y] = lens.map(|(name, default)| given.float(name, default));
-    if lens
-        .iter()
-        .any(|(name, default)| given.float(name, *default) != *default)
-    {
-        keys.insert("distortion_k".into(), k.into());
-        keys.insert("distortion_k_cubed".into(), k_cubed.into());
-        keys.insert("distortion_size".into(), json!([x, y]));
-    }
     if !given.flag("enable_postprocess_effects", true) {
         keys.insert("postprocess".into(), false.into());
     }
-    if let Some(exposure) = exposure(given) {
-        keys.insert("exposure".into(), exposure);
+}
+
+fn film(given: &Attributes<'_>, keys: &mut Keys) {
+    let film = [
+        ("slope", 0.88),
+        ("toe", 0.55),
+        ("shoulder", 0.26),
+        ("black_clip", 0.0),
+        ("white_clip", 0.04),
+    ];
+    if let Some([slope, toe, shoulder, black_clip, white_clip]) = unless_default(given, film) {
+        // CARLA's renderer cuts these off in the same way.
+        keys.insert(
+            "film".into(),
+            json!({
+                "curve": "shaped",
+                "slope": slope.clamp(0.01, 10.0),
+                "toe": toe.clamp(0.0, 1.0),
+                "shoulder": shoulder.clamp(0.0, 1.0),
+                "black_clip": black_clip.clamp(0.0, 1.0),
+                "white_clip": white_clip.clamp(0.0, 1.0),
+            }),
+        );
     }
-    (!keys.is_empty()).then_some(Value::Object(keys))
+}
+
+fn blur(given: &Attributes<'_>, keys: &mut Keys) {
+    let motion = [
+        ("motion_blur_intensity", 0.45),
+        ("motion_blur_max_distortion", 0.35),
+    ];
+    if let Some([intensity, longest_percent]) = unless_default(given, motion) {
+        keys.insert(
+            "motion_blur".into(),
+            json!({
+                "shutter_secs": (intensity * BLURRED_SECS).clamp(0.0, 1.0),
+                "longest_ratio": (longest_percent / 100.0).clamp(0.0, 0.2),
+            }),
+        );
+    }
+    let focus = [
+        ("focal_distance", 1000.0),
+        ("min_fstop", 1.2),
+        ("blade_count", 5.0),
+        ("blur_amount", 1.0),
+        ("blur_radius", 0.0),
+    ];
+    if let Some([distance_cm, min_fstop, blades, half_km, haze_px]) = unless_default(given, focus) {
+        keys.insert(
+            "focus".into(),
+            json!({
+                "distance_m": (distance_cm / 100.0).clamp(0.0, 1e5),
+                "fstop": given.float("fstop", 1.4).clamp(0.1, 100.0),
+                "min_fstop": min_fstop.clamp(0.0, 100.0),
+                "blades": blades.clamp(4.0, 16.0) as u32,
+                "haze_px": haze_px.clamp(0.0, 100.0),
+                "haze_half_m": (1000.0 * half_km).clamp(1e-3, 1e6),
+            }),
+        );
+    }
 }
 
 fn exposure(given: &Attributes<'_>) -> Option<Value> {
@@ -125,7 +211,7 @@ mod tests {
             type_id: "sensor.camera.rgb".into(),
             attributes: attributes.iter().map(attribute).collect(),
         };
-        optics(&Attributes::of(&description))
+        optics(&Attributes::of(&description), true)
     }
 
     #[test]
@@ -135,9 +221,68 @@ mod tests {
                 ("gamma", "2.2"),
                 ("lens_k", "-1.0"),
                 ("exposure_mode", "histogram"),
-                ("bloom_intensity", "0.675")
+                ("bloom_intensity", "0.675"),
+                ("motion_blur_intensity", "0.45"),
+                ("focal_distance", "1000.0"),
+                ("blade_count", "5"),
+                ("slope", "0.88"),
             ]),
             None
+        );
+    }
+
+    /// Goal: one attribute of an effect switches it on with all its others, in the simulator's
+    /// units.
+    #[test]
+    fn blur_focus_and_film_are_passed_on_in_metres_and_seconds() {
+        let keys = given(&[
+            ("motion_blur_intensity", "0.9"),
+            ("motion_blur_max_distortion", "2.0"),
+            ("focal_distance", "450"),
+            ("fstop", "2.0"),
+            ("blur_radius", "3"),
+            ("toe", "0.4"),
+            ("lens_flare_intensity", "0.5"),
+        ])
+        .unwrap();
+        let about = |value: &Value, expected: f64| {
+            assert!((value.as_f64().unwrap() - expected).abs() < 1e-9, "{value}");
+        };
+        about(&keys["motion_blur"]["shutter_secs"], 0.03);
+        about(&keys["motion_blur"]["longest_ratio"], 0.02);
+        about(&keys["flare_intensity"], 0.5);
+        assert_eq!(
+            keys["focus"],
+            json!({
+                "distance_m": 4.5, "fstop": 2.0, "min_fstop": 1.2, "blades": 5,
+                "haze_px": 3.0, "haze_half_m": 1000.0,
+            })
+        );
+        assert_eq!(
+            keys["film"],
+            json!({
+                "curve": "shaped", "slope": 0.88, "toe": 0.4, "shoulder": 0.26,
+                "black_clip": 0.0, "white_clip": 0.04,
+            })
+        );
+    }
+
+    #[test]
+    fn cameras_without_colour_have_the_lens_alone() {
+        let description = Description {
+            type_id: "sensor.camera.depth".into(),
+            attributes: [("lens_k", "-2.0"), ("lens_circle_multiplier", "3.0")]
+                .map(|(name, value)| Attribute {
+                    name: name.into(),
+                    kind: 4,
+                    value: value.into(),
+                })
+                .into(),
+        };
+        let keys = optics(&Attributes::of(&description), false).unwrap();
+        assert_eq!(
+            keys,
+            json!({"distortion_k": -2.0, "distortion_k_cubed": 0.0, "distortion_size": [0.08, 0.08]})
         );
     }
 

@@ -6,14 +6,16 @@ use std::path::Path;
 use syn::{Attribute, Expr, Fields, Item, Lit, Meta, Type};
 
 /// Sources whose types a launch file is read into, from the root of the repository.
-const SOURCES: [&str; 15] = [
+const SOURCES: [&str; 17] = [
     "launch/launch_spec/src/model.rs",
     "launch/launch_spec/src/process.rs",
     "launch/launch_spec/src/topic.rs",
     "schemas/schema_frames/src/document.rs",
+    "sensors/sensor_spec/src/blur.rs",
     "sensors/sensor_spec/src/camera.rs",
     "sensors/sensor_spec/src/dvs.rs",
     "sensors/sensor_spec/src/events.rs",
+    "sensors/sensor_spec/src/film.rs",
     "sensors/sensor_spec/src/gnss.rs",
     "sensors/sensor_spec/src/imu.rs",
     "sensors/sensor_spec/src/lidar.rs",

@@ -22,7 +22,7 @@ pub(super) fn assign_drawn(
             width_px,
             height_px,
             ..
-        } = view.spec.intrinsics;
+        } = view.drawn;
         if gpu.copies_beside() {
             view.targets.swap(0, 1);
         }
@@ -45,10 +45,7 @@ pub(super) fn assign_computed(
         let view = &jobs[active.job_idx].view;
         (
             (
-                [
-                    view.spec.intrinsics.width_px,
-                    view.spec.intrinsics.height_px,
-                ],
+                [view.drawn.width_px, view.drawn.height_px],
                 view.kept,
             ),
             active.set,

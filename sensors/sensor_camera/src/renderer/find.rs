@@ -34,7 +34,7 @@ pub(super) fn find(
     let seen: Vec<(Intrinsics, Option<&Firing>)> = active
         .iter()
         .map(|active| &*jobs[active.job_idx].view)
-        .map(|view| (view.spec.intrinsics, view.previous.as_ref()))
+        .map(|view| (view.drawn, view.previous.as_ref()))
         .collect();
     let find = |(active, (lens, previous)): (&mut Active, (Intrinsics, Option<&Firing>))| {
         visible::visible(

@@ -9,7 +9,7 @@ use super::tick::{TickDrawing, TickScene};
 use crate::assets::GpuAssets;
 use crate::bindings::{Bindings, Together};
 use crate::camera_motion::{NEAR_M, rows};
-use crate::debug::{DebugPass, DebugView};
+use crate::debug::{DebugPass, DebugView, is_drawn};
 use crate::geometry::{GeometryPass, SceneryLamps, ViewPass};
 use crate::post::{PostJob, PostPass};
 use crate::quality::Quality;
@@ -182,9 +182,11 @@ impl Passes {
             }
         });
         for active in active {
-            if active.set.contains(Target::Color) && !scene.debug.is_empty() {
+            let spec = &jobs[active.job_idx].view.spec;
+            if active.set.contains(Target::Color) && is_drawn(scene, spec) {
                 let view = DebugView {
-                    lens: &jobs[active.job_idx].view.spec.intrinsics,
+                    overlay: spec.shows_overlay.then_some(&scene.overlay),
+                    lens: &jobs[active.job_idx].view.drawn,
                     world_from_camera: &active.motion.world_from_camera,
                     images: TargetLayer {
                         targets: &active.targets,
@@ -266,6 +268,7 @@ impl Passes {
             let post = (active.set.is_lit() && developed).then(|| PostJob {
                 view_idx,
                 optics: &view.spec.optics,
+                lens: view.spec.intrinsics,
                 targets,
                 layer: active.layer,
                 meter: view.meter.as_ref(),
@@ -422,7 +425,7 @@ fn begin_computing<'e>(
 
 fn view_data(view: &View, active: &Active, lit: &Lit) -> ViewData {
     let motion = &active.motion;
-    let lens = view.spec.intrinsics;
+    let lens = view.drawn;
     let mut world_from_camera = rows(&motion.world_from_camera);
     let eye = motion.world_from_camera.translation.vector;
     // Patterns repeat every 1024 m, so that they stay sharp far from the origin.

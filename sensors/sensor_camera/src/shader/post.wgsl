@@ -38,8 +38,23 @@ struct Post {
     white_rgb: vec3<f32>,
     // Layer of its image.
     layer: u32,
+    // Size of the picture, which lies in the middle of the image.
+    out_px: vec2<f32>,
+    // Strength of ghosts.
+    flare: f32,
+    // 1: the film's curve is a shaped one, with the numbers below.
+    is_shaped: f32,
+    slope: f32,
+    // Where the toe ends and the shoulder begins, log10 of light.
+    toe_at: f32,
+    shoulder_at: f32,
+    straight_offset: f32,
+    toe_height: f32,
+    shoulder_height: f32,
+    black_clip: f32,
+    white_clip: f32,
     // A uniform's offset can be a multiple of 256 only.
-    rest: array<vec4<u32>, 9>,
+    rest: array<vec4<u32>, 6>,
 }
 
 struct Meter {
@@ -56,6 +71,7 @@ struct Meter {
 @group(0) @binding(4) var color_maps: texture_storage_2d_array<r32uint, write>;
 @group(0) @binding(5) var glow_map: texture_2d<f32>;
 @group(0) @binding(6) var glow_out: texture_storage_2d<rgba16float, write>;
+@group(0) @binding(7) var ghost_map: texture_2d<f32>;
 
 var<private> which: u32;
 
@@ -75,7 +91,8 @@ fn cs_meter(@builtin(local_invocation_index) thread: u32) {
     }
     workgroupBarrier();
     for (var i = thread; i < 4096u; i += 256u) {
-        let at = (vec2(f32(i % 64u), f32(i / 64u)) + 0.5) / 64.0 * posts[which].size_px;
+        let share = (vec2(f32(i % 64u), f32(i / 64u)) + 0.5) / 64.0;
+        let at = share * posts[which].out_px + 0.5 * (posts[which].size_px - posts[which].out_px);
         let luminance = luminance_of(textureLoad(radiance_maps, vec2<u32>(at), posts[which].layer, 0).rgb);
         let bin = (log2(max(luminance, 1e-9)) - LOWEST) * BINS_PER_STOP;
         atomicAdd(&bins[u32(clamp(bin, 0.0, f32(N_BINS) - 1.0))], 1u);
@@ -121,6 +138,56 @@ fn cs_shrink(@builtin(global_invocation_id) at: vec3<u32>) {
     textureStore(glow_out, at.xy, vec4(sum * 0.25, 1.0));
 }
 
+// The same of light so far above white that the lens shows ghosts of it.
+@compute @workgroup_size(16, 8)
+fn cs_shrink_bright(@builtin(global_invocation_id) at: vec3<u32>) {
+    let size = textureDimensions(glow_out);
+    if at.x >= size.x || at.y >= size.y {
+        return;
+    }
+    let middle = (vec2<f32>(at.xy) + 0.5) / vec2<f32>(size);
+    let step = 1.0 / vec2<f32>(textureDimensions(radiance_maps));
+    let factor = exposed();
+    var sum = vec3(0.0);
+    for (var i = 0; i < 4; i++) {
+        let away = vec2(f32(i & 1) * 2.0 - 1.0, f32(i >> 1u) * 2.0 - 1.0);
+        let light = textureSampleLevel(radiance_maps, smooth_sampler, middle + away * step, posts[which].layer, 0.0).rgb * factor;
+        sum += clamp(light - GHOSTS_FROM, vec3(0.0), vec3(200.0));
+    }
+    textureStore(glow_out, at.xy, vec4(sum * 0.25, 1.0));
+}
+
+// Ghosts of light at p lie at -p times these sizes, in these colours.
+const GHOSTS_FROM: f32 = 8.0;
+const N_GHOSTS: i32 = 6;
+const GHOST_SIZES = array<f32, 6>(0.35, 0.6, -0.45, 1.0, 1.5, -1.7);
+const GHOST_RGB = array<vec3<f32>, 6>(
+    vec3(1.0, 0.8, 0.4), vec3(0.5, 0.9, 0.6), vec3(0.4, 0.5, 1.0),
+    vec3(0.9, 0.5, 0.3), vec3(0.3, 0.6, 0.6), vec3(0.5, 0.3, 0.7));
+
+// Light of all ghosts at a place in the image, from its middle.
+fn ghosts_at(q: vec2<f32>) -> vec3<f32> {
+    let texel = 1.0 / vec2<f32>(textureDimensions(ghost_map));
+    var sizes = GHOST_SIZES;
+    var colors = GHOST_RGB;
+    var sum = vec3(0.0);
+    for (var ghost = 0; ghost < N_GHOSTS; ghost++) {
+        let source = 0.5 - q / sizes[ghost];
+        if any(abs(source - 0.5) > vec2(0.5)) {
+            continue;
+        }
+        var light = vec3(0.0);
+        for (var i = 0; i < 9; i++) {
+            let away = vec2(f32(i % 3) - 1.0, f32(i / 3) - 1.0);
+            let weight = (2.0 - abs(away.x)) * (2.0 - abs(away.y)) / 16.0;
+            light += textureSampleLevel(ghost_map, smooth_sampler, source + away * texel, 0.0).rgb * weight;
+        }
+        // A larger ghost spreads the same light.
+        sum += light * colors[ghost] / max(sizes[ghost] * sizes[ghost], 0.25);
+    }
+    return sum * posts[which].flare;
+}
+
 fn exposed() -> f32 {
     if posts[which].is_metered == 0.0 {
         return posts[which].factor;
@@ -134,7 +201,54 @@ fn developed(radiance: vec3<f32>) -> vec3<f32> {
     if posts[which].has_film == 0.0 {
         return pow(min(rgb, vec3(1.0)), vec3(posts[which].gamma_exponent / 2.2));
     }
+    if posts[which].is_shaped != 0.0 {
+        let tones = vec3(shaped(rgb.r), shaped(rgb.g), shaped(rgb.b));
+        return pow(clamp(tones, vec3(0.0), vec3(1.0)), vec3(posts[which].gamma_exponent / 2.2));
+    }
     return pow(clamp(display(rgb), vec3(0.0), vec3(1.0)), vec3(posts[which].gamma_exponent));
+}
+
+// A film curve of a straight part, a toe and a shoulder over the logarithm of light.
+fn shaped(light: f32) -> f32 {
+    let slope = posts[which].slope;
+    let toe_at = posts[which].toe_at;
+    let shoulder_at = posts[which].shoulder_at;
+    let toe_height = posts[which].toe_height;
+    let shoulder_height = posts[which].shoulder_height;
+    let x = log2(max(light, 1e-6)) * 0.30103;
+    let straight = slope * (x + posts[which].straight_offset);
+    var toe = straight;
+    if x < toe_at {
+        toe = 2.0 * toe_height / (1.0 + exp(-2.0 * slope / toe_height * (x - toe_at))) - posts[which].black_clip;
+    }
+    var shoulder = straight;
+    if x > shoulder_at {
+        let steps = 2.0 * slope / max(shoulder_height, 1e-4) * (x - shoulder_at);
+        shoulder = 1.0 + posts[which].white_clip - 2.0 * shoulder_height / (1.0 + exp(min(steps, 60.0)));
+    }
+    let between = shoulder_at - toe_at;
+    var share = clamp((x - toe_at) / select(between, 1e-4, abs(between) < 1e-4), 0.0, 1.0);
+    // A long toe and a long shoulder overlap.
+    share = select(share, 1.0 - share, between < 0.0);
+    return mix(toe, shoulder, share * share * (3.0 - 2.0 * share));
+}
+
+// Where the lens shows what the image has at q, both from the middle: the inverse of the bend.
+fn unbent(q: vec2<f32>) -> vec2<f32> {
+    let scaled = q * posts[which].distortion_size;
+    let squared = dot(scaled, scaled);
+    let a = posts[which].distortion_k * squared;
+    let b = posts[which].distortion_k_cubed * squared * sqrt(squared);
+    if a == 0.0 && b == 0.0 {
+        return q;
+    }
+    var share = 1.0;
+    for (var i = 0; i < 12; i++) {
+        let value = share * (1.0 + share * share * (a + b * share)) - 1.0;
+        let slope = 1.0 + share * share * (3.0 * a + 4.0 * b * share);
+        share = clamp(share - value / max(slope, 0.05), 0.0, 100.0);
+    }
+    return q * share;
 }
 
 fn radiance_at(at: vec2<f32>, factor: f32) -> vec3<f32> {
@@ -174,26 +288,28 @@ fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
     if f32(at.x) >= posts[which].size_px.x || f32(at.y) >= posts[which].size_px.y {
         return;
     }
-    let from_middle = (vec2<f32>(at.xy) + 0.5) * posts[which].per_px - 0.5;
-    let scaled = from_middle * posts[which].distortion_size;
-    let squared = dot(scaled, scaled);
-    let bent = from_middle * (1.0 + squared * (posts[which].distortion_k + posts[which].distortion_k_cubed * sqrt(squared)));
-    let to_corner = length(from_middle) * 1.41421356;
+    // The image is a pinhole's, with margins around the picture if the lens will bend it.
+    let in_image = (vec2<f32>(at.xy) + 0.5) * posts[which].per_px - 0.5;
+    let sides = posts[which].size_px / posts[which].out_px;
+    let to_corner = length(unbent(in_image * sides)) * 1.41421356;
     var factor = exposed();
     if posts[which].has_film != 0.0 {
         factor *= clamp(1.0 - posts[which].vignette_multiplier * pow(to_corner, posts[which].vignette_falloff), 0.0, 1.0);
     }
     var rgb: vec3<f32>;
-    if posts[which].aberration == 0.0 && posts[which].bloom == 0.0 {
-        rgb = smoothed(bent + 0.5, factor);
+    if posts[which].aberration == 0.0 && posts[which].bloom == 0.0 && posts[which].flare == 0.0 {
+        rgb = smoothed(in_image + 0.5, factor);
     } else {
         let drift = posts[which].aberration * 0.01 * max(to_corner - posts[which].aberration_start, 0.0);
         var radiance = vec3(
-            radiance_at(bent * (1.0 + drift) + 0.5, factor).r,
-            radiance_at(bent + 0.5, factor).g,
-            radiance_at(bent * (1.0 - drift) + 0.5, factor).b,
+            radiance_at(in_image * (1.0 + drift) + 0.5, factor).r,
+            radiance_at(in_image + 0.5, factor).g,
+            radiance_at(in_image * (1.0 - drift) + 0.5, factor).b,
         );
-        radiance += textureSampleLevel(glow_map, smooth_sampler, bent + 0.5, 0.0).rgb * (factor * posts[which].bloom);
+        radiance += textureSampleLevel(glow_map, smooth_sampler, in_image + 0.5, 0.0).rgb * (factor * posts[which].bloom);
+        if posts[which].flare != 0.0 {
+            radiance += ghosts_at(in_image);
+        }
         rgb = developed(radiance);
     }
     textureStore(color_maps, at.xy, posts[which].layer, vec4(pack4x8unorm(vec4(rgb.bgr, 1.0)), 0u, 0u, 0u));

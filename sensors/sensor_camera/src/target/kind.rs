@@ -72,8 +72,7 @@ impl Target {
 
     pub fn usage(self, writer: Writer) -> wgpu::TextureUsages {
         let more = match self {
-            Target::Color => wgpu::TextureUsages::STORAGE_BINDING,
-            Target::Radiance | Target::Luminance => {
+            Target::Color | Target::Radiance | Target::Luminance => {
                 wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING
             }
             _ if writer == Writer::Computing => {

@@ -24,6 +24,8 @@ pub struct ViewSpec {
     pub seed: u64,
     /// Sensor id: keeps the noise of sensors apart.
     pub sensor_id: u32,
+    /// Whether `rgb` shows what the spectator alone sees: texts, and shapes on the screen.
+    pub shows_overlay: bool,
 }
 
 impl ViewSpec {
@@ -35,6 +37,7 @@ impl ViewSpec {
             dvs: DvsSpec::default(),
             seed: 0,
             sensor_id: 0,
+            shows_overlay: false,
         }
     }
 }
@@ -42,6 +45,10 @@ impl ViewSpec {
 /// Persistent state of one camera. Render targets are made when they are first needed.
 pub struct View {
     pub(crate) spec: ViewSpec,
+    /// The pinhole camera that is drawn: that of `spec`, or with margins if the lens bends.
+    pub(crate) drawn: Intrinsics,
+    /// Bent images: those of this firing and of the one before.
+    pub(crate) bent: [Arc<Targets>; 2],
     /// Targets for compute shaders, shared with views of equal size.
     pub(crate) turns: Option<Arc<Turns>>,
     /// Targets for drawing: those of this firing and, if the copy queue may still read them, those
@@ -70,8 +77,14 @@ impl std::fmt::Debug for View {
 impl View {
     /// A view that has not fired. Nothing is allocated on the GPU yet.
     pub fn new(_gpu: &Gpu, spec: ViewSpec) -> View {
+        let drawn = match spec.optics.distortion() {
+            Some(bend) => bend.drawn_by(&spec.intrinsics),
+            None => spec.intrinsics,
+        };
         View {
             spec,
+            drawn,
+            bent: Default::default(),
             turns: None,
             targets: Default::default(),
             kept: TargetSet::default(),

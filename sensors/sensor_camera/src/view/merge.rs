@@ -26,6 +26,8 @@ fn shares_drawing(
 ) -> bool {
     let first = &jobs[leader];
     let sees_alike = first.view.spec.intrinsics == job.view.spec.intrinsics
+        && first.view.spec.optics.distortion() == job.view.spec.optics.distortion()
+        && first.view.spec.shows_overlay == job.view.spec.shows_overlay
         && first.world_from_sensor == job.world_from_sensor
         && match (&first.view.previous, &job.view.previous) {
             (None, None) => true,

@@ -70,6 +70,7 @@ pub fn scene(assets: &Arc<SceneAssets>, dynamics: Vec<DynamicInstance>, nanos: u
         weather: Weather::default(),
         lidar_extinction_per_m: 0.0,
         debug: Vec::new(),
+        overlay: Default::default(),
     }
 }
 
