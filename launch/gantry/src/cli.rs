@@ -48,7 +48,7 @@ pub enum Word {
     Graph(GraphArgs),
     /// Examine graphics driver, shared memory, ports and limits, and say what to repair
     Doctor(DoctorArgs),
-    /// Check OpenDRIVE files, or write out a map's
+    /// Take OpenDRIVE files over from CARLA or elsewhere, check them, or write out a map's
     Map(MapArgs),
     /// Make a project of your own that runs with the simulator
     New(NewArgs),
@@ -102,8 +102,8 @@ pub struct UpArgs {
     #[arg(long, value_name = "SPEED", requires = "replay")]
     pub rate: Option<String>,
 
-    /// Show it: auto, native, web, none or save:FILE.rrd; auto is native on a desktop, else web
-    /// [default: what the launch file has]
+    /// Show it: auto, native, web, fly, none or save:FILE.rrd; auto is native on a desktop, else web,
+    /// and fly a window in which the spectator is flown [default: what the launch file has]
     #[arg(long, value_name = "HOW")]
     pub view: Option<ViewMode>,
 
@@ -151,6 +151,8 @@ pub enum ViewMode {
     Native,
     /// A page for the browser.
     Web,
+    /// A window in which the spectator is flown.
+    Fly,
     /// Not at all.
     None,
     /// Into a file.
@@ -165,10 +167,11 @@ impl FromStr for ViewMode {
             "auto" => Ok(ViewMode::Auto),
             "native" => Ok(ViewMode::Native),
             "web" => Ok(ViewMode::Web),
+            "fly" => Ok(ViewMode::Fly),
             "none" => Ok(ViewMode::None),
             _ => match text.strip_prefix("save:") {
                 Some(file) if !file.is_empty() => Ok(ViewMode::Save(file.into())),
-                _ => Err("must be auto, native, web, none or save:FILE.rrd".into()),
+                _ => Err("must be auto, native, web, fly, none or save:FILE.rrd".into()),
             },
         }
     }
@@ -187,6 +190,7 @@ pub struct DoctorArgs {
 
 const MAP_EXAMPLES: &str = "\
 Examples:
+  gantry map import ~/CARLA_0.9.16
   gantry map check crossing.xodr
   gantry map check ~/maps Town03 --carla always
   gantry map export Town03 town03.xodr";
@@ -205,6 +209,8 @@ pub enum MapWord {
     /// Read maps as the simulator does: what they hold, what is odd or broken, how CARLA's client
     /// reads them
     Check(CheckArgs),
+    /// Make maps of the data folder from OpenDRIVE files of a CARLA installation or of any folder
+    Import(ImportArgs),
     /// Write the OpenDRIVE text of a map into a file
     Export(ExportArgs),
 }
@@ -257,6 +263,44 @@ pub enum WithCarla {
     Never,
 }
 
+const IMPORT_NOTES: &str = "\
+Folders are searched to their end; a CARLA installation has its maps in CarlaUE4/Content/Carla/Maps.
+Every map is read before any is written, and takes its place in the folder maps/ of the data folder in one step.
+A map called as one of Gantry's own towns is loaded in its place from then on; remove the file to have the own town back.
+Exit code 1 if a map was refused; the others are imported all the same.
+
+Examples:
+  gantry map import ~/CARLA_0.9.16
+  gantry map import Town01.xodr Town04.xodr ~/roadrunner/exports
+  gantry map import downtown_v3.xodr --name Downtown --replace";
+
+/// `gantry map import`.
+#[derive(clap::Args, Debug, Clone)]
+#[command(after_help = IMPORT_NOTES)]
+pub struct ImportArgs {
+    /// Files, and folders in which .xodr files are looked for
+    #[arg(value_name = "DIR|FILE", required = true)]
+    pub what: Vec<PathBuf>,
+    /// Name of the map, if one file is given [default: the file's, without .xodr and _Opt]
+    #[arg(long, value_name = "NAME")]
+    pub name: Option<String>,
+    /// Put maps in the place of others of the same name
+    #[arg(long)]
+    pub replace: bool,
+    /// Read and report, and write nothing
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Print every warning instead of the first 3
+    #[arg(long)]
+    pub all: bool,
+    /// Print one JSON object per map
+    #[arg(long)]
+    pub json: bool,
+    /// Data folder; the maps go into its folder maps/ [default: gantry in the XDG data folder]
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+}
+
 /// `gantry map export`.
 #[derive(clap::Args, Debug, Clone)]
 #[command(
@@ -295,6 +339,7 @@ mod tests {
     fn view_modes_read_as_documented() {
         assert_eq!("save:a.rrd".parse(), Ok(ViewMode::Save("a.rrd".into())));
         assert_eq!("auto".parse(), Ok(ViewMode::Auto));
+        assert_eq!("fly".parse(), Ok(ViewMode::Fly));
         assert!("save:".parse::<ViewMode>().is_err() && "window".parse::<ViewMode>().is_err());
     }
 

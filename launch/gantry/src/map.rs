@@ -1,9 +1,10 @@
-//! `gantry map`: reads OpenDRIVE files as the simulator does, says what is in them, and compares
-//! with CARLA's client.
+//! `gantry map`: reads OpenDRIVE files as the simulator does, says what is in them, compares with
+//! CARLA's client, and takes them into the data folder.
 
 mod carla;
 mod check;
 mod compare;
+mod import;
 mod report;
 mod source;
 
@@ -16,6 +17,7 @@ use crate::cli::{ExportArgs, MapArgs, MapWord};
 pub fn run(args: &MapArgs, _: &CommonArgs) -> anyhow::Result<Exit> {
     match &args.word {
         MapWord::Check(args) => check::run(args),
+        MapWord::Import(args) => import::run(args),
         MapWord::Export(args) => export(args),
     }
 }

@@ -51,17 +51,20 @@ mod station;
 // What belongs together.
 mod chords;
 mod graph;
+mod light_groups;
 mod objects;
 mod signals;
 
 // What a caller has.
 mod map;
 mod positions;
+mod spawn_points;
 mod surface;
 pub mod walkable;
 
 pub use error::{MapError, Severity, Warning};
 pub use lane::{Lane, LaneKey, LaneKind, LanePosition};
+pub use light_groups::LightGroup;
 pub use map::{DEFAULT_GEO_REFERENCE, JunctionInfo, RoadInfo, RoadMap};
 pub use marks::{MarkColour, MarkKind, MarkLine, MarkStripe};
 pub use objects::{Crosswalk, OutlineCorner, RoadObject};

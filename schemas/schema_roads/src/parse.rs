@@ -32,6 +32,7 @@ pub(crate) fn parse(source: &str) -> Result<RawMap, MapError> {
     }
     let mut reader = Reader::new(&doc);
     let header = child(root, "header");
+    reader.by_road_runner = header.is_some_and(is_by_road_runner);
     let mut map = RawMap {
         name: header.map_or("", |h| text(h, "name")).to_owned(),
         revision: header.and_then(|header| revision(&mut reader, header)),
@@ -54,6 +55,14 @@ pub(crate) fn parse(source: &str) -> Result<RawMap, MapError> {
     vocabulary::check(&mut reader, root);
     map.warnings = reader.into_warnings();
     Ok(map)
+}
+
+/// Whether a header says that RoadRunner wrote the file.
+fn is_by_road_runner(header: Node) -> bool {
+    text(header, "vendor") == "VectorZero"
+        || child(header, "userData")
+            .and_then(|data| child(data, "vectorScene"))
+            .is_some_and(|scene| text(scene, "program") == "RoadRunner")
 }
 
 /// Revision of the format that the file states.

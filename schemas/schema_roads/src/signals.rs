@@ -168,8 +168,23 @@ fn pose(map: &RawMap, raw: &RawSignal) -> Isometry3<f64> {
     Isometry3::new(Vector3::new(x, y, z + raw.z_offset_m), Vector3::z() * yaw)
 }
 
-/// The stops of one placement.
+/// The stops of one placement: on the lanes that it names and whose traffic its orientation is for;
+/// where these are none, the named lanes decide alone, as for CARLA.
 fn placed_stops(map: &RawMap, lanes: &[Lane], placement: &Placement, stops: &mut Vec<SignalStop>) {
+    let before = stops.len();
+    stops_of(map, lanes, placement, placement.along, stops);
+    if stops.len() == before && !placement.validity.is_empty() {
+        stops_of(map, lanes, placement, None, stops);
+    }
+}
+
+fn stops_of(
+    map: &RawMap,
+    lanes: &[Lane],
+    placement: &Placement,
+    along: Option<bool>,
+    stops: &mut Vec<SignalStop>,
+) {
     let road = &map.roads[placement.road];
     let section = road.section_at(placement.s_m);
     for raw in road.sections[section]
@@ -185,7 +200,7 @@ fn placed_stops(map: &RawMap, lanes: &[Lane], placement: &Placement, stops: &mut
         let Some(lane) = graph::find(lanes, key).map(|idx| &lanes[idx]) else {
             continue;
         };
-        let right_way = placement.along.is_none_or(|along| along == lane.forward);
+        let right_way = along.is_none_or(|along| along == lane.forward);
         if !right_way || !lane.kind.is_drivable() || !placement.is_valid_for(raw.id) {
             continue;
         }

@@ -90,7 +90,7 @@ impl Maps {
 
     /// Names that can be loaded: generated towns, then files of the map folder, then stored texts.
     pub fn names(&self) -> Vec<String> {
-        let mut names: Vec<String> = Town::NAMES.iter().map(|name| (*name).to_owned()).collect();
+        let mut names: Vec<String> = Town::all_names().into_iter().map(str::to_owned).collect();
         let further = self
             .in_folder()
             .into_iter()
@@ -195,7 +195,7 @@ impl Maps {
     /// When there is no such map, or it cannot be read.
     pub fn text(&self, name: &str, seed: u64) -> anyhow::Result<String> {
         Ok(match self.find(name)? {
-            Source::Town(name) => Town::generate(&name, seed).map_err(wrong_usage)?.open_drive,
+            Source::Town(name) => Town::open_drive(&name, seed).map_err(wrong_usage)?,
             Source::File { path, bytes, .. } => read_text(&path, bytes)?,
             Source::Stored { name, .. } => self.stored[&name].1.open_drive.clone(),
             Source::Provided { name, .. } => self.provided[&name].text.clone(),
@@ -254,7 +254,7 @@ impl Maps {
                 listed(&places)
             )));
         }
-        if Town::NAMES.contains(&short) {
+        if Town::all_names().contains(&short) {
             return Ok(Source::Town(short.to_owned()));
         }
         let files = self.in_folder();
@@ -265,13 +265,20 @@ impl Maps {
         };
         Err(wrong_usage(format!(
             "map {name:?} not found; generated towns are {}; put {name}.xodr into the map folder {}, {there}, or give a path",
-            Town::NAMES.join(", "),
+            Town::all_names().join(", "),
             self.folder.display()
         )))
     }
 
     fn make(&self, source: &Source, seed: u64) -> anyhow::Result<LoadedMap> {
         match source {
+            Source::Town(name) if Town::LARGE_NAMES.contains(&name.as_str()) => {
+                let text = Town::open_drive(name, seed).map_err(wrong_usage)?;
+                let mut map = build(name, &text, seed, &ImportOptions::default())?;
+                // Our lanes say what our signs say.
+                Arc::make_mut(&mut map.data).signs_post_limits = false;
+                Ok(map)
+            }
             Source::Town(name) => {
                 let town = Town::generate(name, seed).map_err(wrong_usage)?;
                 let roads = RoadMap::parse(&town.open_drive)
@@ -344,7 +351,7 @@ fn build(name: &str, text: &str, seed: u64, options: &ImportOptions) -> anyhow::
         );
     }
     Ok(LoadedMap {
-        data: Arc::new(MapData::of_town(&town, Arc::new(roads))),
+        data: Arc::new(MapData::of_import(&town, Arc::new(roads))),
         assets: town.assets,
     })
 }

@@ -295,6 +295,7 @@ impl Studio {
             weather: Weather::default(),
             lidar_extinction_per_m: 0.0,
             debug: Vec::new(),
+            overlay: Default::default(),
         };
         Ok(Studio {
             gpu,

@@ -13,7 +13,6 @@ mod options;
 mod paint;
 mod roadside;
 mod signals;
-mod spawn;
 mod surface;
 
 use nalgebra::{Translation3, Vector3};
@@ -25,6 +24,9 @@ use builder::ImportBuilder;
 use cover::Cover;
 use height_grid::HeightGrid;
 pub use options::ImportOptions;
+
+/// Most points of all surfaces: about a thousand kilometres of streets.
+const MAX_POINTS: usize = 8_000_000;
 
 /// The world of a map. `open_drive` is the text that `roads` was read from; the same text, seed and
 /// options give the same bytes.
@@ -41,6 +43,7 @@ pub fn import(
     let steps = SurfaceSteps {
         max_step_m: options.vertex_distance_m.clamp(0.5, 20.0),
         junction_extra_m: options.junction_extra_m.clamp(0.0, 5.0),
+        max_points: MAX_POINTS,
         ..SurfaceSteps::default()
     };
     let mut sections = roads
@@ -91,7 +94,7 @@ pub fn import(
     Ok(Town {
         name: name.to_owned(),
         open_drive: open_drive.to_owned(),
-        spawn_points: spawn::spawn_points(roads),
+        spawn_points: roads.spawn_points(),
         assets: parts.assets,
         objects: parts.objects,
         lamps: parts.lamps,

@@ -1,8 +1,8 @@
 //! Towns: a street network as OpenDRIVE text, and the scenery that belongs to it.
 //!
 //! A town is a function of its name and a seed: the same pair gives the same bytes. There is no
-//! GPU, no physics and no I/O here. Besides the eight generated towns, [`imported`] makes a world
-//! for any OpenDRIVE map.
+//! GPU, no physics and no I/O here. Besides the generated towns, [`imported`] makes a world for any
+//! OpenDRIVE map; the scenery of the large towns is made in that way too.
 //!
 //! The modules in the order of building; each uses only those above it:
 //!
@@ -18,8 +18,9 @@
 //! | `buildings` | lots, houses, entrances, gardens, driveways |
 //! | `greenery` | street trees, parks, hedges, distant woods |
 //! | `roadside` | street lamps, furniture, power lines, signals, parked cars beside the roads |
-//! | `assembly`, `town` | all of it in order; [`Town::generate`] |
+//! | `assembly`, `town` | all of it in order; [`Town`] |
 //! | [`imported`] | a world from the lanes of any map |
+//! | `generate` | [`Town::generate`] by name |
 //!
 //! ```
 //! let town = simd_town::Town::generate("Town02", 1)?;
@@ -57,6 +58,8 @@ mod assembly;
 mod town;
 
 pub mod imported;
+
+mod generate;
 
 pub use network::guide;
 pub use scenery::{CollisionMesh, LampGroup, LightSite, MapLayer, SceneryLamp, SceneryObject};

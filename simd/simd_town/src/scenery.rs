@@ -13,4 +13,4 @@ pub use chunk::{ALL, Chunks, Key, Layer, Levels, bound, place};
 pub use collision::{CollisionMesh, Floor};
 pub use lamp::{LampGroup, LightSite, SceneryLamp};
 pub use object::{MapLayer, SceneryObject, measure};
-pub use terrain::Terrain;
+pub use terrain::{Grid, Terrain};

@@ -237,6 +237,7 @@ impl World {
     fn take_constants(&mut self, living: &World) {
         self.map = living.map.clone();
         self.roads = living.roads.clone();
+        self.posted = living.posted.clone();
         self.catalogue = living.catalogue.clone();
         self.meshes = living.meshes.clone();
         self.options.physics_substep_secs = living.options.physics_substep_secs;

@@ -56,6 +56,9 @@ pub struct MapData {
     /// What `open_drive` says, if it has been read already; otherwise the world reads it when it
     /// loads the map.
     pub roads: Option<Arc<RoadMap>>,
+    /// Whether a vehicle's limit is that of the last speed-limit sign it passed, as on CARLA's
+    /// server; otherwise, and on maps without such signs, it is the limit of its lane.
+    pub signs_post_limits: bool,
 }
 
 /// Why a map could not be loaded.
@@ -138,6 +141,16 @@ impl MapData {
     }
 }
 
+impl MapData {
+    /// A town that was made from somebody's map, on which signs post the speed limits.
+    pub fn of_import(town: &simd_town::Town, roads: Arc<RoadMap>) -> MapData {
+        MapData {
+            signs_post_limits: true,
+            ..MapData::of_town(town, roads)
+        }
+    }
+}
+
 impl From<&simd_town::Town> for MapData {
     fn from(town: &simd_town::Town) -> MapData {
         let solid = |mesh: &simd_town::CollisionMesh| CollisionMesh {
@@ -169,6 +182,7 @@ impl From<&simd_town::Town> for MapData {
             lights: town.lights.iter().map(heads).collect(),
             light_head: town.light_head.clone(),
             roads: None,
+            signs_post_limits: false,
         }
     }
 }

@@ -15,7 +15,8 @@ use serde::{Deserialize, Serialize};
 use crate::actors::{Actor, Actors};
 use crate::booms::{self, Boom, Booms};
 use crate::physics::{Collision, Physics};
-use crate::signals::TrafficLights;
+use crate::props::Props;
+use crate::signals::{FIRST_LIMIT_MPS, PostedLimits, TrafficLights};
 use crate::vehicles::{MAX_WHEELS, Vehicle, Vehicles};
 use crate::walkers::Walkers;
 
@@ -43,8 +44,10 @@ pub(crate) struct Observed<'w> {
     pub actors: &'w Actors,
     pub vehicles: &'w Vehicles,
     pub walkers: &'w Walkers,
+    pub props: &'w Props,
     pub lights: &'w TrafficLights,
     pub roads: Option<&'w RoadMap>,
+    pub posted: &'w PostedLimits,
     pub physics: &'w Physics,
     /// Contacts of the last step, by (actor, other).
     pub collisions: &'w [Collision],
@@ -153,7 +156,11 @@ impl Observed<'_> {
                     looked_up_at_m: [f64::INFINITY; 3],
                     limit_mps: 0.0,
                 });
-                self.look_up_limit(motion.pose.translation_m, limit);
+                if self.posted.is_empty() {
+                    self.look_up_limit(motion.pose.translation_m, limit);
+                } else {
+                    self.heed_signs(&motion.pose.isometry(), vehicle.model.half_m, limit);
+                }
                 record.flags |= match (vehicle.quarantined, vehicle.switches.simulated) {
                     (true, _) => ActorRecord::QUARANTINED,
                     (false, simulated) => ActorRecord::PHYSICS * u32::from(simulated),
@@ -205,10 +212,13 @@ impl Observed<'_> {
         }
         let parent = actor.parent.and_then(|id| find(made, id));
         let Some(parent) = parent else {
+            let prop = self.props.get(actor.id);
+            let (velocity, spin) =
+                prop.map_or_else(Default::default, |prop| prop.velocity(self.physics));
             return OriginMotion {
                 pose: actor.pose,
-                velocity: Vector3::zeros(),
-                spin: Vector3::zeros(),
+                velocity,
+                spin,
             };
         };
         let world_from_parent = parent.world_from_actor.isometry();
@@ -297,6 +307,21 @@ impl Observed<'_> {
             .is_some_and(|collision| collision.actor.0 == record.id)
         {
             record.flags |= ActorRecord::TOUCHED;
+        }
+    }
+
+    /// Takes over the limit of a sign that is passed; before the first one 30 km/h hold.
+    fn heed_signs(
+        &self,
+        world_from_vehicle: &Isometry3<f64>,
+        half_m: [f64; 3],
+        limit: &mut SpeedLimit,
+    ) {
+        if limit.limit_mps == 0.0 {
+            limit.limit_mps = FIRST_LIMIT_MPS;
+        }
+        if let Some(passed_mps) = self.posted.passed(world_from_vehicle, half_m) {
+            limit.limit_mps = passed_mps;
         }
     }
 

@@ -20,7 +20,7 @@ use crate::physics::{Collision, Physics, Solids};
 use crate::props::Props;
 use crate::records::{Observed, Records};
 use crate::scenery::SceneryState;
-use crate::signals::TrafficLights;
+use crate::signals::{PostedLimits, TrafficLights};
 use crate::spawn::{Spawner, Wanted};
 use crate::vehicles::{Body, Vehicles};
 use crate::walkers::{Surroundings, Walker, Walkers};
@@ -85,6 +85,9 @@ pub struct World {
     pub(crate) weather: WeatherInForce,
     /// Boxes of lights and signs on lanes, in the signals' own space.
     pub(crate) trigger_boxes: BTreeMap<ActorId, BodyBox>,
+    /// Speed limits that signs post; empty where lanes say them.
+    #[serde(skip)]
+    pub(crate) posted: PostedLimits,
     pub(crate) friction: FrictionAreas,
     pub(crate) collisions: Vec<Collision>,
     pub(crate) counts: Counts,
@@ -114,6 +117,7 @@ impl World {
             meshes: ActorMeshes::default(),
             weather: WeatherInForce::default(),
             trigger_boxes: BTreeMap::new(),
+            posted: PostedLimits::default(),
             friction: FrictionAreas::default(),
             collisions: Vec::new(),
             counts: Counts::START,
@@ -164,6 +168,10 @@ impl World {
         self.spectator = added.spectator;
         self.lights = added.lights;
         self.trigger_boxes = added.trigger_boxes;
+        self.posted = match self.roads.as_deref() {
+            Some(roads) if self.map.signs_post_limits => PostedLimits::of(roads),
+            _ => PostedLimits::default(),
+        };
         self.actors_changed();
     }
 
@@ -187,6 +195,7 @@ impl World {
                 .meet_vehicles(&self.vehicles, &mut self.physics);
         }
         self.vehicles.end_tick(&self.physics, dt_secs);
+        self.props.end_tick(&mut self.actors, &mut self.physics);
         let around = Surroundings {
             physics: &self.physics,
             vehicles: &self.vehicles,
@@ -306,8 +315,10 @@ impl World {
             actors: &self.actors,
             vehicles: &self.vehicles,
             walkers: &self.walkers,
+            props: &self.props,
             lights: &self.lights,
             roads: self.roads.as_deref(),
+            posted: &self.posted,
             physics: &self.physics,
             collisions: &self.collisions,
         };

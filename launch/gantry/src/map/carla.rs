@@ -53,7 +53,6 @@ pub struct Beside {
 #[derive(Debug, Deserialize)]
 pub struct Landmark {
     pub id: String,
-    pub name: String,
     pub at: [f64; 3],
     #[serde(rename = "type")]
     pub kind: String,

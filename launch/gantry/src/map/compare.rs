@@ -8,8 +8,7 @@
 //!   reference line.
 //! - It ignores superelevation, shape and lane heights, so such heights are not compared.
 //! - A lane whose road does not name its junction ends there for the client, linked to itself.
-//! - Objects called "Speed_…" count as signs.
-//! - Lights above a lane are moved aside by 25 cm.
+//! - Lights above a lane are moved aside by 25 cm, signs on one by some metres until they are off it.
 //! - Direct junctions are newer than its reader, which misses some of their connections.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -27,6 +26,8 @@ const WIDTH_M: f64 = 0.01;
 const HEADING_DEG: f64 = 1.0;
 /// How far the client moves lights aside (0.25 m), with a margin, metres.
 const LANDMARK_M: f64 = 0.27;
+/// How far it moves signs that stand on a lane, at most, metres.
+const MOVED_M: f64 = 12.0;
 /// Either reader may assign places this near to a section's end to the next section, metres.
 const END_M: f64 = 1e-3;
 
@@ -350,17 +351,21 @@ fn landmarks(out: &mut Comparison, map: &RoadMap, view: &View) {
         .iter()
         .map(|signal| (signal.id.as_str(), signal))
         .collect();
-    let (mut n, mut worst_m, mut missing, mut values) = (0, 0.0f64, BTreeSet::new(), 0);
+    let (mut n, mut moved, mut worst_m) = (0, 0, 0.0f64);
+    let (mut missing, mut values) = (BTreeSet::new(), 0);
     for landmark in &view.landmarks {
         let Some(signal) = signals.get(landmark.id.as_str()) else {
-            if !landmark.name.starts_with("Speed_") {
-                missing.insert(landmark.id.clone());
-            }
+            missing.insert(landmark.id.clone());
             continue;
         };
         let p = signal.pose.translation.vector;
-        worst_m = worst_m.max((p.x - landmark.at[0]).hypot(p.y + landmark.at[1]));
+        let away_m = (p.x - landmark.at[0]).hypot(p.y + landmark.at[1]);
         n += 1;
+        if away_m > LANDMARK_M && away_m < MOVED_M && is_on_lane(map, [p.x, p.y, p.z]) {
+            moved += 1;
+        } else {
+            worst_m = worst_m.max(away_m);
+        }
         let limits_differ = landmark.kind == "274"
             && signal
                 .value
@@ -374,11 +379,20 @@ fn landmarks(out: &mut Comparison, map: &RoadMap, view: &View) {
     out.add(
         missing.is_empty() && values == 0 && worst_m < LANDMARK_M,
         format!(
-            "{n} landmarks agree within {:.2} mm, {} missing here{lost}, {values} of another type or value",
+            "{n} landmarks agree within {:.2} mm, {moved} moved off lanes there, {} missing here{lost}, {values} of another type or value",
             worst_m * 1e3,
             missing.len()
         ),
     );
+}
+
+/// Whether a place is on a lane, or a little beside it.
+fn is_on_lane(map: &RoadMap, at: [f64; 3]) -> bool {
+    let is_road = |lane: &schema_roads::Lane| {
+        lane.kind.is_drivable() || lane.kind == LaneKind::Shoulder || lane.kind == LaneKind::Parking
+    };
+    map.nearest(at, is_road)
+        .is_some_and(|place| place.offset_m.abs() < 0.5 * map.width_m(place) + 0.5)
 }
 
 fn nearest(out: &mut Comparison, map: &RoadMap, view: &View) {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use schema_roads::{JunctionKind, RoadMap, Severity, SignalKind, Warning};
+use schema_roads::{JunctionKind, LaneKind, RoadMap, Severity, SignalKind, Warning};
 use serde_json::json;
 
 use super::compare::Comparison;
@@ -20,10 +20,19 @@ pub struct Contents {
     /// Junctions by kind.
     junctions: BTreeMap<String, usize>,
     n_lights: usize,
+    /// Groups of lights that take turns.
+    n_light_groups: usize,
+    n_stops: usize,
+    n_yields: usize,
+    n_limits: usize,
     n_signals: usize,
     n_controllers: usize,
     n_crosswalks: usize,
     n_objects: usize,
+    /// Length of all driving lanes.
+    lanes_m: f64,
+    /// Places where vehicles may be put.
+    pub n_spawn_points: usize,
     geo_reference_deg: Option<(f64, f64)>,
     took: Duration,
 }
@@ -47,17 +56,25 @@ impl Contents {
             };
             *junctions.entry(kind.to_owned()).or_default() += 1;
         }
+        let n_of = |kind| map.signals().iter().filter(|s| s.kind == kind).count();
         Contents {
+            n_light_groups: map.light_groups().len(),
+            n_stops: n_of(SignalKind::Stop),
+            n_yields: n_of(SignalKind::Yield),
+            n_limits: n_of(SignalKind::SpeedLimit),
+            lanes_m: map
+                .lanes()
+                .iter()
+                .filter(|lane| lane.kind == LaneKind::Driving)
+                .map(|lane| lane.length_m)
+                .sum(),
+            n_spawn_points: map.spawn_points().len(),
             revision: map.revision(),
             n_roads: map.roads().count(),
             length_m: map.roads().map(|road| road.length_m).sum(),
             lanes,
             junctions,
-            n_lights: map
-                .signals()
-                .iter()
-                .filter(|signal| signal.kind == SignalKind::TrafficLight)
-                .count(),
+            n_lights: n_of(SignalKind::TrafficLight),
             n_signals: map.signals().len(),
             n_controllers: map.controllers().len(),
             n_crosswalks: map.crosswalks().len(),
@@ -105,8 +122,29 @@ impl Contents {
         )
     }
 
-    fn as_json(&self) -> serde_json::Value {
+    /// What a map that is imported brings.
+    pub fn import_sentence(&self) -> String {
+        format!(
+            "{} roads, {:.1} km ({:.1} km of driving lanes), {} junctions, {} lights in {} groups, {} stop signs, {} yield signs, {} speed limits, {} crosswalks, {} spawn points",
+            self.n_roads,
+            self.length_m / 1000.0,
+            self.lanes_m / 1000.0,
+            self.junctions.values().sum::<usize>(),
+            self.n_lights,
+            self.n_light_groups,
+            self.n_stops,
+            self.n_yields,
+            self.n_limits,
+            self.n_crosswalks,
+            self.n_spawn_points,
+        )
+    }
+
+    /// One object.
+    pub fn as_json(&self) -> serde_json::Value {
         json!({
+            "driving_lanes_m": self.lanes_m, "light_groups": self.n_light_groups, "stop_signs": self.n_stops, "yield_signs": self.n_yields,
+            "speed_limits": self.n_limits, "spawn_points": self.n_spawn_points,
             "revision": self.revision.map(|(major, minor)| format!("{major}.{minor}")), "roads": self.n_roads, "length_m": self.length_m,
             "lanes": self.lanes, "junctions": self.junctions, "signals": self.n_signals, "lights": self.n_lights,
             "controllers": self.n_controllers, "crosswalks": self.n_crosswalks, "objects": self.n_objects,

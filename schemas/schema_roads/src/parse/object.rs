@@ -2,6 +2,7 @@
 
 use roxmltree::Node;
 
+use super::signal::is_sign;
 use super::values::outline_corners;
 use super::xml::{Reader, child, children, text};
 use crate::raw::{RawMap, RawObject};
@@ -17,12 +18,13 @@ const PIECE_M: f64 = 2.0;
 /// Largest object, metres.
 const MAX_SIZE_M: f64 = 2_000.0;
 
-/// Adds the objects of road number `road` to the map, other than crosswalks.
+/// Adds the objects of road number `road` to the map, other than crosswalks and signs.
 pub(super) fn read(reader: &mut Reader, node: Node, road: usize, length_m: f64, map: &mut RawMap) {
     let Some(objects) = child(node, "objects") else {
         return;
     };
-    for n in children(objects, "object").filter(|n| text(*n, "type") != "crosswalk") {
+    let is_other = |n: &Node| text(*n, "type") != "crosswalk" && !is_sign(*n);
+    for n in children(objects, "object").filter(is_other) {
         if map.objects.len() >= MAX_OBJECTS {
             reader.warn(
                 n,
@@ -72,7 +74,7 @@ fn object(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> RawObj
         t_m: reader.number(node, "t", 0.0),
         z_offset_m: reader.number(node, "zOffset", 0.0),
         heading_rad: reader.number(node, "hdg", 0.0)
-            + if text(node, "orientation") == "-" {
+            + if text(node, "orientation") == "-" && !reader.by_road_runner {
                 std::f64::consts::PI
             } else {
                 0.0

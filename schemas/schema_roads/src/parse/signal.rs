@@ -24,6 +24,11 @@ pub(super) fn read(reader: &mut Reader, node: Node, road: usize, length_m: f64, 
         }
     }
     if let Some(objects) = child(node, "objects") {
+        for n in children(objects, "object").filter(|n| is_sign(*n)) {
+            if let Some(signal) = sign(reader, n, road, length_m) {
+                map.signals.push(signal);
+            }
+        }
         let room = MAX_CROSSWALKS.saturating_sub(map.crosswalks.len());
         let walks = children(objects, "object")
             .filter(|n| text(*n, "type") == "crosswalk")
@@ -46,8 +51,8 @@ fn placement(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> Opt
         return None;
     }
     let along = match text(node, "orientation") {
-        "+" => Some(true),
-        "-" => Some(false),
+        "+" => Some(!reader.by_road_runner),
+        "-" => Some(reader.by_road_runner),
         _ => None,
     };
     let range = |v: Node| {
@@ -70,7 +75,58 @@ fn placement(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> Opt
     })
 }
 
+/// Heading of a signal relative to what its orientation says.
+fn heading_offset(reader: &mut Reader, node: Node, name: &str, placement: &Placement) -> f64 {
+    let stated_rad = reader.number(node, name, 0.0);
+    if reader.by_road_runner && placement.along == Some(false) {
+        stated_rad + std::f64::consts::PI
+    } else {
+        stated_rad
+    }
+}
+
+/// The speed limit that an object of RoadRunner means, as CARLA reads it: `Speed_30`, `speed_60`,
+/// `Speed_STATIC_90`. CARLA takes the number as km/h, though it calls the unit mph.
+fn speed_of(name: &str) -> Option<&str> {
+    let number = name
+        .strip_prefix("Speed_")
+        .or_else(|| name.strip_prefix("speed_"))?;
+    let number = number.strip_prefix("STATIC_").unwrap_or(number);
+    number
+        .parse::<f64>()
+        .is_ok_and(|kmh| kmh.is_finite() && kmh > 0.0)
+        .then_some(number)
+}
+
+/// Whether an object is a sign that is read as a signal.
+pub(super) fn is_sign(node: Node) -> bool {
+    speed_of(text(node, "name")).is_some()
+}
+
+/// The sign that an object means.
+fn sign(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> Option<RawSignal> {
+    let number = speed_of(text(node, "name"))?;
+    let placement = placement(reader, node, road, length_m)?;
+    Some(RawSignal {
+        id: text(node, "id").to_owned(),
+        name: text(node, "name").to_owned(),
+        dynamic: false,
+        kind: "274".to_owned(),
+        subtype: number.to_owned(),
+        country: "OpenDRIVE".to_owned(),
+        value: number.parse().ok(),
+        unit: "mph".to_owned(),
+        text: number.to_owned(),
+        z_offset_m: reader.number(node, "zOffset", 0.0),
+        heading_offset_rad: heading_offset(reader, node, "hdg", &placement),
+        width_m: reader.number(node, "width", 0.0),
+        height_m: reader.number(node, "height", 0.0),
+        placement,
+    })
+}
+
 fn signal(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> Option<RawSignal> {
+    let placement = placement(reader, node, road, length_m)?;
     Some(RawSignal {
         id: text(node, "id").to_owned(),
         name: text(node, "name").to_owned(),
@@ -85,10 +141,10 @@ fn signal(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> Option
         unit: text(node, "unit").to_owned(),
         text: text(node, "text").to_owned(),
         z_offset_m: reader.number(node, "zOffset", 0.0),
-        heading_offset_rad: reader.number(node, "hOffset", 0.0),
+        heading_offset_rad: heading_offset(reader, node, "hOffset", &placement),
         width_m: reader.number(node, "width", 0.0),
         height_m: reader.number(node, "height", 0.0),
-        placement: placement(reader, node, road, length_m)?,
+        placement,
     })
 }
 

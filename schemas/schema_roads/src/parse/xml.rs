@@ -20,6 +20,10 @@ pub(crate) struct Reader<'d, 'i> {
     warnings: Vec<Warning>,
     dropped: usize,
     broken: bool,
+    /// Whether RoadRunner wrote the file, as it did CARLA's towns. Its orientations and headings of
+    /// signals and objects mean something else than OpenDRIVE's: `+` is for the lanes with positive
+    /// ids, and a heading counts from the road's direction whatever the orientation is.
+    pub by_road_runner: bool,
 }
 
 /// Parses the XML within limits.
@@ -52,6 +56,7 @@ impl<'d, 'i> Reader<'d, 'i> {
             warnings: Vec::new(),
             dropped: 0,
             broken: false,
+            by_road_runner: false,
         }
     }
 

@@ -4,12 +4,12 @@
 use schema_roads::SectionSurface;
 
 use crate::geometry::P2;
-use crate::scenery::Terrain;
+use crate::scenery::{Grid, Terrain};
 
 /// Least side of a cell.
 const CELL_M: f64 = 8.0;
 /// Greatest number of cells.
-const MAX_CELLS: f64 = 60_000.0;
+const MAX_CELLS: f64 = 250_000.0;
 /// Width of the ground round the roads, and of the apron beyond it.
 const MARGIN_M: f64 = 140.0;
 const HORIZON_M: f64 = 1500.0;
@@ -18,14 +18,15 @@ const CLEARANCE_M: f64 = 0.06;
 
 /// Heights at the corners of square cells.
 pub(super) struct HeightGrid {
-    low_m: P2,
-    pub cell_m: f64,
-    columns: usize,
-    rows: usize,
-    z_m: Vec<f64>,
+    grid: Grid,
 }
 
 impl HeightGrid {
+    /// Side of a cell, metres.
+    pub fn cell_m(&self) -> f64 {
+        self.grid.cell_m
+    }
+
     /// The ground under these lanes.
     pub fn new(sections: &[SectionSurface]) -> HeightGrid {
         let points = || {
@@ -56,11 +57,13 @@ impl HeightGrid {
             (size.y / cell_m).ceil() as usize + 1,
         );
         let mut ground = HeightGrid {
-            low_m: low,
-            cell_m,
-            columns,
-            rows,
-            z_m: vec![f64::INFINITY; columns * rows],
+            grid: Grid {
+                low_m: low,
+                cell_m,
+                columns,
+                rows,
+                z_m: vec![f64::INFINITY; columns * rows],
+            },
         };
         for section in sections {
             for lane in &section.lanes {
@@ -85,12 +88,12 @@ impl HeightGrid {
     /// Keeps the grid's corners near a point of a road under that point.
     fn press(&mut self, p: [f64; 3]) {
         let (x, y) = (
-            ((p[0] - self.low_m.x) / self.cell_m).floor() as i64,
-            ((p[1] - self.low_m.y) / self.cell_m).floor() as i64,
+            ((p[0] - self.grid.low_m.x) / self.grid.cell_m).floor() as i64,
+            ((p[1] - self.grid.low_m.y) / self.grid.cell_m).floor() as i64,
         );
-        for row in (y - 1).max(0)..=(y + 2).min(self.rows as i64 - 1) {
-            for column in (x - 1).max(0)..=(x + 2).min(self.columns as i64 - 1) {
-                let z = &mut self.z_m[row as usize * self.columns + column as usize];
+        for row in (y - 1).max(0)..=(y + 2).min(self.grid.rows as i64 - 1) {
+            for column in (x - 1).max(0)..=(x + 2).min(self.grid.columns as i64 - 1) {
+                let z = &mut self.grid.z_m[row as usize * self.grid.columns + column as usize];
                 *z = z.min(p[2] - CLEARANCE_M);
             }
         }
@@ -98,11 +101,11 @@ impl HeightGrid {
 
     /// Heights where there is no road: layer by layer outwards from the roads, then smoothed.
     fn fill(&mut self) {
-        let fixed: Vec<bool> = self.z_m.iter().map(|z| z.is_finite()).collect();
+        let fixed: Vec<bool> = self.grid.z_m.iter().map(|z| z.is_finite()).collect();
         let mut known = fixed.clone();
         let mut edge: Vec<usize> = (0..known.len()).filter(|i| known[*i]).collect();
         if edge.is_empty() {
-            self.z_m.fill(-CLEARANCE_M);
+            self.grid.z_m.fill(-CLEARANCE_M);
             return;
         }
         while !edge.is_empty() {
@@ -118,20 +121,23 @@ impl HeightGrid {
                 .map(|i| self.mean_of(*i, |k| known[k]))
                 .collect();
             for (i, z) in next.iter().zip(heights) {
-                (self.z_m[*i], known[*i]) = (z, true);
+                (self.grid.z_m[*i], known[*i]) = (z, true);
             }
             edge = next;
         }
         for _ in 0..24 {
             for i in (0..fixed.len()).filter(|i| !fixed[*i]) {
-                self.z_m[i] = self.mean_of(i, |_| true);
+                self.grid.z_m[i] = self.mean_of(i, |_| true);
             }
         }
     }
 
     fn around(&self, i: usize) -> impl Iterator<Item = usize> + use<> {
-        let (columns, rows) = (self.columns as i64, self.rows as i64);
-        let (x, y) = ((i % self.columns) as i64, (i / self.columns) as i64);
+        let (columns, rows) = (self.grid.columns as i64, self.grid.rows as i64);
+        let (x, y) = (
+            (i % self.grid.columns) as i64,
+            (i / self.grid.columns) as i64,
+        );
         [(-1, 0), (1, 0), (0, -1), (0, 1)]
             .into_iter()
             .map(move |(dx, dy)| (x + dx, y + dy))
@@ -142,11 +148,11 @@ impl HeightGrid {
     fn mean_of(&self, i: usize, counts: impl Fn(usize) -> bool) -> f64 {
         let (mut sum, mut n) = (0.0, 0);
         for k in self.around(i).filter(|k| counts(*k)) {
-            sum += self.z_m[k];
+            sum += self.grid.z_m[k];
             n += 1;
         }
         if n == 0 {
-            self.z_m[i]
+            self.grid.z_m[i]
         } else {
             sum / f64::from(n)
         }
@@ -154,48 +160,25 @@ impl HeightGrid {
 
     fn corner(&self, column: usize, row: usize) -> [f64; 3] {
         let (x, y) = (
-            self.low_m.x + column as f64 * self.cell_m,
-            self.low_m.y + row as f64 * self.cell_m,
+            self.grid.low_m.x + column as f64 * self.grid.cell_m,
+            self.grid.low_m.y + row as f64 * self.grid.cell_m,
         );
-        [x, y, self.z_m[row * self.columns + column]]
+        [x, y, self.grid.z_m[row * self.grid.columns + column]]
     }
 
     /// Height at a point; beyond the rim, the height of the rim.
     pub fn at(&self, p: P2) -> f64 {
-        let place = |x: f64, low: f64, n: usize| {
-            ((x - low) / self.cell_m)
-                .clamp(0.0, (n - 1) as f64 - 1e-6)
-                .max(0.0)
-        };
-        let (x, y) = (
-            place(p.x, self.low_m.x, self.columns),
-            place(p.y, self.low_m.y, self.rows),
-        );
-        let (column, row) = (x as usize, y as usize);
-        let (u, v) = (x - column as f64, y - row as f64);
-        let z = |dx: usize, dy: usize| {
-            self.z_m
-                [(row + dy).min(self.rows - 1) * self.columns + (column + dx).min(self.columns - 1)]
-        };
-        let (a, b, c, d) = (z(0, 0), z(1, 0), z(1, 1), z(0, 1));
-        // The same two triangles as in the mesh: cut from (0, 0) to (1, 1).
-        if u >= v {
-            a + u * (b - a) + v * (c - b)
-        } else {
-            a + u * (c - d) + v * (d - a)
-        }
+        self.grid.at(p)
     }
 
     /// The same heights as a [`Terrain`].
     pub fn terrain(&self) -> Terrain {
-        let mut terrain = Terrain::default();
-        self.cells(|corners| terrain.polygon(&corners));
-        terrain
+        Terrain::of_grid(self.grid.clone())
     }
 
     pub fn cells(&self, mut visit: impl FnMut([[f64; 3]; 3])) {
-        for row in 1..self.rows {
-            for column in 1..self.columns {
+        for row in 1..self.grid.rows {
+            for column in 1..self.grid.columns {
                 let [a, b] = [
                     self.corner(column - 1, row - 1),
                     self.corner(column, row - 1),
@@ -209,12 +192,12 @@ impl HeightGrid {
 
     /// Quads from the rim to the horizon.
     pub fn apron(&self, mut visit: impl FnMut([[f64; 3]; 4])) {
-        let (right, top) = (self.columns - 1, self.rows - 1);
+        let (right, top) = (self.grid.columns - 1, self.grid.rows - 1);
         let mut rim: Vec<[f64; 3]> = (0..right).map(|x| self.corner(x, 0)).collect();
         rim.extend((0..top).map(|y| self.corner(right, y)));
         rim.extend((0..right).map(|x| self.corner(right - x, top)));
         rim.extend((0..top).map(|y| self.corner(0, top - y)));
-        let middle = self.low_m + P2::new(right as f64, top as f64) * (0.5 * self.cell_m);
+        let middle = self.grid.low_m + P2::new(right as f64, top as f64) * (0.5 * self.grid.cell_m);
         let out = |p: [f64; 3]| {
             let away = P2::new(p[0], p[1]) - middle;
             let far = away * (1.0 + HORIZON_M / away.norm().max(1.0)) + middle;

@@ -1,5 +1,7 @@
 //! Houses, trees and lamps beside the roads, drawn by lot where there is room.
 
+use std::collections::HashMap;
+
 use schema_roads::{LaneKey, LaneKind, LanePosition, SectionSurface};
 use schema_types::Class;
 use sensor_core::MeshId;
@@ -16,12 +18,59 @@ use crate::scenery::SceneryLamp;
 /// Streams of random numbers.
 const HOUSES: u64 = 0x81;
 const TREES: u64 = 0x82;
-/// Greatest numbers in a map.
+/// Greatest numbers in a map of ordinary size.
 const MAX_HOUSES: usize = 2_500;
 const MAX_TREES: usize = 6_000;
 const MAX_LAMPS: usize = 4_000;
-/// Greatest number of places that are tried.
+/// Greatest number of places that are tried in a map of ordinary size.
 const MAX_TRIES: usize = 100_000;
+/// Length of verges up to which a map is of ordinary size, metres; a longer map may have that many
+/// times more of everything, up to [`MOST_TIMES`].
+const ORDINARY_M: f64 = 50_000.0;
+const MOST_TIMES: f64 = 6.0;
+/// Length of verge that a house takes, about, metres.
+const HOUSE_M: f64 = 18.0;
+/// Side of the squares in which houses are looked up.
+const SQUARE_M: f64 = 40.0;
+
+/// Houses by the square of their middle.
+#[derive(Default)]
+struct Lots {
+    lots: Vec<Lot>,
+    squares: HashMap<(i64, i64), Vec<usize>>,
+}
+
+impl Lots {
+    fn square(p: P2) -> (i64, i64) {
+        (
+            (p.x / SQUARE_M).floor() as i64,
+            (p.y / SQUARE_M).floor() as i64,
+        )
+    }
+
+    fn add(&mut self, lot: Lot) {
+        let square = Lots::square(middle_of(&lot));
+        self.squares
+            .entry(square)
+            .or_default()
+            .push(self.lots.len());
+        self.lots.push(lot);
+    }
+
+    /// Houses whose middle is within a square's side of a place, and some others.
+    fn near(&self, p: P2) -> impl Iterator<Item = &Lot> {
+        let (x, y) = Lots::square(p);
+        (x - 1..=x + 1)
+            .flat_map(move |x| (y - 1..=y + 1).map(move |y| (x, y)))
+            .filter_map(|square| self.squares.get(&square))
+            .flatten()
+            .map(|idx| &self.lots[*idx])
+    }
+}
+
+fn middle_of(lot: &Lot) -> P2 {
+    lot.footprint_m.iter().sum::<P2>() / 4.0
+}
 /// Distance between street lamps.
 const LAMPS_M: f64 = 26.0;
 /// Fastest road with houses beside it, m/s.
@@ -66,17 +115,22 @@ impl Verge {
 /// Adds houses, lamps and trees beside all roads.
 pub(super) fn build(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
     let verges = verges(builder, sections);
-    let mut lots: Vec<Lot> = Vec::new();
-    let mut tries = MAX_TRIES;
+    let length_m: f64 = verges.iter().map(Verge::length_m).sum();
+    let times = (length_m / ORDINARY_M).clamp(1.0, MOST_TIMES);
+    let most = |n: usize| (n as f64 * times) as usize;
+    // What there is not enough of for the whole map is thinned out everywhere alike.
+    let share = (most(MAX_HOUSES) as f64 / (length_m / HOUSE_M)).min(1.0);
+    let mut lots = Lots::default();
+    let mut tries = (most(MAX_HOUSES), most(MAX_TRIES));
     for (i, verge) in verges.iter().enumerate().filter(|(_, verge)| verge.slow) {
         let mut random = Random::new(builder.seed, HOUSES, i as u64);
-        houses(builder, verge, &mut lots, &mut tries, &mut random);
+        houses(builder, verge, &mut lots, &mut tries, share, &mut random);
     }
-    lamps(builder, sections);
+    lamps(builder, sections, most(MAX_LAMPS));
     let kinds: Vec<MeshId> = (0..trees::N_KINDS)
         .map(|kind| builder.assets.add_mesh(trees::tree(kind)))
         .collect();
-    let mut left = (MAX_TREES, MAX_TRIES);
+    let mut left = (most(MAX_TREES), most(MAX_TRIES));
     for (i, verge) in verges.iter().enumerate() {
         let mut random = Random::new(builder.seed, TREES, i as u64);
         trees(builder, verge, &lots, &kinds, &mut left, &mut random);
@@ -139,8 +193,9 @@ fn probes(lot: &Lot) -> Vec<P2> {
 fn houses(
     builder: &mut ImportBuilder,
     verge: &Verge,
-    lots: &mut Vec<Lot>,
-    tries: &mut usize,
+    lots: &mut Lots,
+    room: &mut (usize, usize),
+    share: f64,
     random: &mut Random,
 ) {
     let style = if verge.pavement {
@@ -154,8 +209,8 @@ fn houses(
         (5.0, 9.0)
     };
     let mut l = random.between(4.0, 12.0);
-    while l < verge.length_m() - 8.0 && lots.len() < MAX_HOUSES && *tries > 0 {
-        *tries -= 1;
+    while l < verge.length_m() - 8.0 && room.0 > 0 && room.1 > 0 {
+        room.1 -= 1;
         let (width, depth) = (random.between(9.0, 15.0), random.between(8.0, 11.0));
         let (a, b) = (verge.at(l), verge.at((l + width).min(verge.length_m())));
         let chord = flat(b) - flat(a);
@@ -179,14 +234,18 @@ fn houses(
             && !points
                 .iter()
                 .any(|p| builder.cover.is_near(*p, ROOM_M.min(setback * 0.9)))
-            && !lots.iter().any(|other| {
-                (points[0] - other.footprint_m.iter().sum::<P2>() / 4.0).norm() < 26.0
-                    && overlap(&lot, other)
-            });
+            && !lots
+                .near(points[0])
+                .any(|other| (points[0] - middle_of(other)).norm() < 26.0 && overlap(&lot, other));
         if !free {
             l += 3.0;
             continue;
         }
+        if share < 1.0 && !random.chance(share) {
+            l += width;
+            continue;
+        }
+        room.0 -= 1;
         let object = builder.object(Class::BUILDINGS, "building");
         let height_m = buildings::build(
             &mut builder.chunks,
@@ -196,12 +255,12 @@ fn houses(
             object,
             random,
         );
-        let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
+        let middle = middle_of(&lot);
         builder.lamps.push(SceneryLamp::windows(
             object,
             [middle.x, middle.y, high + 0.5 * height_m],
         ));
-        lots.push(lot);
+        lots.add(lot);
         l += width
             + if random.chance(0.3) {
                 gap * random.between(2.0, 5.0)
@@ -222,7 +281,7 @@ fn overlap(a: &Lot, b: &Lot) -> bool {
 }
 
 /// Adds street lamps on pavements, at the kerb.
-fn lamps(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
+fn lamps(builder: &mut ImportBuilder, sections: &[SectionSurface], most: usize) {
     let mesh = builder.assets.add_mesh(street_lamps::street_lamp());
     let mut n = 0;
     for section in sections.iter().filter(|section| section.junction.is_none()) {
@@ -233,7 +292,7 @@ fn lamps(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
         {
             let mut next = section.stations_m[0] + 9.0;
             for (row, station) in section.stations_m.iter().enumerate() {
-                if *station < next || n >= MAX_LAMPS {
+                if *station < next || n >= most {
                     continue;
                 }
                 next = station + LAMPS_M;
@@ -260,7 +319,7 @@ fn lamps(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
 fn trees(
     builder: &mut ImportBuilder,
     verge: &Verge,
-    lots: &[Lot],
+    lots: &Lots,
     kinds: &[MeshId],
     left: &mut (usize, usize),
     random: &mut Random,
@@ -273,10 +332,9 @@ fn trees(
         let mesh = random.pick(kinds);
         let yaw = random.between(0.0, std::f64::consts::TAU);
         l += random.between(6.0, 17.0);
-        let in_the_way = lots.iter().any(|lot| {
-            let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
-            (p - middle).norm() < 14.0 && contains(&grown(lot, 2.6), p)
-        });
+        let in_the_way = lots
+            .near(p)
+            .any(|lot| (p - middle_of(lot)).norm() < 14.0 && contains(&grown(lot, 2.6), p));
         if in_the_way || builder.cover.is_near(p, 2.2) {
             continue;
         }
@@ -288,7 +346,7 @@ fn trees(
 }
 
 fn grown(lot: &Lot, by: f64) -> [P2; 4] {
-    let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
+    let middle = middle_of(lot);
     lot.footprint_m
         .map(|p| middle + (p - middle) * (1.0 + by / (p - middle).norm().max(1.0)))
 }

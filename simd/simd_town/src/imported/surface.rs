@@ -277,7 +277,7 @@ fn outer_edge(
     if builder.cover.others_near(beyond, a[2], section.road) {
         return;
     }
-    let bridge_m = BRIDGE_M.max(0.12 * builder.ground.cell_m);
+    let bridge_m = BRIDGE_M.max(0.12 * builder.ground.cell_m());
     let earth = Surface::new(Class::TERRAIN, Material::Grass, [98, 118, 66]).of(object);
     let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [176, 174, 168]).of(object);
     let at = |p: [f64; 3], out_m: f64, z: f64| [p[0] + out.x * out_m, p[1] + out.y * out_m, z];

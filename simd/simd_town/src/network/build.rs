@@ -97,7 +97,7 @@ impl Network {
             network.links.extend(links);
             right_of_way::place_signals(&mut network, junction);
         }
-        right_of_way::place_limits(&mut network);
+        right_of_way::place_limits(&mut network, plan);
         network
     }
 }

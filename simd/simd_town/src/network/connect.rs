@@ -93,7 +93,8 @@ pub(super) fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
     }
     ways.sort();
     ways.dedup();
-    let first_id = 1001 + network.links.len() as u32;
+    // Ids of connecting roads follow those of the streets.
+    let first_id = (network.roads.len() as u32 + 1).max(1001) + network.links.len() as u32;
     ways.iter()
         .enumerate()
         .map(|(i, &way)| link(network, junction_idx, first_id + i as u32, way))

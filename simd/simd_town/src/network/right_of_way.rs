@@ -118,7 +118,7 @@ pub(super) fn place_signals(network: &mut Network, junction_idx: usize) {
     }
 }
 
-pub(super) fn place_limits(network: &mut Network) {
+pub(super) fn place_limits(network: &mut Network, plan: &Plan) {
     for road in 0..network.roads.len() {
         let (length, profile) = (
             network.roads[road].path.length_m(),
@@ -129,7 +129,7 @@ pub(super) fn place_limits(network: &mut Network) {
             .filter(|&against| !(against && profile.one_way))
         {
             let side = profile.kerb_m() + 0.6;
-            if length < 30.0 {
+            if length < plan.limits_from_m {
                 continue;
             }
             let s_m = if against { length - 14.0 } else { 14.0 };

@@ -1,6 +1,6 @@
 //! Plan of the dense centre: an irregular grid inside a ring.
 
-use super::layout::{AVENUE, Houses, Plan, Profile, RING, STREET, Street};
+use super::layout::{AVENUE, Houses, Plan, Profile, RING, SIGNED_FROM_M, STREET, Street};
 use crate::geometry::{Bend, P2, left};
 use crate::random::Random;
 
@@ -95,6 +95,7 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
         all_lights: true,
         houses: Houses::Towers { within_m: 150.0 },
         cottages_m: Vec::new(),
+        limits_from_m: SIGNED_FROM_M,
     }
 }
 

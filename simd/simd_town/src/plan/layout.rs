@@ -5,6 +5,9 @@
 
 use crate::geometry::{Bend, P2, Path};
 
+/// Least length of a street with speed-limit signs in most towns, metres.
+pub const SIGNED_FROM_M: f64 = 30.0;
+
 /// What lies between the outermost driving lane and the kerb.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Edge {
@@ -174,6 +177,20 @@ impl Street {
     }
 }
 
+impl Street {
+    /// The same street from its other end; it must be described by its bends alone.
+    pub fn reversed(&self) -> Street {
+        let mut bends = self.bends.clone();
+        bends.reverse();
+        Street {
+            from: self.to,
+            to: self.from,
+            bends,
+            ..self.clone()
+        }
+    }
+}
+
 /// The streets of a town.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
@@ -199,4 +216,6 @@ pub struct Plan {
     pub houses: Houses,
     /// Points inside blocks of cottages, whatever is built elsewhere.
     pub cottages_m: Vec<P2>,
+    /// Least length of a street with speed-limit signs.
+    pub limits_from_m: f64,
 }

@@ -1,7 +1,7 @@
 //! A plan that is drawn street by street between nodes.
 
-use super::layout::{Edge, Houses, Plan, Profile, Street};
-use crate::geometry::{Bend, P2, unit};
+use super::layout::{Edge, Houses, Plan, Profile, SIGNED_FROM_M, Street};
+use crate::geometry::{Bend, P2, heading, unit, wrap};
 use crate::random::Random;
 
 /// One lane each way with a gutter: the usual street of a small town.
@@ -93,6 +93,7 @@ impl Sketch {
             all_lights: false,
             houses,
             cottages_m: Vec::new(),
+            limits_from_m: SIGNED_FROM_M,
         };
         Sketch {
             plan,
@@ -171,8 +172,110 @@ impl Sketch {
         }
     }
 
+    /// Drops the nodes at which no street ends.
+    pub fn drop_orphans(&mut self) {
+        let mut used = vec![false; self.plan.nodes_m.len()];
+        for street in &self.plan.streets {
+            (used[street.from], used[street.to]) = (true, true);
+        }
+        self.keep_nodes(&used);
+    }
+
+    /// Joins the two streets at every node where only two streets of one cross-section meet, and
+    /// drops the node: the street bends there.
+    pub fn drop_passages(&mut self) {
+        let mut ends: Vec<Vec<usize>> = vec![Vec::new(); self.plan.nodes_m.len()];
+        for (i, street) in self.plan.streets.iter().enumerate() {
+            ends[street.from].push(i);
+            ends[street.to].push(i);
+        }
+        let mut gone = vec![false; self.plan.streets.len()];
+        let mut dropped = vec![false; ends.len()];
+        for node in 0..ends.len() {
+            let [a, b] = ends[node][..] else { continue };
+            let streets = &self.plan.streets;
+            if a == b || streets[a].profile != streets[b].profile {
+                continue;
+            }
+            let first = towards(&streets[a], node);
+            let second = towards(&streets[b], node).reversed();
+            let joined = join(&first, &second, &self.plan.nodes_m);
+            // The joined street takes the place of the first, also in the list of its far end.
+            for at in &mut ends[second.to] {
+                if *at == b {
+                    *at = a;
+                }
+            }
+            self.plan.streets[a] = joined;
+            (gone[b], dropped[node]) = (true, true);
+        }
+        let mut streets = gone.iter();
+        self.plan
+            .streets
+            .retain(|_| !streets.next().unwrap_or(&false));
+        let kept: Vec<bool> = dropped.iter().map(|dropped| !dropped).collect();
+        self.keep_nodes(&kept);
+    }
+
+    /// Keeps these nodes only, in their order. No street may end at another.
+    fn keep_nodes(&mut self, kept: &[bool]) {
+        let mut number = vec![0; kept.len()];
+        let mut n = 0;
+        for (node, is_kept) in kept.iter().enumerate() {
+            number[node] = n;
+            if *is_kept {
+                self.plan.nodes_m[n] = self.plan.nodes_m[node];
+                self.plan.heights_m[n] = self.plan.heights_m[node];
+                n += 1;
+            }
+        }
+        self.plan.nodes_m.truncate(n);
+        self.plan.heights_m.truncate(n);
+        for street in &mut self.plan.streets {
+            (street.from, street.to) = (number[street.from], number[street.to]);
+        }
+    }
+
     /// The values, each moved by a random distance of up to `by_m`.
     pub fn moved<const N: usize>(&mut self, values: [f64; N], by_m: f64) -> [f64; N] {
         values.map(|x| x + self.random.between(-by_m, by_m))
     }
+}
+
+/// Radius of a bend in place of a dropped node, and least turn for which there is one.
+const PASSAGE_M: f64 = 45.0;
+const PASSAGE_RAD: f64 = 0.03;
+
+/// A street that ends at this node, reversed if it begins there.
+fn towards(street: &Street, node: usize) -> Street {
+    if street.to == node {
+        street.clone()
+    } else {
+        street.reversed()
+    }
+}
+
+/// One street out of two, of which the second begins where the first ends.
+fn join(first: &Street, second: &Street, nodes_m: &[P2]) -> Street {
+    let middle = nodes_m[first.to];
+    let before = first
+        .bends
+        .last()
+        .map_or(nodes_m[first.from], |bend| bend.corner_m);
+    let behind = second
+        .bends
+        .first()
+        .map_or(nodes_m[second.to], |bend| bend.corner_m);
+    let turn = wrap(heading(behind - middle) - heading(middle - before));
+    let passage = (turn.abs() > PASSAGE_RAD).then_some(Bend {
+        corner_m: middle,
+        radius_m: PASSAGE_M,
+    });
+    let bends = first
+        .bends
+        .iter()
+        .copied()
+        .chain(passage)
+        .chain(second.bends.iter().copied());
+    Street::new(first.from, second.to, bends.collect(), first.profile)
 }

@@ -9,15 +9,67 @@ const CELL_M: f64 = 12.0;
 /// Triangles in more cells than this are looked up one by one.
 const MAX_CELLS: usize = 400;
 
+/// Heights at the corners of square cells, each cut from its first to its last corner.
+#[derive(Clone, Debug, Default)]
+pub struct Grid {
+    /// The first corner.
+    pub low_m: P2,
+    /// Side of a cell.
+    pub cell_m: f64,
+    /// Corners along x.
+    pub columns: usize,
+    /// Corners along y.
+    pub rows: usize,
+    /// Heights, row after row.
+    pub z_m: Vec<f64>,
+}
+
+impl Grid {
+    /// Height at a point; beyond the rim, the height of the rim.
+    pub fn at(&self, p: P2) -> f64 {
+        let place = |x: f64, low: f64, n: usize| {
+            ((x - low) / self.cell_m)
+                .clamp(0.0, (n - 1) as f64 - 1e-6)
+                .max(0.0)
+        };
+        let (x, y) = (
+            place(p.x, self.low_m.x, self.columns),
+            place(p.y, self.low_m.y, self.rows),
+        );
+        let (column, row) = (x as usize, y as usize);
+        let (u, v) = (x - column as f64, y - row as f64);
+        let z = |dx: usize, dy: usize| {
+            self.z_m
+                [(row + dy).min(self.rows - 1) * self.columns + (column + dx).min(self.columns - 1)]
+        };
+        let (a, b, c, d) = (z(0, 0), z(1, 0), z(1, 1), z(0, 1));
+        if u >= v {
+            a + u * (b - a) + v * (c - b)
+        } else {
+            a + u * (c - d) + v * (d - a)
+        }
+    }
+}
+
 /// Height of the ground at street level, without kerbs. Level ground holds no triangles.
 #[derive(Default)]
 pub struct Terrain {
+    /// Heights everywhere, in place of triangles.
+    grid: Option<Grid>,
     triangles: Vec<[[f64; 3]; 3]>,
     cells: HashMap<(i32, i32), Vec<usize>>,
     wide: Vec<usize>,
 }
 
 impl Terrain {
+    /// The ground of a grid.
+    pub fn of_grid(grid: Grid) -> Terrain {
+        Terrain {
+            grid: Some(grid),
+            ..Terrain::default()
+        }
+    }
+
     /// Adds a convex polygon, counter-clockwise from above.
     pub fn polygon(&mut self, corners: &[[f64; 3]]) {
         for i in 1..corners.len() - 1 {
@@ -42,6 +94,9 @@ impl Terrain {
 
     /// Height at a point; 0 where there is no ground.
     pub fn at(&self, p: P2) -> f64 {
+        if let Some(grid) = &self.grid {
+            return grid.at(p);
+        }
         let cell = ((p.x / CELL_M).floor() as i32, (p.y / CELL_M).floor() as i32);
         let near = self.cells.get(&cell).map_or(&[][..], Vec::as_slice);
         let mut best = (-0.05, 0.0);

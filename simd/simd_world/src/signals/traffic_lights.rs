@@ -4,12 +4,16 @@
 //! for 2 s, then the junction's next controller is green. Each controller's three times can be set.
 //! Time is counted in whole nanoseconds, so a stage ends in exactly the tick that completes it.
 
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+
 use nalgebra::Isometry3;
 use schema_frames::LightState;
 use schema_roads::{RoadMap, SignalKind};
 use schema_types::ActorId;
 use serde::{Deserialize, Serialize};
 
+use super::box_grid::BoxGrid;
 use super::stop_box::{STOP_BOX_HALF_WIDTH_RATIO, STOP_BOX_UPSTREAM_M, StopBox, stop_box};
 
 /// Lengths of the stages green, yellow, all red.
@@ -62,6 +66,9 @@ pub(crate) struct TrafficLights {
     pub lights: Vec<TrafficLight>,
     pub frozen: bool,
     groups: Vec<Group>,
+    /// Boxes of all lights by place, made when they are first looked for.
+    #[serde(skip)]
+    near: OnceLock<(Vec<(usize, usize)>, BoxGrid)>,
 }
 
 impl TrafficLights {
@@ -103,55 +110,35 @@ impl TrafficLights {
         all
     }
 
-    /// One group per junction, one turn per controller; lights without a controller take a turn of
-    /// their own.
+    /// Makes the groups of [`RoadMap::light_groups`].
     fn group(&mut self, roads: &RoadMap) {
-        let mut turns: Vec<(Option<u32>, u32, Vec<usize>)> = Vec::new();
-        let mut taken = vec![false; self.lights.len()];
-        for controller in roads.controllers() {
-            let of_controller: Vec<usize> = (0..self.lights.len())
-                .filter(|i| !taken[*i] && controller.signals.contains(&self.lights[*i].signal_id))
-                .collect();
-            if of_controller.is_empty() {
-                continue;
-            }
-            of_controller.iter().for_each(|i| taken[*i] = true);
-            turns.push((controller.junction, controller.sequence, of_controller));
-        }
-        for i in (0..self.lights.len()).filter(|i| !taken[*i]) {
-            let junction = roads
-                .signals()
-                .iter()
-                .find(|signal| signal.id == self.lights[i].signal_id)
-                .and_then(|signal| signal.junction);
-            turns.push((junction, u32::MAX, vec![i]));
-        }
-        turns.sort_by_key(|(junction, sequence, _)| (*junction, *sequence));
-        let mut last_junction = None;
-        for (junction, _, lights) in turns {
-            if junction.is_none() || junction != last_junction {
-                self.groups.push(Group {
-                    turns: Vec::new(),
-                    turn: 0,
-                    stage: Stage::Green,
-                    in_stage_nanos: 0,
+        let is_light = |idx: &usize| roads.signals()[*idx].kind == SignalKind::TrafficLight;
+        let number_of: BTreeMap<usize, usize> = (0..roads.signals().len())
+            .filter(is_light)
+            .enumerate()
+            .map(|(light, signal)| (signal, light))
+            .collect();
+        for group in roads.light_groups() {
+            let group_idx = self.groups.len();
+            let mut pole_idx = 0;
+            let mut turns = Vec::new();
+            for signals in group.turns {
+                let lights: Vec<usize> = signals.iter().map(|signal| number_of[signal]).collect();
+                for light in &lights {
+                    self.lights[*light].group = group_idx;
+                    self.lights[*light].pole_idx = pole_idx;
+                    pole_idx += 1;
+                }
+                turns.push(Turn {
+                    lights,
+                    stage_nanos: STAGE_NANOS,
                 });
             }
-            last_junction = junction;
-            let group_idx = self.groups.len() - 1;
-            let group = &mut self.groups[group_idx];
-            let first_pole_idx = group
-                .turns
-                .iter()
-                .map(|turn| turn.lights.len())
-                .sum::<usize>() as u32;
-            for (pole_idx, light) in (first_pole_idx..).zip(&lights) {
-                self.lights[*light].group = group_idx;
-                self.lights[*light].pole_idx = pole_idx;
-            }
-            group.turns.push(Turn {
-                lights,
-                stage_nanos: STAGE_NANOS,
+            self.groups.push(Group {
+                turns,
+                turn: 0,
+                stage: Stage::Green,
+                in_stage_nanos: 0,
             });
         }
     }
@@ -249,13 +236,16 @@ impl TrafficLights {
     }
 
     fn idx_of(&self, actor: ActorId) -> Option<usize> {
-        self.lights.iter().position(|light| light.actor == actor)
+        // Actors are made in the order of the lights, with rising ids.
+        self.lights
+            .binary_search_by_key(&actor, |light| light.actor)
+            .ok()
     }
 
     /// Gives one light a state; its group's timers go on. Returns whether there is such a light.
     pub fn set_state(&mut self, actor: ActorId, state: LightState) -> bool {
-        let light = self.lights.iter_mut().find(|light| light.actor == actor);
-        if let Some(light) = light {
+        if let Some(idx) = self.idx_of(actor) {
+            let light = &mut self.lights[idx];
             light.state = state;
             light.in_state_nanos = 0;
             return true;
@@ -289,23 +279,36 @@ impl TrafficLights {
         world_from_vehicle: &Isometry3<f64>,
         half_m: [f64; 3],
     ) -> Option<&TrafficLight> {
-        let reach_m = half_m[0].hypot(half_m[1]) + 4.0;
         let at = world_from_vehicle.translation.vector;
-        let near = |b: &StopBox| {
-            (b.world_from_box.translation.vector - at).norm_squared() < reach_m * reach_m
-        };
+        let (owners, grid) = self.near.get_or_init(|| self.boxes_by_place());
         let mut best: Option<(f64, &TrafficLight)> = None;
-        for light in &self.lights {
-            for stop_box in light.boxes.iter().filter(|b| near(b)) {
-                let distance = (stop_box.world_from_box.translation.vector - at).norm_squared();
-                if best.is_none_or(|(nearest, _)| distance < nearest)
-                    && stop_box.overlaps(world_from_vehicle, half_m)
-                {
-                    best = Some((distance, light));
-                }
+        for number in grid.near(&at) {
+            let (light, stop_box) = owners[number];
+            let light = &self.lights[light];
+            let stop_box = &light.boxes[stop_box];
+            let distance = (stop_box.world_from_box.translation.vector - at).norm_squared();
+            if best.is_none_or(|(nearest, _)| distance < nearest)
+                && stop_box.overlaps(world_from_vehicle, half_m)
+            {
+                best = Some((distance, light));
             }
         }
         best.map(|(_, light)| light)
+    }
+
+    /// Light and number of every box, and where the boxes are.
+    fn boxes_by_place(&self) -> (Vec<(usize, usize)>, BoxGrid) {
+        let owners: Vec<(usize, usize)> = (0..self.lights.len())
+            .flat_map(|light| (0..self.lights[light].boxes.len()).map(move |b| (light, b)))
+            .collect();
+        let middles = owners.iter().map(|(light, b)| {
+            self.lights[*light].boxes[*b]
+                .world_from_box
+                .translation
+                .vector
+        });
+        let grid = BoxGrid::new(middles);
+        (owners, grid)
     }
 }
 

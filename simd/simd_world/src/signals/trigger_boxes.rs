@@ -8,7 +8,7 @@ use schema_roads::{RoadMap, Signal, SignalKind};
 use super::stop_box::{STOP_BOX_HALF_WIDTH_RATIO, STOP_BOX_UPSTREAM_M, StopBox, stop_box};
 
 /// Half width of a speed limit's box as a share of its lane's width.
-const LIMIT_HALF_WIDTH_RATIO: f64 = 0.35;
+pub(super) const LIMIT_HALF_WIDTH_RATIO: f64 = 0.35;
 /// Half height of a box, which stands on the lane, metres.
 const HALF_HEIGHT_M: f64 = 1.0;
 

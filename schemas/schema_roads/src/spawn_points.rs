@@ -3,8 +3,10 @@
 use std::collections::HashMap;
 
 use nalgebra::{Isometry3, Vector3};
-use schema_roads::{Lane, LaneKind, LanePosition, RoadMap};
 use schema_types::Pose;
+
+use crate::lane::{Lane, LaneKind, LanePosition};
+use crate::map::RoadMap;
 
 /// Distance between spawn points of one lane: more than the longest vehicle.
 const SPACING_M: f64 = 16.0;
@@ -16,25 +18,30 @@ const WIDTH_M: (f64, f64) = (2.4, 2.6);
 const ABOVE_M: f64 = 0.3;
 /// Side of the cells in which neighbours are looked for.
 const CELL_M: f64 = 16.0;
-/// Greatest number of spawn points in a map.
+/// Greatest number of spawn points in a map; of a map with more places every n-th is taken.
 const MAX_POINTS: usize = 5_000;
+/// Greatest number of places that are looked at.
+const MAX_TRIED: usize = 500_000;
 
-/// Spawn points in the order of the lanes: on driving lanes between junctions; on those in
-/// junctions only if there are no others.
-pub(super) fn spawn_points(roads: &RoadMap) -> Vec<Pose> {
-    let is_road = |lane: &Lane| lane.kind == LaneKind::Driving && lane.junction.is_none();
-    let mut points = on_lanes(roads, is_road, MARGINS_M);
-    if points.is_empty() {
-        points = on_lanes(roads, |lane| lane.kind == LaneKind::Driving, (2.5, 2.5));
+impl RoadMap {
+    /// Where vehicles may be put, in the order of the lanes: x along the lane, 0.3 m above it, no
+    /// two nearer than a lorry is long. On driving lanes between junctions; on those in junctions
+    /// only if there are no others.
+    pub fn spawn_points(&self) -> Vec<Pose> {
+        let is_road = |lane: &Lane| lane.kind == LaneKind::Driving && lane.junction.is_none();
+        let mut points = on_lanes(self, is_road, MARGINS_M);
+        if points.is_empty() {
+            points = on_lanes(self, |lane| lane.kind == LaneKind::Driving, (2.5, 2.5));
+        }
+        if points.is_empty() {
+            points = on_lanes(
+                self,
+                |lane| lane.kind.is_drivable() || lane.kind == LaneKind::Bus,
+                (0.5, 0.5),
+            );
+        }
+        points
     }
-    if points.is_empty() {
-        points = on_lanes(
-            roads,
-            |lane| lane.kind.is_drivable() || lane.kind == LaneKind::Bus,
-            (0.5, 0.5),
-        );
-    }
-    points
 }
 
 fn on_lanes(roads: &RoadMap, passes: impl Fn(&Lane) -> bool, margins_m: (f64, f64)) -> Vec<Pose> {
@@ -68,7 +75,7 @@ fn on_lanes(roads: &RoadMap, passes: impl Fn(&Lane) -> bool, margins_m: (f64, f6
                 1.0
             };
         let mut s_m = from;
-        while s_m <= to && points.len() < MAX_POINTS {
+        while s_m <= to && points.len() < MAX_TRIED {
             let at = LanePosition::new(lane.key, s_m);
             s_m += SPACING_M;
             if roads.width_m(at) < WIDTH_M.0 {
@@ -82,7 +89,8 @@ fn on_lanes(roads: &RoadMap, passes: impl Fn(&Lane) -> bool, margins_m: (f64, f6
             points.push(Pose::from(pose * Isometry3::translation(0.0, 0.0, ABOVE_M)));
         }
     }
-    points
+    let every = points.len().div_ceil(MAX_POINTS).max(1);
+    points.into_iter().step_by(every).collect()
 }
 
 fn cell(pose: &Isometry3<f64>) -> (i64, i64) {
