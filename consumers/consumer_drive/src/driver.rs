@@ -1,13 +1,19 @@
-//! One driver: it follows its path, keeps clear of others, obeys lights and gets out of jams.
+//! One driver: it follows its path, keeps clear of others, obeys lights and signs, changes lanes
+//! and gets out of jams.
+
+use std::collections::VecDeque;
 
 use schema_frames::{LightState, VehicleControl, VehicleControlRecord};
-use schema_roads::{LaneKey, LanePosition, RoadMap, SignalKind};
+use schema_roads::{LaneKey, SignalKind};
 use schema_types::noise::Noise;
 
-use crate::path::{Foot, Path, wrap};
+use crate::crossing::Passage;
+use crate::network::{Network, TURN_RAD};
+use crate::parameters::{RoadOption, Rules};
+use crate::path::{Foot, Guide, Path, Side, wrap};
 use crate::speed::{self, Pedals};
 use crate::steer::{Geometry, Steering};
-use crate::traffic::{Mover, Traffic};
+use crate::traffic::{Grid, Mover, Traffic};
 use hindrance::Lookout;
 use rescue::{Rescue, Situation};
 
@@ -15,8 +21,11 @@ mod hindrance;
 mod lamps;
 mod rescue;
 
+pub(crate) use hindrance::Obstacle;
 pub use hindrance::Wait;
-pub use lamps::{LAMP_BRAKE, LAMP_LEFT, LAMP_REVERSE, LAMP_RIGHT};
+pub use lamps::{
+    LAMP_BRAKE, LAMP_FOG, LAMP_LEFT, LAMP_LOW_BEAM, LAMP_POSITION, LAMP_REVERSE, LAMP_RIGHT,
+};
 
 /// Smallest distance for which a path is planned ahead, metres.
 const HORIZON_M: f64 = 90.0;
@@ -25,24 +34,51 @@ pub(crate) const STANDING_MPS: f64 = 0.3;
 /// How far before a junction a driver waits for its turn, metres; long vehicles that leave the
 /// junction swing out there.
 const WAITING_M: f64 = 2.5;
-/// The next junction on the path, or the one the vehicle is in.
-#[derive(Clone, Copy, Debug)]
+/// How long a driver stands at a stop sign, seconds.
+const STOP_SECS: f64 = 1.0;
+/// Most junctions that are looked at ahead.
+const MAX_ENTRIES: usize = 3;
+/// Hardest braking for a light that has just turned yellow, m/s².
+const YELLOW_BRAKE_MPS2: f64 = 3.0;
+/// A vehicle that reaches the line sooner passes in the yellow, seconds.
+const YELLOW_SECS: f64 = 2.4;
+/// Greatest change of the wanted acceleration, m/s³: upwards, and downwards without need.
+const JERK_MPS3: [f64; 2] = [2.0, 4.0];
+/// Stream of the choices at junctions.
+const CHOICES: u64 = 0x64_72_69_76_65;
+
+/// A junction on the path that the vehicle is in or comes to.
+#[derive(Clone, Debug)]
 pub struct Entry {
-    /// The junction.
-    pub junction: u32,
+    /// The junction, or several that are crossed as one.
+    pub zone: u32,
     /// Path length at which it begins and at which it is left, metres.
     pub arc_m: [f64; 2],
     /// Change of direction within, radians, positive to the left.
     pub turn_rad: f64,
     /// Whether a traffic light guards this way.
     pub has_light: bool,
+    /// Whether a stop or yield sign guards this way, and which.
+    pub sign: Option<SignalKind>,
+    /// Its legs.
+    pub(crate) legs: [usize; 2],
+}
+
+/// What a driver sees in a tick, besides itself.
+#[derive(Clone, Copy)]
+pub(crate) struct View<'t> {
+    pub traffic: &'t Traffic,
+    pub grid: &'t Grid,
+    /// States by index of the signal.
+    pub lights: &'t [LightState],
+    pub rules: Rules<'t>,
+    pub seed: u64,
 }
 
 /// State of one driver.
 #[derive(Clone, Debug)]
 pub struct Driver {
     id: u32,
-    speed_factor: f64,
     path: Path,
     foot: Foot,
     steering: Steering,
@@ -52,29 +88,44 @@ pub struct Driver {
     /// The actor that blocks the way, while the vehicle stands because of it.
     blocked_by: Option<u32>,
     blocked_secs: f64,
-    entry: Option<Entry>,
-    /// Whether it may enter the next junction; the fleet decides.
-    pub(crate) may_enter: bool,
+    pub(crate) obstacle: Option<Obstacle>,
+    entries: Vec<Entry>,
+    /// What it may do at each of the entries; the fleet decides.
+    passages: Vec<Passage>,
+    /// Sign at whose junction it stands or has stood, and for how long.
+    stopped: (u32, f64),
+    /// Acceleration that was wanted last, m/s².
+    wanted_mps2: f64,
+    /// Free acceleration of the road, m/s².
+    pub(crate) road_mps2: f64,
+    /// Time before which it does not change lanes again, seconds.
+    pub(crate) settled_until_secs: f64,
+    /// Length that is left of the swerve under way, path metres.
+    pub(crate) swerve_until_m: f64,
+    /// What is left of the route and the places to come through, as last seen.
+    route_left: Vec<RoadOption>,
+    places_left: Vec<[f64; 3]>,
+    seed: u64,
+    n_plans: u64,
+    /// Whether it moves without physics.
+    pub(crate) glides: bool,
+    /// How long it has stood at all, seconds.
+    pub(crate) standing_secs: f64,
 }
 
 impl Driver {
     /// A driver for `me` on the lane it stands on; `None` if no lane is near.
-    pub fn new(map: &RoadMap, me: &Mover, seed: u64, speed_factor: f64) -> Option<Driver> {
-        let at = locate(map, me)?;
-        let path = Path::new(
-            map,
-            at,
-            Noise::new(seed, u64::from(me.id), 0x64_72_69_76_65),
-            0,
-        )?;
+    pub(crate) fn new(net: &mut Network, me: &Mover, seed: u64) -> Option<Driver> {
+        let (lane, s_m) = locate(net, me)?;
+        let choices = Noise::new(seed, u64::from(me.id), CHOICES);
+        let path = Path::new(net, lane, s_m, choices, 0, Guide::default());
         let wheelbase_m = if me.half_m[0] < 1.3 {
             1.2 * me.half_m[0]
         } else {
             1.16 * me.half_m[0]
         };
-        Some(Driver {
+        let mut driver = Driver {
             id: me.id,
-            speed_factor,
             path,
             foot: Foot::default(),
             steering: Steering::new(Geometry {
@@ -86,9 +137,23 @@ impl Driver {
             wait: Wait::No,
             blocked_by: None,
             blocked_secs: 0.0,
-            entry: None,
-            may_enter: true,
-        })
+            obstacle: None,
+            entries: Vec::new(),
+            passages: Vec::new(),
+            stopped: (u32::MAX, 0.0),
+            wanted_mps2: 0.0,
+            road_mps2: 0.0,
+            settled_until_secs: 0.0,
+            swerve_until_m: f64::NEG_INFINITY,
+            route_left: Vec::new(),
+            places_left: Vec::new(),
+            seed,
+            n_plans: 0,
+            glides: false,
+            standing_secs: 0.0,
+        };
+        driver.foot = driver.path.project(me.origin(), 0.0, 60.0);
+        Some(driver)
     }
 
     /// Sets the true geometry of the vehicle, where it is known.
@@ -99,6 +164,10 @@ impl Driver {
     /// Its path.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    pub(crate) fn path_mut(&mut self) -> &mut Path {
+        &mut self.path
     }
 
     /// Where it is on its path.
@@ -132,17 +201,17 @@ impl Driver {
         self.rescue.make_room();
     }
 
-    /// The next junction, or the one it is in.
-    pub fn entry(&self) -> Option<Entry> {
-        self.entry
+    /// The junctions that it is in or comes to, the nearest first.
+    pub fn entries(&self) -> &[Entry] {
+        &self.entries
     }
 
     /// Whether more than its nose is inside a junction.
-    pub(crate) fn is_inside(&self, traffic: &Traffic) -> bool {
-        let Some((entry, me)) = self.entry.zip(traffic.mover(self.id)) else {
-            return false;
-        };
-        self.foot.arc_m + me.front_m() > entry.arc_m[0] + WAITING_M
+    pub(crate) fn is_inside(&self, me: &Mover) -> bool {
+        let front = self.foot.arc_m + me.front_m();
+        self.entries
+            .first()
+            .is_some_and(|entry| front > entry.arc_m[0] + WAITING_M)
     }
 
     /// The lane it is on.
@@ -150,132 +219,216 @@ impl Driver {
         self.path
             .legs()
             .get(self.path.leg_at(self.foot.arc_m))
-            .map(|leg| leg.lane)
+            .map(|leg| leg.way.key)
     }
 
-    /// Finds its place on the path; plans a new path if it is not on it.
-    pub fn localise(&mut self, map: &RoadMap, me: &Mover, seed: u64) {
-        let point = [me.position_m[0], me.position_m[1]];
-        self.foot = self
+    /// The lane it is on, by index, and the place there; the lane that it is leaving too.
+    pub(crate) fn on_lanes(&self) -> impl Iterator<Item = (u32, f64)> + '_ {
+        let leg = &self.path.legs()[self.path.leg_at(self.foot.arc_m)];
+        let leaving = self.path.shift().and_then(|shift| {
+            let is_under_way = shift.arc_m[0] <= self.foot.arc_m;
+            is_under_way.then_some((shift.from, shift.from_s_less_arc_m + self.foot.arc_m))
+        });
+        std::iter::once((leg.lane, leg.s_at_m(self.foot.arc_m))).chain(leaving)
+    }
+
+    /// The lane of the path a little ahead, and the place on it.
+    pub(crate) fn lane_after(&self, ahead_m: f64) -> Option<(u32, f64)> {
+        let arc_m = self.foot.arc_m + ahead_m;
+        let leg = self.path.legs().get(self.path.leg_at(arc_m))?;
+        Some((leg.lane, leg.s_at_m(arc_m)))
+    }
+
+    /// Takes what was decided for each of its junctions.
+    pub(crate) fn take_passages(&mut self, decided: impl Fn(u32) -> Option<Passage>) {
+        self.passages.clear();
+        let passages = self
+            .entries
+            .iter()
+            .map(|entry| decided(entry.zone).unwrap_or_default());
+        self.passages.extend(passages);
+    }
+
+    /// Finds its place on the path; plans a new path if it is not on it, or if it is to go
+    /// elsewhere.
+    pub(crate) fn localise(
+        &mut self,
+        net: &mut Network,
+        me: &Mover,
+        rules: Rules,
+        seed: u64,
+    ) -> Option<()> {
+        let point = me.origin();
+        let (foot, apart) = self
             .path
-            .project(point, self.foot.arc_m - 10.0, self.foot.arc_m + 20.0);
-        let lost =
-            self.foot.offset_m.abs() > 3.5 || wrap(self.foot.heading_rad - me.yaw_rad).abs() > 1.9;
-        if lost && let Some(at) = locate(map, me) {
+            .descend(point, self.path.point_idx(self.foot.arc_m));
+        self.foot = foot;
+        let choices = Noise::new(seed, u64::from(self.id), CHOICES);
+        let lost = apart > 3.5 + self.swerve_width()
+            || wrap(self.foot.heading_rad - me.yaw_rad).abs() > 1.9;
+        if lost && let Some((lane, s_m)) = locate(net, me) {
             let n = self.path.n_choices() + 1;
-            if let Some(path) = Path::new(
-                map,
-                at,
-                Noise::new(seed, u64::from(self.id), 0x64_72_69_76_65),
-                n,
-            ) {
-                self.path = path;
-                self.steering.reset();
-                self.foot = self.path.project(point, 0.0, 40.0);
-            }
+            let guide = self.path.guide().clone();
+            self.path = Path::new(net, lane, s_m, choices, n, guide);
+            self.swerve_until_m = f64::NEG_INFINITY;
+            self.steering.reset();
+            self.foot = self.path.project(point, 0.0, 60.0);
+        }
+        let is_new = rules.own.route != self.route_left
+            || rules.own.custom_path_m.len() != self.places_left.len()
+            || rules.own.custom_path_m != self.places_left
+            || seed != self.seed;
+        if is_new {
+            self.n_plans += 1;
+            self.seed = seed;
+            self.route_left = rules.own.route.clone();
+            self.places_left = rules.own.custom_path_m.clone();
+            let guide = Guide {
+                route: self.route_left.iter().copied().collect(),
+                lanes: self.lanes_to_places(net),
+            };
+            self.path.replan(self.foot.arc_m, choices, guide);
         }
         let until = self.foot.arc_m + HORIZON_M.max(6.0 * me.speed_mps);
-        self.path.extend(map, self.foot.arc_m, until);
-        self.entry = self.find_entry(map, me);
+        self.path.extend(net, self.foot.arc_m, until);
+        self.find_entries(me);
+        Some(())
     }
 
-    fn find_entry(&self, map: &RoadMap, me: &Mover) -> Option<Entry> {
+    fn swerve_width(&self) -> f64 {
+        if self.foot.arc_m < self.swerve_until_m {
+            2.0
+        } else {
+            0.0
+        }
+    }
+
+    /// The lanes that lead past the places still to be reached.
+    fn lanes_to_places(&self, net: &mut Network) -> VecDeque<u32> {
+        let mut lanes = VecDeque::new();
+        let mut from = self.path.legs()[self.path.leg_at(self.foot.arc_m)].lane;
+        for place in self.places_left.iter().take(200) {
+            let Some(to) = crate::route::nearest_lane(net, *place) else {
+                continue;
+            };
+            let Some(way) = crate::route::between(net, from, to) else {
+                continue;
+            };
+            lanes.extend(way.into_iter().skip(usize::from(!lanes.is_empty())));
+            from = to;
+        }
+        lanes
+    }
+
+    /// Takes away what has been carried out of the route and the places, for the one who set them.
+    pub(crate) fn note_progress(&mut self, me: &Mover) -> Option<(Vec<RoadOption>, Vec<[f64; 3]>)> {
+        let near = |place: &[f64; 3]| {
+            crate::path::distance([place[0], place[1]], me.origin()) < 6.0 + 0.3 * me.speed_mps
+        };
+        let passed = self.places_left.iter().take(3).rposition(near);
+        let n_route = self.path.guide().route.len();
+        if passed.is_none() && n_route == self.route_left.len() {
+            return None;
+        }
+        if let Some(last) = passed {
+            self.places_left.drain(..=last);
+        }
+        self.route_left = self.path.guide().route.iter().copied().collect();
+        Some((self.route_left.clone(), self.places_left.clone()))
+    }
+
+    /// The lane that a route wants beside the present one, and the side it is on.
+    pub(crate) fn lane_wanted(&self) -> Option<Side> {
+        let leg = &self.path.legs()[self.path.leg_at(self.foot.arc_m)];
+        let lanes = &self.path.guide().lanes;
+        let at = lanes.iter().take(8).position(|lane| *lane == leg.lane);
+        let next = match at {
+            Some(at) => *lanes.get(at + 1)?,
+            None => *lanes.front()?,
+        };
+        if leg.way.left == Some(next) {
+            Some(Side::Left)
+        } else if leg.way.right == Some(next) {
+            Some(Side::Right)
+        } else {
+            None
+        }
+    }
+
+    fn find_entries(&mut self, me: &Mover) {
+        self.entries.clear();
         let legs = self.path.legs();
         let rear = self.foot.arc_m - me.rear_m();
-        let first = legs
-            .iter()
-            .position(|leg| leg.arc_m[1] > rear && leg.junction.is_some())?;
-        let junction = legs[first].junction?;
-        let n = legs[first..]
-            .iter()
-            .take_while(|leg| leg.junction == Some(junction))
-            .count();
-        let arc_m = [legs[first].arc_m[0], legs[first + n - 1].arc_m[1]];
-        let turn_rad = wrap(
-            self.path.at(arc_m[1] - 0.1).heading_rad - self.path.at(arc_m[0] + 0.1).heading_rad,
-        );
-        let before = first.checked_sub(1).map(|idx| &legs[idx]);
-        let guarded = |lane: LaneKey| {
-            map.signal_stops(lane)
-                .any(|(signal, _)| signal.kind == SignalKind::TrafficLight)
-        };
-        let has_light = guarded(legs[first].lane) || before.is_some_and(|leg| guarded(leg.lane));
-        Some(Entry {
-            junction,
-            arc_m,
-            turn_rad,
-            has_light,
-        })
+        let until = self.foot.arc_m + me.front_m() + 25.0f64.max(7.0 * me.speed_mps);
+        let mut idx = legs.partition_point(|leg| leg.arc_m[1] <= rear);
+        // A zone in which we are may have begun with an earlier leg.
+        while idx > 0
+            && idx < legs.len()
+            && legs[idx].zone().is_some()
+            && legs[idx - 1].zone() == legs[idx].zone()
+        {
+            idx -= 1;
+        }
+        while idx < legs.len() && self.entries.len() < MAX_ENTRIES {
+            let Some(zone) = legs[idx].zone() else {
+                idx += 1;
+                continue;
+            };
+            if legs[idx].arc_m[0] > until {
+                break;
+            }
+            let n = legs[idx..]
+                .iter()
+                .take_while(|leg| leg.zone() == Some(zone))
+                .count();
+            let before = idx.checked_sub(1).map(|at| &legs[at].way);
+            let first = &legs[idx].way;
+            let guards = || {
+                let of_before = before.iter().flat_map(|way| &way.guards);
+                first.guards.iter().chain(of_before)
+            };
+            let has = |kind: SignalKind| guards().any(|guard| guard.kind == kind);
+            let sign = [SignalKind::Stop, SignalKind::Yield]
+                .into_iter()
+                .find(|kind| has(*kind));
+            self.entries.push(Entry {
+                zone,
+                arc_m: [legs[idx].arc_m[0], legs[idx + n - 1].arc_m[1]],
+                turn_rad: legs[idx..idx + n].iter().map(|leg| leg.way.turn_rad).sum(),
+                has_light: has(SignalKind::TrafficLight),
+                sign,
+                legs: [idx, idx + n],
+            });
+            idx += n;
+        }
     }
 
     /// What to do in this tick.
-    pub fn control(
-        &mut self,
-        map: &RoadMap,
-        me: &Mover,
-        traffic: &Traffic,
-    ) -> VehicleControlRecord {
-        let dt = traffic.period_secs;
+    pub(crate) fn control(&mut self, me: &Mover, view: View) -> VehicleControlRecord {
+        let dt = view.traffic.period_secs;
+        self.standing_secs = if me.speed_mps.abs() < STANDING_MPS {
+            self.standing_secs + dt
+        } else {
+            0.0
+        };
         if self.rescue.is_reversing() {
+            self.wanted_mps2 = 0.0;
             return self
                 .rescue
-                .reverse(me, traffic, self.foot, &mut self.steering);
+                .reverse(me, view.traffic, view.grid, self.foot, &mut self.steering);
         }
         let creeping = self.rescue.is_creeping();
         let front = self.foot.arc_m + me.front_m();
-        let obstacle = self
-            .lookout(me)
-            .obstacle(traffic, if creeping { 0.15 } else { 0.3 });
-        let mut wanted = self.road_speed(me, front);
-        let mut wait = Wait::No;
-        // A vehicle that is already past the waiting line stops where it is: the line must not make
-        // it brake hard.
-        let waiting_line = |line: f64| match self.entry {
-            Some(entry) if line < entry.arc_m[0] + WAITING_M => {
-                line.min((entry.arc_m[0] - WAITING_M).max(front))
-            }
-            _ => line,
-        };
-        let mut consider = |accel: f64, why: Wait| {
-            if accel < wanted {
-                wanted = accel;
-                wait = why;
-            }
-        };
-        let end = self.path.end();
-        if end.is_dead_end {
-            consider(
-                speed::stop_before(me.speed_mps, end.arc_m - front),
-                Wait::End,
-            );
-        }
-        if let Some(line) = self.light_line(map, traffic, me, front) {
-            consider(
-                speed::stop_before(me.speed_mps, waiting_line(line) - front),
-                Wait::Light,
-            );
-        }
-        if let Some(entry) = self.entry
-            && !self.may_enter
-            && front < entry.arc_m[0] + 1.0
-        {
-            consider(
-                speed::stop_before(me.speed_mps, waiting_line(entry.arc_m[0]) - front),
-                Wait::Turn,
-            );
-        }
-        if let Some(obstacle) = obstacle {
-            let gap = if creeping { 0.8 } else { 2.2 };
-            consider(
-                speed::follow(me.speed_mps, obstacle.along_mps, obstacle.gap_m, gap),
-                Wait::Ahead,
-            );
-        }
+        self.obstacle = self.look_out(me, view, creeping);
+        let road = self.road_speed(me, front, view.rules);
+        self.road_mps2 = road;
+        let (mut wanted, wait) = self.weigh(me, view, road, creeping);
         if creeping {
             wanted = wanted.min(speed::towards(me.speed_mps, 1.5));
         }
         self.wait = wait;
-        let blocker = obstacle
+        let blocker = self
+            .obstacle
             .filter(|_| wait == Wait::Ahead && me.speed_mps.abs() < STANDING_MPS)
             .map(|o| o.id);
         self.blocked_secs = if blocker.is_some() && blocker == self.blocked_by {
@@ -291,44 +444,181 @@ impl Driver {
                 foot: self.foot,
                 wait,
                 wanted_mps2: wanted,
-                obstacle,
+                obstacle: self.obstacle,
             },
-            traffic,
+            view.traffic,
+            view.grid,
         );
+        self.press(me, view, wanted, front)
+    }
+
+    /// Acceleration of a driver that moves without physics, m/s².
+    pub(crate) fn glide_accel(&mut self, me: &Mover, view: View) -> f64 {
+        let front = self.foot.arc_m + me.front_m();
+        self.obstacle = self.look_out(me, view, false);
+        let road = self.road_speed(me, front, view.rules);
+        self.road_mps2 = road;
+        let (wanted, wait) = self.weigh(me, view, road, false);
+        self.wait = wait;
+        self.standing_secs = if me.speed_mps.abs() < STANDING_MPS {
+            self.standing_secs + view.traffic.period_secs
+        } else {
+            0.0
+        };
+        wanted
+    }
+
+    /// The smallest of the accelerations that road, lights, right of way and others allow, and
+    /// whose it is.
+    fn weigh(&mut self, me: &Mover, view: View, road_mps2: f64, creeping: bool) -> (f64, Wait) {
+        let v = me.speed_mps;
+        let front = self.foot.arc_m + me.front_m();
+        let mut least = (road_mps2, Wait::No);
+        let mut consider = |accel: f64, why: Wait| {
+            if accel < least.0 {
+                least = (accel, why);
+            }
+        };
+        let end = self.path.end();
+        if end.is_dead_end {
+            consider(speed::stop_before(v, end.arc_m - front), Wait::End);
+        }
+        if let Some(line) = self.light_line(view, me, front) {
+            let line = self.waiting_line(line, front);
+            consider(speed::stop_before(v, line - front), Wait::Light);
+        }
+        if let Some(line) = self.sign_line(view, me, front) {
+            let line = self.waiting_line(line, front);
+            consider(speed::stop_before(v, line - front), Wait::Sign);
+        }
+        let gap = view.rules.standing_gap_m();
+        for (entry, passage) in self.entries.iter().zip(&self.passages) {
+            if !passage.may_enter {
+                if front < entry.arc_m[0] + 1.0 {
+                    let line = self.waiting_line(entry.arc_m[0], front);
+                    consider(speed::stop_before(v, line - front), Wait::Turn);
+                }
+                break;
+            }
+            if let Some(line) = passage.line_m {
+                let left = entry.arc_m[0] + line - front;
+                consider(speed::stop_before(v, left.max(0.0)), Wait::Turn);
+            }
+            if let Some((gap_m, their_mps)) = passage.behind {
+                consider(speed::follow(v, their_mps, gap_m, gap), Wait::Turn);
+            }
+        }
+        if let Some(obstacle) = self.obstacle {
+            let gap = if creeping {
+                0.8
+            } else if obstacle.is_vehicle {
+                gap
+            } else {
+                2.2
+            };
+            consider(
+                speed::follow(v, obstacle.along_mps, obstacle.gap_m, gap),
+                Wait::Ahead,
+            );
+        }
+        least
+    }
+
+    /// A vehicle that is already past the waiting line stops where it is: the line must not make it
+    /// brake hard.
+    fn waiting_line(&self, line: f64, front: f64) -> f64 {
+        let entry = self
+            .entries
+            .iter()
+            .find(|entry| (entry.arc_m[0] - 0.5..entry.arc_m[0] + WAITING_M).contains(&line));
+        match entry {
+            Some(entry) => line.min((entry.arc_m[0] - WAITING_M).max(front)),
+            None => line,
+        }
+    }
+
+    fn look_out(&self, me: &Mover, view: View, creeping: bool) -> Option<Obstacle> {
+        let own = view.rules.own;
+        // A share that is ignored is drawn anew for every pair and second.
+        let second = view.traffic.time_secs as u64;
+        let sees = |other: &Mover| {
+            let percent = if other.is_vehicle {
+                own.ignore_vehicles_percent
+            } else {
+                own.ignore_walkers_percent
+            };
+            let is_ignored = percent > 0.0
+                && 100.0 * Noise::new(view.seed, u64::from(me.id), second).uniform(other.id.into())
+                    < percent;
+            !is_ignored && !own.ignored.contains(&other.id)
+        };
+        Lookout {
+            standing_gap_m: view.rules.standing_gap_m(),
+            ..self.lookout(me)
+        }
+        .obstacle(
+            view.traffic,
+            view.grid,
+            if creeping { 0.15 } else { 0.3 },
+            sees,
+        )
+    }
+
+    fn press(
+        &mut self,
+        me: &Mover,
+        view: View,
+        wanted_mps2: f64,
+        front: f64,
+    ) -> VehicleControlRecord {
+        let dt = view.traffic.period_secs;
+        // Comfort gives way to need: hard braking is not delayed.
+        let wanted = if wanted_mps2 < -3.5 {
+            wanted_mps2
+        } else {
+            let low = self.wanted_mps2.min(0.5) - JERK_MPS3[1] * dt;
+            let high = self.wanted_mps2.max(-0.5) + JERK_MPS3[0] * dt;
+            wanted_mps2.clamp(low, high)
+        };
+        self.wanted_mps2 = wanted;
         let (throttle, brake) = self.pedals.press(me.speed_mps, wanted, dt);
-        let steer = self
-            .steering
-            .ratio(me, &self.path, self.foot, self.side_offset(me), dt);
+        let offset = self.side_offset(me, view.rules);
+        let steer = self.steering.ratio(me, &self.path, self.foot, offset, dt);
         let control = VehicleControl {
             throttle_ratio: throttle as f32,
-            steer_ratio: steer as f32,
             brake_ratio: brake as f32,
+            steer_ratio: steer as f32,
             ..VehicleControl::default()
         };
-        let mut record = VehicleControlRecord::new(self.id, control);
-        record.lamps = self.blinkers(front) | if brake > 0.02 { LAMP_BRAKE } else { 0 };
+        let mut record = VehicleControlRecord::new(me.id, control);
+        if view.rules.updates_lights() {
+            record.lamps = self.lamps(view, front, brake);
+        }
         record
     }
 
     /// Acceleration that speed limits and bends allow, here and as far ahead as braking reaches.
-    fn road_speed(&self, me: &Mover, front: f64) -> f64 {
+    fn road_speed(&self, me: &Mover, front: f64, rules: Rules) -> f64 {
         let v = me.speed_mps;
-        let reach = front + 10.0 + v * v / 2.5;
+        let reach = front + 6.0 + v * v / 3.0;
         let mut wanted = f64::INFINITY;
         let rear = self.foot.arc_m - 0.5 * me.rear_m();
-        for point in self.path.points() {
-            if point.arc_m < rear {
-                continue;
-            }
+        let points = self.path.points();
+        // Where signs post another limit than the map states, theirs holds until the next one.
+        let stated = self.path.at(self.foot.arc_m).limit_mps;
+        let posted = Some(me.limit_mps).filter(|l| *l > 0.5 && (l - stated).abs() > 0.3);
+        for point in &points[self.path.point_idx(rear)..] {
             if point.arc_m > reach {
                 break;
             }
-            let limit =
-                (self.speed_factor * point.limit_mps).min(speed::on_bend(point.curvature_per_m));
+            let limit = posted.unwrap_or(point.limit_mps);
+            let limit = rules.speed_mps(limit).min(point.bend_mps);
             let accel = if point.arc_m <= front {
                 speed::towards(v, limit)
-            } else {
+            } else if limit < v {
                 speed::ahead(v, limit, point.arc_m - front).max(-4.0)
+            } else {
+                continue;
             };
             wanted = wanted.min(accel);
         }
@@ -340,50 +630,100 @@ impl Driver {
     }
 
     /// Path length of the first stop line whose light says stop.
-    fn light_line(&self, map: &RoadMap, traffic: &Traffic, me: &Mover, front: f64) -> Option<f64> {
+    pub(crate) fn light_line(&self, view: View, me: &Mover, front: f64) -> Option<f64> {
         let legs = self.path.legs();
-        let here = self.path.leg_at(self.foot.arc_m);
+        let here = self.path.leg_at(front.min(self.foot.arc_m + me.front_m()));
         // A vehicle inside a junction clears it whatever the light.
-        if legs[here].junction.is_some() {
+        if legs[self.path.leg_at(self.foot.arc_m)].zone().is_some() && legs[here].zone().is_some() {
             return None;
         }
+        let v = me.speed_mps;
         let mut line: Option<f64> = None;
-        for (idx, leg) in legs.iter().enumerate().skip(here) {
-            if leg.arc_m[0] > front + 80.0 {
+        for idx in here..legs.len() {
+            let leg = &legs[idx];
+            if leg.arc_m[0] > front + 20.0 + v * v / 3.0 + 2.0 * v {
                 break;
             }
-            for (signal, stop) in map.signal_stops(leg.lane) {
-                if signal.kind != SignalKind::TrafficLight {
-                    continue;
-                }
-                let state = traffic
-                    .lights
-                    .get(&signal.id)
-                    .copied()
-                    .unwrap_or(LightState::Off);
-                if !matches!(state, LightState::Red | LightState::Yellow) {
+            for guard in &leg.way.guards {
+                let state = view.lights[guard.signal as usize];
+                if guard.kind != SignalKind::TrafficLight
+                    || !matches!(state, LightState::Red | LightState::Yellow)
+                    || self.ignores(view.rules.own.ignore_lights_percent, guard.signal, view)
+                {
                     continue;
                 }
                 let on = [Some(leg), idx.checked_sub(1).map(|i| &legs[i])]
                     .into_iter()
                     .flatten()
-                    .find(|l| l.lane == stop.stop.lane);
-                let Some(arc) = on.map(|l| l.arc_at_m(stop.stop.s_m)) else {
+                    .find(|l| l.lane == guard.lane);
+                let Some(arc) = on.map(|l| l.arc_at_m(guard.s_m)) else {
                     continue;
                 };
                 let distance = arc - front;
-                let needed = speed::to_stop(me.speed_mps, distance.max(0.0));
-                let too_late = if state == LightState::Yellow {
-                    -3.0
-                } else {
-                    -7.0
+                let needed = speed::to_stop(v, distance.max(0.0));
+                let passes = match state {
+                    LightState::Yellow => needed < -YELLOW_BRAKE_MPS2 && distance < YELLOW_SECS * v,
+                    _ => needed < -9.0,
                 };
-                if distance > -3.0 && needed > too_late {
+                if distance > -3.0 && !passes {
                     line = Some(line.map_or(arc, |l| l.min(arc)));
                 }
             }
         }
         line
+    }
+
+    /// Path length of the line of a stop sign at which it has not stood yet.
+    fn sign_line(&mut self, view: View, me: &Mover, front: f64) -> Option<f64> {
+        let entry = self
+            .entries
+            .iter()
+            .find(|entry| front < entry.arc_m[0] + 1.0)?;
+        if entry.sign != Some(SignalKind::Stop) || entry.has_light || self.has_stopped(entry.zone) {
+            return None;
+        }
+        let (zone, line) = (entry.zone, entry.arc_m[0]);
+        let signal = u32::MAX - zone;
+        if self.ignores(view.rules.own.ignore_signs_percent, signal, view) {
+            return None;
+        }
+        if self.stopped.0 != zone {
+            self.stopped = (zone, 0.0);
+        }
+        if me.speed_mps.abs() < STANDING_MPS && line - front < WAITING_M + 3.0 {
+            self.stopped.1 += view.traffic.period_secs;
+        }
+        Some(line)
+    }
+
+    fn has_stopped(&self, zone: u32) -> bool {
+        self.stopped.0 == zone && self.stopped.1 > STOP_SECS
+    }
+
+    /// Whether a light or sign holds it before a junction.
+    pub(crate) fn is_held(&self, entry: &Entry, view: View, me: &Mover) -> bool {
+        let front = self.foot.arc_m + me.front_m();
+        let must_stop = entry.sign == Some(SignalKind::Stop)
+            && !entry.has_light
+            && !self.has_stopped(entry.zone)
+            && !self.ignores(
+                view.rules.own.ignore_signs_percent,
+                u32::MAX - entry.zone,
+                view,
+            );
+        must_stop
+            || self
+                .light_line(view, me, front)
+                .is_some_and(|line| line < entry.arc_m[0] + 3.0)
+    }
+
+    fn ignores(&self, percent: f64, signal: u32, view: View) -> bool {
+        // Drawn once per passage: the number of choices tells one from the next.
+        percent > 0.0
+            && 100.0
+                * Noise::new(view.seed, u64::from(self.id), u64::from(signal))
+                    .uniform(self.path.n_choices())
+                < percent
     }
 
     fn lookout<'d>(&'d self, me: &'d Mover) -> Lookout<'d> {
@@ -392,26 +732,51 @@ impl Driver {
             path: &self.path,
             foot: self.foot,
             wheelbase_m: self.steering.wheelbase_m(),
+            standing_gap_m: 2.0,
         }
     }
 
     /// Offset from the middle of the path, metres: towards the inside of a bend if the front swings
     /// out, and away from what was in the way.
-    fn side_offset(&self, me: &Mover) -> f64 {
-        self.lookout(me).inside_m() + self.rescue.aside_m(self.foot.arc_m)
+    fn side_offset(&self, me: &Mover, rules: Rules) -> f64 {
+        self.lookout(me).inside_m() + self.rescue.aside_m(self.foot.arc_m) + rules.lane_offset_m()
     }
 
-    fn blinkers(&self, front: f64) -> u32 {
-        match self.entry {
-            Some(entry) if entry.arc_m[0] - front < 30.0 && entry.turn_rad > 0.45 => LAMP_LEFT,
-            Some(entry) if entry.arc_m[0] - front < 30.0 && entry.turn_rad < -0.45 => LAMP_RIGHT,
-            _ => 0,
+    fn lamps(&self, view: View, front: f64, brake: f64) -> u32 {
+        let surroundings = view.rules.common.surroundings;
+        let mut lamps = 0;
+        if brake > 0.02 {
+            lamps |= LAMP_BRAKE;
         }
+        if surroundings.dark {
+            lamps |= LAMP_POSITION | LAMP_LOW_BEAM;
+        }
+        if surroundings.foggy {
+            lamps |= LAMP_POSITION | LAMP_LOW_BEAM | LAMP_FOG;
+        }
+        let side = match self.path.shift() {
+            Some(shift) => Some(shift.side),
+            None => self.entries.iter().find_map(|entry| {
+                let is_near = entry.arc_m[0] - front < 30.0;
+                match entry.turn_rad {
+                    turn if is_near && turn > TURN_RAD => Some(Side::Left),
+                    turn if is_near && turn < -TURN_RAD => Some(Side::Right),
+                    _ => None,
+                }
+            }),
+        };
+        lamps
+            | match side {
+                Some(Side::Left) => LAMP_LEFT,
+                Some(Side::Right) => LAMP_RIGHT,
+                None => 0,
+            }
     }
 }
 
-/// The lane a vehicle drives on: the nearest one that runs its way.
-pub fn locate(map: &RoadMap, me: &Mover) -> Option<LanePosition> {
+/// The lane a vehicle drives on, by index, and the place there: the nearest one that runs its way.
+pub(crate) fn locate(net: &Network, me: &Mover) -> Option<(u32, f64)> {
+    let map = net.map();
     let mut wrong: Vec<LaneKey> = Vec::new();
     let mut fallback = None;
     for _ in 0..8 {
@@ -419,10 +784,11 @@ pub fn locate(map: &RoadMap, me: &Mover) -> Option<LanePosition> {
             lane.kind.is_drivable() && !wrong.contains(&lane.key)
         })?;
         let heading = map.pose(at)?.rotation.euler_angles().2;
+        let place = Some((net.lane(at.lane)?, at.s_m));
         if wrap(heading - me.yaw_rad).abs() < 0.8 {
-            return Some(at);
+            return place;
         }
-        fallback = fallback.or(Some(at));
+        fallback = fallback.or(place);
         wrong.push(at.lane);
     }
     fallback

@@ -19,18 +19,27 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+mod crossing;
 pub mod desk;
 pub mod driver;
 pub mod fleet;
+mod lanes;
+mod network;
+mod overtaking;
 pub mod parameters;
 pub mod path;
+pub mod requests;
+mod route;
 pub mod selection;
+pub mod served;
 pub mod session;
 pub mod speed;
 pub mod steer;
+mod strangers;
 pub mod traffic;
+mod upkeep;
 
-pub use desk::{Desk, Request};
+pub use desk::Desk;
 pub use driver::Driver;
 pub use fleet::{Fleet, Step};
 pub use parameters::{Action, Parameters, RoadOption, Settings, SpeedRule, VehicleParameters};

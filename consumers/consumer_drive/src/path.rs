@@ -1,28 +1,34 @@
 //! The way ahead of one vehicle: a chain of lanes, as points one metre apart.
 
-use schema_roads::{Lane, LaneKey, LanePosition, RoadMap};
+use std::collections::VecDeque;
+use std::sync::Arc;
+
 use schema_types::noise::Noise;
 
-/// Distance between points, metres.
-const STEP_M: f64 = 1.0;
-/// Speed limit where the map states none (30 km/h, as in CARLA's towns), m/s.
-const DEFAULT_LIMIT_MPS: f64 = 30.0 / 3.6;
-/// No reach is larger than this, metres: points farther away need no exact test.
-const FARTHEST_REACH_M: f64 = 8.0;
+use crate::network::{Network, TURN_RAD, Way};
+use crate::parameters::RoadOption;
+use crate::speed;
+
 /// Length that is kept behind the vehicle, metres.
 const KEPT_BEHIND_M: f64 = 30.0;
+/// Length of the run-up before the first place, metres.
+const RUN_UP_M: f64 = 8.0;
 
 /// A point of the path.
 #[derive(Clone, Copy, Debug)]
 pub struct PathPoint {
     /// World position, metres.
     pub position_m: [f64; 2],
+    /// World height, metres.
+    pub height_m: f64,
     /// Direction, radians.
     pub heading_rad: f64,
     /// Curvature, 1/m, positive to the left.
     pub curvature_per_m: f64,
     /// Speed limit, m/s.
     pub limit_mps: f64,
+    /// Speed that the bend allows, m/s.
+    pub bend_mps: f64,
     /// Length of the path up to here, metres.
     pub arc_m: f64,
 }
@@ -30,21 +36,31 @@ pub struct PathPoint {
 /// A lane of the path.
 #[derive(Clone, Debug)]
 pub struct Leg {
-    /// The lane.
-    pub lane: LaneKey,
-    /// Junction it crosses.
-    pub junction: Option<u32>,
+    /// The lane, by its index in the map.
+    pub lane: u32,
     /// Path length at which it begins and ends, metres.
     pub arc_m: [f64; 2],
+    pub(crate) way: Arc<Way>,
     /// Lane s at which it begins and ends, metres.
-    s_m: [f64; 2],
+    pub(crate) s_m: [f64; 2],
 }
 
 impl Leg {
+    /// Junction it crosses, or several that are crossed as one.
+    pub fn zone(&self) -> Option<u32> {
+        self.way.zone
+    }
+
     /// Path length at a place on the lane.
     pub fn arc_at_m(&self, s_m: f64) -> f64 {
         let span = (self.s_m[1] - self.s_m[0]).max(1e-6);
         self.arc_m[0] + (self.arc_m[1] - self.arc_m[0]) * (s_m - self.s_m[0]) / span
+    }
+
+    /// Place on the lane at a path length.
+    pub fn s_at_m(&self, arc_m: f64) -> f64 {
+        let span = (self.arc_m[1] - self.arc_m[0]).max(1e-6);
+        self.s_m[0] + (self.s_m[1] - self.s_m[0]) * (arc_m - self.arc_m[0]) / span
     }
 }
 
@@ -71,12 +87,22 @@ impl Foot {
 }
 
 /// A side of a path.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Side {
     /// To the left, in the direction of the path.
     Left,
     /// To the right.
     Right,
+}
+
+impl Side {
+    /// 1 for left, −1 for right.
+    pub fn sign(self) -> f64 {
+        match self {
+            Side::Left => 1.0,
+            Side::Right => -1.0,
+        }
+    }
 }
 
 /// Where a path ends.
@@ -88,6 +114,29 @@ pub struct PathEnd {
     pub is_dead_end: bool,
 }
 
+/// What decides where a path goes on.
+#[derive(Clone, Debug, Default)]
+pub struct Guide {
+    /// Decisions at the next junctions; the first ones are taken first.
+    pub route: VecDeque<RoadOption>,
+    /// Lanes to come through, as a route found them; a lane that is not among them is left to
+    /// chance.
+    pub lanes: VecDeque<u32>,
+}
+
+/// A piece of the path on which it goes from one lane to the next, or round something.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shift {
+    /// Path length at which it begins and ends, metres.
+    pub arc_m: [f64; 2],
+    /// Side to which it goes.
+    pub side: Side,
+    /// Lane that is left.
+    pub(crate) from: u32,
+    /// Lane s on the lane that is left, less the path length, metres.
+    pub(crate) from_s_less_arc_m: f64,
+}
+
 /// The way ahead.
 #[derive(Clone, Debug)]
 pub struct Path {
@@ -95,29 +144,46 @@ pub struct Path {
     legs: Vec<Leg>,
     /// Whether the last lane leads nowhere.
     ends: bool,
+    shift: Option<Shift>,
     choices: Noise,
     n_choices: u64,
+    guide: Guide,
 }
 
 impl Path {
-    /// A path from a place on a lane. `choices` decides at junctions, counted from `n_choices`.
-    pub fn new(map: &RoadMap, from: LanePosition, choices: Noise, n_choices: u64) -> Option<Path> {
-        let lane = map.lane(from.lane)?;
+    /// A path from a place on a lane. `choices` decides at junctions, counted from `n_choices`,
+    /// where the guide does not.
+    pub(crate) fn new(
+        net: &mut Network,
+        lane: u32,
+        s_m: f64,
+        choices: Noise,
+        n_choices: u64,
+        guide: Guide,
+    ) -> Path {
+        let way = net.way(lane);
         let mut path = Path {
             points: Vec::new(),
             legs: Vec::new(),
             ends: false,
+            shift: None,
             choices,
             n_choices,
+            guide,
         };
-        path.append(map, lane, from.s_m.min(lane.length_m - 0.1).max(0.0));
-        path.lead_in(map);
-        Some(path)
+        let s_m = s_m.min(way.span_m - 0.1).max(0.0);
+        path.append(lane, way, (s_m - RUN_UP_M).max(0.0));
+        path
     }
 
     /// Number of choices made so far.
     pub fn n_choices(&self) -> u64 {
         self.n_choices
+    }
+
+    /// What is left of the decisions.
+    pub fn guide(&self) -> &Guide {
+        &self.guide
     }
 
     /// Points by rising length.
@@ -128,6 +194,11 @@ impl Path {
     /// Lanes in order.
     pub fn legs(&self) -> &[Leg] {
         &self.legs
+    }
+
+    /// The change of lanes that is under way or ahead.
+    pub fn shift(&self) -> Option<Shift> {
+        self.shift
     }
 
     /// Where the path ends, as far as it is planned.
@@ -145,120 +216,254 @@ impl Path {
             .min(self.legs.len().saturating_sub(1))
     }
 
+    /// Index of the first point at or after a path length.
+    pub(crate) fn point_idx(&self, arc_m: f64) -> usize {
+        // Points lie about a metre apart, so that the guess is near.
+        let first = self.points.first().map_or(0.0, |p| p.arc_m);
+        let last = self.points.len() - 1;
+        let mut idx = ((arc_m - first).max(0.0) as usize).min(last);
+        while idx > 0 && self.points[idx - 1].arc_m >= arc_m {
+            idx -= 1;
+        }
+        while idx < last && self.points[idx].arc_m < arc_m {
+            idx += 1;
+        }
+        idx
+    }
+
     /// Extends the path as far as `until_m` and drops what lies far behind `now_m`.
-    pub fn extend(&mut self, map: &RoadMap, now_m: f64, until_m: f64) {
+    pub(crate) fn extend(&mut self, net: &mut Network, now_m: f64, until_m: f64) {
         while !self.ends && self.end().arc_m < until_m {
-            match self.choose(map) {
-                Some(next) => self.append(map, next, 0.0),
+            match self.choose(net) {
+                Some(next) => {
+                    let way = net.way(next);
+                    self.append(next, way, 0.0);
+                }
                 None => self.ends = true,
             }
+        }
+        if self.shift.is_some_and(|shift| shift.arc_m[1] < now_m) {
+            self.shift = None;
         }
         let keep = self
             .legs
             .partition_point(|leg| leg.arc_m[1] < now_m - KEPT_BEHIND_M);
         if keep > 0 {
-            let from_m = self.legs[keep].arc_m[0];
             self.legs.drain(..keep);
-            let first = self.points.partition_point(|p| p.arc_m < from_m);
+        }
+        // Rarely, because the rest moves up.
+        let first = self
+            .points
+            .partition_point(|p| p.arc_m < now_m - KEPT_BEHIND_M);
+        if first > 60 {
             self.points.drain(..first);
         }
     }
 
-    /// Chooses one of the lanes that follow; a lane that leads nowhere only if there is no other.
-    fn choose<'m>(&mut self, map: &'m RoadMap) -> Option<&'m Lane> {
-        let last = self.legs.last()?.lane;
-        let open: Vec<&Lane> = map
-            .successors(last)
-            .iter()
-            .filter_map(|key| map.lane(*key))
-            .filter(|lane| lane.kind.is_drivable())
-            .collect();
-        let goes_on = |lane: &&Lane| !map.successors(lane.key).is_empty();
-        let better: Vec<&Lane> = open.iter().copied().filter(goes_on).collect();
-        let list = if better.is_empty() { open } else { better };
-        if list.len() > 1 {
-            self.n_choices += 1;
+    /// Forgets what lies behind the leg at `arc_m` and, if that one crosses a junction, behind the
+    /// junction; the rest is planned anew.
+    pub(crate) fn replan(&mut self, arc_m: f64, choices: Noise, guide: Guide) {
+        let mut last = self.leg_at(arc_m);
+        let shift_end = self.shift.map_or(arc_m, |shift| shift.arc_m[1]);
+        while last + 1 < self.legs.len()
+            && (self.legs[last + 1].zone().is_some() && self.legs[last].zone().is_some()
+                || self.legs[last].arc_m[1] < shift_end)
+        {
+            last += 1;
         }
-        let number = self.choices.bits(self.n_choices) as usize;
-        (!list.is_empty()).then(|| list[number % list.len()])
+        self.legs.truncate(last + 1);
+        let end_m = self.legs[last].arc_m[1];
+        self.points.retain(|p| p.arc_m <= end_m + 1e-9);
+        self.ends = false;
+        self.choices = choices;
+        self.guide = guide;
     }
 
-    fn append(&mut self, map: &RoadMap, lane: &Lane, from_s_m: f64) {
-        let length = lane.length_m - from_s_m;
-        let pieces = (length / STEP_M).ceil().max(1.0) as usize;
+    /// Chooses one of the lanes that follow; a lane that leads nowhere only if there is no other.
+    fn choose(&mut self, net: &mut Network) -> Option<u32> {
+        let last = self.legs.last()?.lane;
+        let way = net.way(last);
+        let open = &way.successors;
+        if open.is_empty() {
+            return None;
+        }
+        while self.guide.lanes.front().is_some_and(|lane| *lane == last) {
+            self.guide.lanes.pop_front();
+        }
+        if let Some(wanted) = self.guide.lanes.front().filter(|lane| open.contains(lane)) {
+            return Some(*wanted);
+        }
+        let better: Vec<u32> = open.iter().copied().filter(|l| net.goes_on(*l)).collect();
+        let list: &[u32] = if better.is_empty() { open } else { &better };
+        if list.len() == 1 {
+            return list.first().copied();
+        }
+        if let Some(option) = self.guide.route.pop_front() {
+            return list.iter().copied().min_by(|a, b| {
+                let cost = |lane: u32, net: &mut Network| misses(option, net.way(lane).turn_rad);
+                let (a, b) = (cost(*a, net), cost(*b, net));
+                a.total_cmp(&b)
+            });
+        }
+        self.n_choices += 1;
+        let number = self.choices.bits(self.n_choices) as usize;
+        Some(list[number % list.len()])
+    }
+
+    fn append(&mut self, lane: u32, way: Arc<Way>, from_s_m: f64) {
+        let from_arc = way.arc_at(from_s_m);
         let start_m = self.end().arc_m;
-        for i in 0..=pieces {
-            let at = LanePosition::new(lane.key, from_s_m + length * i as f64 / pieces as f64);
-            let Some(pose) = map.pose(at) else { continue };
-            let position_m = [pose.translation.x, pose.translation.y];
+        for (idx, point) in way.points.iter().enumerate() {
+            if point.arc_m < from_arc - 1e-9 {
+                continue;
+            }
             let arc_m = match self.points.last() {
-                Some(last) => last.arc_m + distance(last.position_m, position_m),
+                Some(last) => last.arc_m + distance(last.position_m, point.position_m),
                 None => 0.0,
             };
             // The end of one lane is the start of the next.
-            if i == 0
-                && self
-                    .points
-                    .last()
-                    .is_some_and(|last| arc_m - last.arc_m < 0.3)
-            {
-                continue;
+            let is_seam = idx == 0 && self.points.last().is_some_and(|p| arc_m - p.arc_m < 0.3);
+            if !is_seam {
+                self.points.push(PathPoint { arc_m, ..*point });
             }
-            self.points.push(PathPoint {
-                position_m,
-                heading_rad: pose.rotation.euler_angles().2,
-                curvature_per_m: map.curvature_per_m(at),
-                limit_mps: map.speed_limit_mps(at).unwrap_or(DEFAULT_LIMIT_MPS),
-                arc_m,
-            });
         }
         self.legs.push(Leg {
-            lane: lane.key,
-            junction: lane.junction,
+            lane,
             arc_m: [start_m, self.end().arc_m],
-            s_m: [from_s_m, lane.length_m],
+            s_m: [from_s_m, way.span_m],
+            way,
         });
     }
 
-    /// Prepends a run-up, so that a vehicle behind the first point has a path too.
-    fn lead_in(&mut self, map: &RoadMap) {
-        let (Some(first), Some(leg)) = (self.points.first().copied(), self.legs.first_mut()) else {
-            return;
+    /// Goes over to the lane beside the one at `from_m`, over `length_m`; false if the two do not
+    /// run side by side for so long.
+    pub(crate) fn change_lane(
+        &mut self,
+        net: &mut Network,
+        from_m: f64,
+        length_m: f64,
+        side: Side,
+    ) -> bool {
+        let idx = self.leg_at(from_m);
+        let leg = self.legs[idx].clone();
+        let own = net.way(leg.lane);
+        let target = match side {
+            Side::Left => own.left,
+            Side::Right => own.right,
         };
-        let back_m = 8.0f64.min(leg.s_m[0]);
-        let lane = leg.lane;
-        let from_s = leg.s_m[0] - back_m;
-        let pieces = back_m.ceil() as usize;
-        let mut run_up = Vec::new();
-        for i in 0..pieces {
-            let at = LanePosition::new(lane, from_s + back_m * i as f64 / pieces as f64);
-            let Some(pose) = map.pose(at) else { return };
-            run_up.push(PathPoint {
-                position_m: [pose.translation.x, pose.translation.y],
-                heading_rad: pose.rotation.euler_angles().2,
-                curvature_per_m: map.curvature_per_m(at),
-                ..first
+        let Some(target) = target else { return false };
+        let s_m = leg.s_at_m(from_m).clamp(0.0, own.span_m);
+        let mut other = self.clone();
+        let keep = self.point_idx(from_m);
+        other.points.truncate(keep.max(1));
+        other.legs.truncate(idx + 1);
+        other.legs[idx].arc_m[1] = from_m;
+        other.legs[idx].s_m[1] = s_m;
+        other.ends = false;
+        other.guide.lanes.clear();
+        let start_m = from_m;
+        // Points of the target lanes first, moved onto the curve afterwards.
+        let mut chain = Path {
+            points: Vec::new(),
+            legs: Vec::new(),
+            ends: false,
+            shift: None,
+            choices: self.choices,
+            n_choices: self.n_choices,
+            guide: Guide {
+                route: self.guide.route.clone(),
+                lanes: VecDeque::new(),
+            },
+        };
+        let way = net.way(target);
+        let from_s_m = s_m.min(way.span_m - 0.1).max(0.0);
+        chain.append(target, way, from_s_m);
+        chain.extend(net, 0.0, length_m + 20.0);
+        if chain.end().arc_m < length_m + 1.0 {
+            return false;
+        }
+        let base = other.points.last().copied();
+        let Some(base) = base else { return false };
+        let mut last = base;
+        let mut hint = from_m;
+        let mut first_bent = other.points.len();
+        for point in &chain.points {
+            let share = (point.arc_m / length_m).clamp(0.0, 1.0);
+            // Quintic: no jump of direction or curvature at the ends.
+            let weight = share * share * share * (10.0 + share * (6.0 * share - 15.0));
+            let mut moved = *point;
+            if weight < 1.0 {
+                let foot = self.project(point.position_m, hint - 5.0, hint + 10.0);
+                hint = foot.arc_m;
+                let own = self.at(foot.arc_m);
+                if foot.offset_m.abs() > 6.0 {
+                    return false;
+                }
+                for axis in 0..2 {
+                    moved.position_m[axis] = own.position_m[axis]
+                        + weight * (point.position_m[axis] - own.position_m[axis]);
+                }
+                moved.height_m = own.height_m + weight * (point.height_m - own.height_m);
+            }
+            let step = distance(last.position_m, moved.position_m);
+            if step < 0.3 {
+                continue;
+            }
+            moved.arc_m = last.arc_m + step;
+            other.points.push(moved);
+            last = moved;
+        }
+        // Legs follow the lengths of the moved points.
+        let stretch = (last.arc_m - base.arc_m) / chain.end().arc_m.max(1e-6);
+        for leg in &chain.legs {
+            other.legs.push(Leg {
+                arc_m: leg.arc_m.map(|arc| start_m + arc * stretch),
+                ..leg.clone()
             });
         }
-        run_up.append(&mut self.points);
-        let mut arc_m = 0.0;
-        for i in 0..run_up.len() {
-            if i > 0 {
-                arc_m += distance(run_up[i - 1].position_m, run_up[i].position_m);
+        first_bent = first_bent.saturating_sub(1);
+        bend(
+            &mut other.points,
+            first_bent,
+            start_m + length_m * stretch + 3.0,
+        );
+        other.ends = chain.ends;
+        other.n_choices = chain.n_choices;
+        other.guide = chain.guide;
+        other.shift = Some(Shift {
+            arc_m: [start_m, start_m + length_m * stretch],
+            side,
+            from: leg.lane,
+            from_s_less_arc_m: s_m - from_m,
+        });
+        *self = other;
+        true
+    }
+
+    /// Goes round something: `offset_m` to the left between two path lengths, over `length_m` on
+    /// either side.
+    pub(crate) fn swerve(&mut self, between_m: [f64; 2], offset_m: f64, length_m: f64) {
+        let range = [between_m[0] - length_m, between_m[1] + length_m];
+        let first = self.point_idx(range[0]);
+        for point in &mut self.points[first..] {
+            if point.arc_m > range[1] {
+                break;
             }
-            run_up[i].arc_m = arc_m;
+            let outside = (between_m[0] - point.arc_m)
+                .max(point.arc_m - between_m[1])
+                .max(0.0);
+            let share = 1.0 - (outside / length_m).min(1.0);
+            let weight = share * share * share * (10.0 + share * (6.0 * share - 15.0));
+            let (sin, cos) = point.heading_rad.sin_cos();
+            point.position_m[0] -= sin * offset_m * weight;
+            point.position_m[1] += cos * offset_m * weight;
         }
-        self.points = run_up;
-        leg.s_m[0] = from_s;
-        leg.arc_m = [0.0, arc_m];
+        bend(&mut self.points, first, range[1] + 2.0);
     }
 
     /// The point at a path length, between its neighbours.
     pub fn at(&self, arc_m: f64) -> PathPoint {
-        let after = self
-            .points
-            .partition_point(|p| p.arc_m <= arc_m)
-            .clamp(1, self.points.len().max(2) - 1);
+        let after = self.point_idx(arc_m).clamp(1, self.points.len().max(2) - 1);
         let (a, b) = (
             self.points[after - 1],
             self.points[after.min(self.points.len() - 1)],
@@ -270,64 +475,107 @@ impl Path {
                 mix(a.position_m[0], b.position_m[0]),
                 mix(a.position_m[1], b.position_m[1]),
             ],
+            height_m: mix(a.height_m, b.height_m),
             heading_rad: a.heading_rad + share * wrap(b.heading_rad - a.heading_rad),
             curvature_per_m: mix(a.curvature_per_m, b.curvature_per_m),
             limit_mps: a.limit_mps,
+            bend_mps: a.bend_mps.min(b.bend_mps),
             arc_m,
         }
     }
 
     /// The nearest place between two path lengths.
     pub fn project(&self, point: [f64; 2], from_m: f64, to_m: f64) -> Foot {
-        let first = self
-            .points
-            .partition_point(|p| p.arc_m < from_m)
-            .saturating_sub(1);
+        let first = self.point_idx(from_m).saturating_sub(1);
         let mut best = (f64::INFINITY, Foot::default());
         for pair in self.points[first..].windows(2) {
             if pair[0].arc_m > to_m {
                 break;
             }
-            let foot = foot_on(&pair[0], &pair[1], point);
-            let d = distance(foot.1, point);
+            let (foot, at) = foot_on(&pair[0], &pair[1], point);
+            let d = distance(at, point);
             if d < best.0 {
-                best = (d, foot.0);
+                best = (d, foot);
             }
         }
         best.1
     }
 
-    /// The first place between `from_m` and `to_m` at which the path comes within reach of a point.
-    /// `reach_m` returns the reach at a path length, on one side.
-    pub fn first_within(
-        &self,
-        point: [f64; 2],
-        from_m: f64,
-        to_m: f64,
-        reach_m: impl Fn(f64, Side) -> f64,
-    ) -> Option<Foot> {
-        let first = self
-            .points
-            .partition_point(|p| p.arc_m < from_m)
-            .saturating_sub(1);
-        for pair in self.points[first..].windows(2) {
-            if pair[0].arc_m > to_m {
+    /// The nearest place to a point, found downhill from the point with index `start`.
+    /// Returns its distance too, metres.
+    pub(crate) fn descend(&self, point: [f64; 2], start: usize) -> (Foot, f64) {
+        let last = self.points.len() - 2;
+        let square = |idx: usize| {
+            let [x, y] = self.points[idx].position_m;
+            (x - point[0]) * (x - point[0]) + (y - point[1]) * (y - point[1])
+        };
+        let mut idx = start.min(last + 1);
+        let mut least = square(idx);
+        loop {
+            let up = if idx <= last {
+                square(idx + 1)
+            } else {
+                f64::INFINITY
+            };
+            let down = if idx > 0 {
+                square(idx - 1)
+            } else {
+                f64::INFINITY
+            };
+            if up < least && up <= down {
+                (idx, least) = (idx + 1, up);
+            } else if down < least {
+                (idx, least) = (idx - 1, down);
+            } else {
                 break;
             }
-            // Cheap test before the exact one.
-            let d = [
-                point[0] - pair[0].position_m[0],
-                point[1] - pair[0].position_m[1],
-            ];
-            if d[0].abs() > FARTHEST_REACH_M || d[1].abs() > FARTHEST_REACH_M {
-                continue;
-            }
-            let (foot, at) = foot_on(&pair[0], &pair[1], point);
-            if foot.arc_m >= from_m && distance(at, point) < reach_m(foot.arc_m, foot.side()) {
-                return Some(foot);
-            }
         }
-        None
+        let before = idx.saturating_sub(1).min(last);
+        let after = idx.min(last);
+        let (a, at_a) = foot_on(&self.points[before], &self.points[before + 1], point);
+        let (b, at_b) = foot_on(&self.points[after], &self.points[after + 1], point);
+        let (to_a, to_b) = (distance(at_a, point), distance(at_b, point));
+        if to_a < to_b { (a, to_a) } else { (b, to_b) }
+    }
+}
+
+/// How badly a turn fits a decision.
+fn misses(option: RoadOption, turn_rad: f64) -> f64 {
+    match option {
+        RoadOption::Left => (TURN_RAD + 0.4 - turn_rad).max(0.0),
+        RoadOption::Right => (turn_rad + TURN_RAD + 0.4).max(0.0),
+        _ => turn_rad.abs(),
+    }
+}
+
+/// Recomputes lengths, directions and curvatures of points that were moved, from index `first` to
+/// the path length `until_m`.
+fn bend(points: &mut [PathPoint], first: usize, until_m: f64) {
+    let n = points.len();
+    let mut last = first;
+    for idx in first.max(1)..n {
+        points[idx].arc_m =
+            points[idx - 1].arc_m + distance(points[idx - 1].position_m, points[idx].position_m);
+        if points[idx].arc_m <= until_m {
+            last = idx;
+        }
+    }
+    let heading = |a: &PathPoint, b: &PathPoint| {
+        (b.position_m[1] - a.position_m[1]).atan2(b.position_m[0] - a.position_m[0])
+    };
+    let headings: Vec<f64> = (first..=last)
+        .map(|idx| {
+            let (a, b) = (idx.saturating_sub(2), (idx + 2).min(n - 1));
+            heading(&points[a], &points[b])
+        })
+        .collect();
+    for (k, idx) in (first..=last).enumerate() {
+        let (a, b) = (k.saturating_sub(2), (k + 2).min(headings.len() - 1));
+        let run = points[first + b].arc_m - points[first + a].arc_m;
+        let curvature = wrap(headings[b] - headings[a]) / run.max(0.5);
+        points[idx].heading_rad = headings[k];
+        points[idx].curvature_per_m = curvature;
+        points[idx].bend_mps = speed::on_bend(curvature);
     }
 }
 
@@ -359,7 +607,8 @@ fn foot_on(a: &PathPoint, b: &PathPoint, point: [f64; 2]) -> (Foot, [f64; 2]) {
 
 /// Distance in the plane.
 pub fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
+    let d = [a[0] - b[0], a[1] - b[1]];
+    (d[0] * d[0] + d[1] * d[1]).sqrt()
 }
 
 /// An angle in (−π, π].

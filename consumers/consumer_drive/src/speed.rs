@@ -71,9 +71,14 @@ pub fn follow(speed_mps: f64, their_mps: f64, gap_m: f64, standing_gap_m: f64) -
     braking.clamp(-MAX_BRAKE_MPS2, COMFORT_ACCEL_MPS2)
 }
 
+/// Sideways acceleration on bends, m/s².
+const BEND_MPS2: f64 = 2.4;
+
 /// Largest speed on a bend, m/s.
 pub fn on_bend(curvature_per_m: f64) -> f64 {
-    (1.9 / curvature_per_m.abs().max(1e-4)).sqrt().max(2.0)
+    (BEND_MPS2 / curvature_per_m.abs().max(1e-4))
+        .sqrt()
+        .max(2.0)
 }
 
 /// The pedals of one vehicle.

@@ -37,6 +37,12 @@ pub struct Mover {
     pub steer_ratio: f64,
     /// Angle of its front wheels, radians.
     pub wheel_steer_rad: f64,
+    /// Lamps that are on, bits as in `VehiclePart::lamps`.
+    pub lamps: u32,
+    /// Speed limit that is posted where it is, m/s; 0 if none is known.
+    pub limit_mps: f64,
+    /// Whether its role is that of an ego vehicle.
+    pub is_hero: bool,
 }
 
 impl Mover {
@@ -47,6 +53,11 @@ impl Mover {
             self.position_m[0] + cos * x_m - sin * y_m,
             self.position_m[1] + sin * x_m + cos * y_m,
         ]
+    }
+
+    /// World position of its origin in the plane.
+    pub fn origin(&self) -> [f64; 2] {
+        [self.position_m[0], self.position_m[1]]
     }
 
     /// World position of the middle of its box.
@@ -65,25 +76,33 @@ impl Mover {
     }
 
     /// Points around its outline, at most about 1.5 m apart.
-    pub fn outline(&self) -> Vec<[f64; 2]> {
+    pub fn outline(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
         let [half_x, half_y] = self.half_m;
+        let [middle_x, middle_y] = self.centre_m;
+        let (sin, cos) = self.yaw_rad.sin_cos();
+        let point = move |x: f64, y: f64| {
+            [
+                self.position_m[0] + cos * x - sin * y,
+                self.position_m[1] + sin * x + cos * y,
+            ]
+        };
         let pieces = (2.0 * half_x / 1.5).ceil().max(1.0) as usize;
-        let mut points = Vec::with_capacity(2 * pieces + 4);
-        for i in 0..=pieces {
-            let x = self.centre_m[0] - half_x + 2.0 * half_x * i as f64 / pieces as f64;
-            points.push(self.point(x, self.centre_m[1] + half_y));
-            points.push(self.point(x, self.centre_m[1] - half_y));
-        }
-        points.push(self.point(self.centre_m[0] - half_x, self.centre_m[1]));
-        points.push(self.point(self.centre_m[0] + half_x, self.centre_m[1]));
-        points
+        let sides = (0..=pieces).flat_map(move |i| {
+            let x = middle_x - half_x + 2.0 * half_x * i as f64 / pieces as f64;
+            [point(x, middle_y + half_y), point(x, middle_y - half_y)]
+        });
+        let ends = [
+            point(middle_x - half_x, middle_y),
+            point(middle_x + half_x, middle_y),
+        ];
+        sides.chain(ends)
     }
 
     /// Where a walker will be in the next moments if it keeps its velocity; empty for vehicles and
     /// for walkers that stand.
     pub fn steps_ahead(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
         let [vx, vy] = self.velocity_mps;
-        let n = if self.is_vehicle || vx.hypot(vy) < STROLLING_MPS {
+        let n = if self.is_vehicle || (vx * vx + vy * vy).sqrt() < STROLLING_MPS {
             0
         } else {
             FORESIGHT_STEPS
@@ -179,14 +198,20 @@ impl Traffic {
     }
 
     /// The vehicle or walker that is less than `room_m` behind `me`.
-    pub(crate) fn behind(&self, me: &Mover, room_m: f64) -> Option<u32> {
+    pub(crate) fn behind(&self, me: &Mover, room_m: f64, grid: &Grid) -> Option<u32> {
         let mut ghost = me.clone();
         ghost.half_m[0] += room_m;
         ghost.centre_m[0] -= room_m;
         let is_behind = |other: &&Mover| {
             other.id != me.id && ghost.overlaps(other, 0.2) && me.ahead_m(other) < 0.0
         };
-        self.movers.iter().find(is_behind).map(|other| other.id)
+        let [x, y] = me.middle();
+        let reach = me.half_m[0] + room_m + 8.0;
+        grid.within([x - reach, y - reach], [x + reach, y + reach])
+            .map(|idx| &self.movers[idx as usize])
+            .filter(is_behind)
+            .map(|other| other.id)
+            .min()
     }
 
     /// A mover by id.
@@ -196,6 +221,69 @@ impl Traffic {
             .ok()
             .map(|idx| &self.movers[idx])
     }
+}
+
+/// Side of a cell of the grid, metres.
+const CELL_M: f64 = 24.0;
+
+/// Where movers are: the cells of a plane, folded into a table whose size goes with their number.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Grid {
+    /// Start of each slot's list in `entries`, and the end of the last.
+    starts: Vec<u32>,
+    /// Cell and mover.
+    entries: Vec<([i32; 2], u32)>,
+}
+
+impl Grid {
+    /// Enters the middle of every mover.
+    pub fn new(movers: &[Mover]) -> Grid {
+        let n_slots = (2 * movers.len()).next_power_of_two().max(16);
+        let cells: Vec<[i32; 2]> = movers.iter().map(|mover| cell(mover.middle())).collect();
+        let mut starts = vec![0u32; n_slots + 1];
+        for at in &cells {
+            starts[slot(*at, n_slots) + 1] += 1;
+        }
+        for idx in 0..n_slots {
+            starts[idx + 1] += starts[idx];
+        }
+        let mut next = starts.clone();
+        let mut entries = vec![([0, 0], 0); movers.len()];
+        for (idx, at) in cells.into_iter().enumerate() {
+            let place = &mut next[slot(at, n_slots)];
+            entries[*place as usize] = (at, idx as u32);
+            *place += 1;
+        }
+        Grid { starts, entries }
+    }
+
+    /// Movers whose middle may lie between two corners, by cell and then by rising id.
+    pub fn within(&self, low_m: [f64; 2], high_m: [f64; 2]) -> impl Iterator<Item = u32> + '_ {
+        let (low, high) = (cell(low_m), cell(high_m));
+        let n_slots = self.starts.len().saturating_sub(1);
+        // No search reaches farther than 1024 cells, 700 m by 700 m.
+        (low[0]..=high[0])
+            .flat_map(move |x| (low[1]..=high[1]).map(move |y| [x, y]))
+            .take(1024)
+            .filter(move |_| n_slots > 0)
+            .flat_map(move |at| {
+                let idx = slot(at, n_slots);
+                let list = self.starts[idx] as usize..self.starts[idx + 1] as usize;
+                self.entries[list]
+                    .iter()
+                    .filter(move |(of, _)| *of == at)
+                    .map(|(_, mover)| *mover)
+            })
+    }
+}
+
+fn cell(point_m: [f64; 2]) -> [i32; 2] {
+    point_m.map(|x| (x / CELL_M).floor() as i32)
+}
+
+fn slot([x, y]: [i32; 2], n_slots: usize) -> usize {
+    let mixed = (x as u32).wrapping_mul(0x9E37_79B1) ^ (y as u32).wrapping_mul(0x85EB_CA77);
+    (mixed ^ mixed >> 15) as usize & (n_slots - 1)
 }
 
 fn mover(record: &ActorRecord, actors: &ActorList) -> Mover {
@@ -227,5 +315,8 @@ fn mover(record: &ActorRecord, actors: &ActorList) -> Mover {
         }),
         steer_ratio: part.map_or(0.0, |p| f64::from(p.steer_ratio)),
         wheel_steer_rad: part.map_or(0.0, |p| f64::from(p.wheel_steer_rad)),
+        lamps: part.map_or(0, |p| p.lamps),
+        limit_mps: part.map_or(0.0, |p| f64::from(p.speed_limit_mps)),
+        is_hero: info.is_some_and(|i| matches!(i.role.as_str(), "hero" | "ego_vehicle")),
     }
 }

@@ -6,7 +6,7 @@ use super::hindrance::{Obstacle, Wait};
 use super::lamps::LAMP_REVERSE;
 use crate::path::{Foot, Path, wrap};
 use crate::steer::Steering;
-use crate::traffic::{Mover, Traffic};
+use crate::traffic::{Grid, Mover, Traffic};
 
 /// A driver that has stood this long without a reason helps itself, seconds.
 const STUCK_SECS: f64 = 6.0;
@@ -68,7 +68,7 @@ impl Rescue {
     }
 
     /// Notices that nothing moves although it should.
-    pub fn watch(&mut self, situation: &Situation, traffic: &Traffic) {
+    pub fn watch(&mut self, situation: &Situation, traffic: &Traffic, grid: &Grid) {
         let Situation {
             me,
             path,
@@ -102,7 +102,7 @@ impl Rescue {
         // The id makes the patience differ, so that two vehicles that block each other do not back
         // off at the same time.
         let patience = 2.0 * STUCK_SECS + f64::from(me.id % 7) + if pushing { 0.0 } else { 6.0 };
-        if self.stuck_secs > patience && traffic.behind(me, 1.5).is_none() {
+        if self.stuck_secs > patience && traffic.behind(me, 1.5, grid).is_none() {
             (self.reverse_left_secs, self.is_yielding) = (REVERSE_SECS, false);
             let side = obstacle.map_or(0.0, |o| o.side);
             (self.avoid_m, self.avoid_until_m) = (-AVOID_M * side, foot.arc_m + 25.0);
@@ -116,13 +116,14 @@ impl Rescue {
         &mut self,
         me: &Mover,
         traffic: &Traffic,
+        grid: &Grid,
         foot: Foot,
         steering: &mut Steering,
     ) -> VehicleControlRecord {
         let dt = traffic.period_secs;
         self.reverse_left_secs -= dt;
         let room_m = if self.is_yielding { 0.6 } else { 1.5 };
-        let clear = traffic.behind(me, room_m).is_none() && me.speed_mps > -REVERSE_MPS;
+        let clear = traffic.behind(me, room_m, grid).is_none() && me.speed_mps > -REVERSE_MPS;
         let aside = if foot.offset_m > 0.0 { 0.4 } else { -0.4 };
         let steer = steering.hold(if self.is_yielding { 0.0 } else { aside }, dt);
         let control = VehicleControl {

@@ -1,0 +1,139 @@
+//! Vehicles that this process does not drive: the lanes they are on, followed from tick to tick.
+
+use std::collections::BTreeMap;
+
+use crate::driver::{Driver, locate};
+use crate::network::Network;
+use crate::path::{distance, wrap};
+use crate::traffic::{Mover, Traffic};
+
+/// Farthest from the middle of its lane before a vehicle's lane is searched anew, metres.
+const OFF_LANE_M: f64 = 1.6;
+/// A vehicle that stands nearer to a junction than this may be waiting there, metres.
+const QUEUE_M: f64 = 40.0;
+
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    lane: u32,
+    s_m: f64,
+    /// Nearest point of the lane.
+    point: usize,
+    to_junction_m: f64,
+    /// Where the lane was searched in vain.
+    lost_at_m: Option<[f64; 2]>,
+}
+
+/// The places of all strangers.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Strangers {
+    places: BTreeMap<u32, Place>,
+}
+
+impl Strangers {
+    /// The lane a vehicle is on and the place there, for this tick.
+    pub fn place(&mut self, net: &mut Network, mover: &Mover) -> Option<(u32, f64)> {
+        let known = self.places.get(&mover.id).copied();
+        let followed = known
+            .filter(|place| place.lost_at_m.is_none())
+            .and_then(|place| follow(net, place, mover));
+        let place = match (followed, known) {
+            (Some(place), _) => place,
+            (None, Some(place))
+                if place
+                    .lost_at_m
+                    .is_some_and(|at| distance(at, mover.origin()) < 1.0) =>
+            {
+                return None;
+            }
+            _ => match locate(net, mover) {
+                Some((lane, s_m)) => found(net, lane, s_m),
+                None => Place {
+                    lane: 0,
+                    s_m: 0.0,
+                    point: 0,
+                    to_junction_m: f64::INFINITY,
+                    lost_at_m: Some(mover.origin()),
+                },
+            },
+        };
+        self.places.insert(mover.id, place);
+        place.lost_at_m.is_none().then_some((place.lane, place.s_m))
+    }
+
+    /// The lane a vehicle was last found on, and the place there.
+    pub fn at(&self, id: u32) -> Option<(u32, f64)> {
+        let place = self.places.get(&id)?;
+        place.lost_at_m.is_none().then_some((place.lane, place.s_m))
+    }
+
+    /// Whether it is near a junction, where standing has a reason.
+    pub fn is_before_junction(&self, id: u32) -> bool {
+        self.places
+            .get(&id)
+            .is_some_and(|place| place.to_junction_m < QUEUE_M)
+    }
+
+    /// Forgets vehicles that are gone or driven here.
+    pub fn forget_absent(&mut self, traffic: &Traffic, drivers: &BTreeMap<u32, Driver>) {
+        self.places
+            .retain(|id, _| traffic.mover(*id).is_some() && !drivers.contains_key(id));
+    }
+}
+
+fn found(net: &mut Network, lane: u32, s_m: f64) -> Place {
+    let way = net.way(lane);
+    let arc_m = way.arc_at(s_m);
+    let leads_in = way.zone.is_none()
+        && way
+            .successors
+            .iter()
+            .any(|next| net.way(*next).zone.is_some());
+    Place {
+        lane,
+        s_m,
+        point: way
+            .points
+            .partition_point(|p| p.arc_m < arc_m)
+            .min(way.points.len() - 1),
+        to_junction_m: if way.zone.is_some() {
+            0.0
+        } else if leads_in {
+            way.length_m() - arc_m
+        } else {
+            f64::INFINITY
+        },
+        lost_at_m: None,
+    }
+}
+
+/// The place on the same lane or on one that follows.
+fn follow(net: &mut Network, place: Place, mover: &Mover) -> Option<Place> {
+    let way = net.way(place.lane);
+    let at = mover.origin();
+    let away = |idx: usize| distance(way.points[idx].position_m, at);
+    let mut idx = place.point.min(way.points.len() - 1);
+    while idx + 1 < way.points.len() && away(idx + 1) < away(idx) {
+        idx += 1;
+    }
+    while idx > 0 && away(idx - 1) < away(idx) {
+        idx -= 1;
+    }
+    let point = &way.points[idx];
+    let (sin, cos) = point.heading_rad.sin_cos();
+    let [dx, dy] = [at[0] - point.position_m[0], at[1] - point.position_m[1]];
+    let (along, aside) = (dx * cos + dy * sin, dy * cos - dx * sin);
+    let fits = aside.abs() < OFF_LANE_M
+        && wrap(point.heading_rad - mover.yaw_rad).abs() < 0.8
+        && (point.position_m[0] - at[0]).abs() < 30.0;
+    let is_on = along.abs() < 1.2 && fits;
+    if !is_on {
+        return None;
+    }
+    // Past the end, or at a place where several lanes begin: search anew.
+    let is_end = idx + 1 == way.points.len() && along > 0.0;
+    if is_end || way.zone.is_some() && idx < 6 {
+        return None;
+    }
+    let s_m = way.s_at(point.arc_m + along).clamp(0.0, way.span_m);
+    Some(found(net, place.lane, s_m))
+}
