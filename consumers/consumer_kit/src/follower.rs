@@ -54,8 +54,9 @@ impl Follower {
         TopicId(self.topics.len() - 1)
     }
 
-    /// Follows every frame topic that exists and is not followed yet, and returns the new ones.
-    /// Call it from time to time to find new sensors.
+    /// Follows every sensor's topic that exists and is not followed yet, and returns the new ones.
+    /// Call it from time to time to find new sensors. The spectator is no sensor: follow it by its
+    /// name.
     ///
     /// # Errors
     /// As [`Bus::topics`].
@@ -63,6 +64,7 @@ impl Follower {
         let mut new = Vec::new();
         for topic in self.bus.topics()? {
             if topic.modality.is_some()
+                && topic.name != schema_bus::names::SPECTATOR_RGB
                 && !self
                     .topics
                     .iter()

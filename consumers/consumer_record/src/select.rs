@@ -1,11 +1,12 @@
 //! Which topics are recorded: patterns that take them in, and patterns that leave them out.
 
+use schema_bus::names;
 use schema_recording::pattern::matches;
 
 /// Patterns of topics with `*` and `?`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Select {
-    /// Topics to take; empty means all.
+    /// Topics to take; empty means all but the spectator's, which is rendered only for its readers.
     pub topics: Vec<String>,
     /// Topics to leave out of those.
     pub exclude: Vec<String>,
@@ -15,7 +16,8 @@ impl Select {
     /// Whether `topic` is taken.
     pub fn takes(&self, topic: &str) -> bool {
         let any = |patterns: &[String]| patterns.iter().any(|pattern| matches(pattern, topic));
-        (self.topics.is_empty() || any(&self.topics)) && !any(&self.exclude)
+        let is_usual = self.topics.is_empty() && topic != names::SPECTATOR_RGB;
+        (is_usual || any(&self.topics)) && !any(&self.exclude)
     }
 
     /// Whether a channel of a recording is taken: by the topic that it belongs to. Channels of the
@@ -49,6 +51,12 @@ mod tests {
         assert!(!select.takes("ego/front/dvs") && !select.takes("ego/rear/rgb"));
         assert!(!select.takes("other/front/rgb"));
         assert!(Select::default().takes("anything"));
+        assert!(!Select::default().takes("spectator/rgb"));
+        let asked = Select {
+            topics: vec!["spectator/*".into()],
+            exclude: vec![],
+        };
+        assert!(asked.takes("spectator/rgb"));
     }
 
     #[test]

@@ -34,7 +34,9 @@ fn main() -> anyhow::Result<()> {
         let questions = [
             Command::Ping,
             Command::Journal { after },
-            Command::ClearDebug,
+            Command::ClearDebug {
+                what: Default::default(),
+            },
             Command::Journal { after },
         ];
         for (idx, question) in questions.into_iter().enumerate() {

@@ -11,6 +11,7 @@ use rerun::blueprint::{
 use rerun::external::re_sdk_types::blueprint::archetypes::{Background, EyeControls3D};
 use rerun::log::LogMsg;
 use rerun::{RecordingStream, RecordingStreamBuilder, Rgba32};
+use schema_bus::names;
 use schema_frames::{Modality, SensorKind};
 
 /// Everything that stands in the world.
@@ -30,12 +31,12 @@ pub const SIM_TIME: &str = "sim_time";
 /// Timeline of ticks.
 pub const TICK: &str = "tick";
 
-/// A topic `rig/sensor/modality` in the tree.
+/// A topic `rig/sensor/modality` in the tree, or the spectator's, whose sensor has no name.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Place {
     /// `ego`.
     pub rig: String,
-    /// `front`.
+    /// `front`; empty for the spectator.
     pub sensor: String,
     /// The last segment.
     pub modality: Modality,
@@ -44,6 +45,13 @@ pub struct Place {
 impl Place {
     /// `None` for a topic that is not a sensor's.
     pub fn new(topic: &str) -> Option<Place> {
+        if topic == names::SPECTATOR_RGB {
+            return Some(Place {
+                rig: names::rig_of(topic).to_owned(),
+                sensor: String::new(),
+                modality: Modality::Rgb,
+            });
+        }
         let mut parts = topic.split('/');
         let (rig, sensor, modality) = (parts.next()?, parts.next()?, parts.next()?);
         if parts.next().is_some() || rig.is_empty() || sensor.is_empty() {
@@ -58,7 +66,15 @@ impl Place {
 
     /// `ego/front/rgb`.
     pub fn topic(&self) -> String {
-        format!("{}/{}/{}", self.rig, self.sensor, self.modality.name())
+        format!("{}/{}", self.camera(), self.modality.name())
+    }
+
+    /// `ego/front`; the spectator's rig alone.
+    pub fn camera(&self) -> String {
+        match self.sensor.as_str() {
+            "" => self.rig.clone(),
+            sensor => format!("{}/{sensor}", self.rig),
+        }
     }
 
     /// `/world/ego`.
@@ -68,7 +84,7 @@ impl Place {
 
     /// `/world/ego/front`.
     pub fn sensor_path(&self) -> String {
-        format!("{WORLD}/{}/{}", self.rig, self.sensor)
+        format!("{WORLD}/{}", self.camera())
     }
 
     /// `/world/ego/front/rgb`.
@@ -158,7 +174,8 @@ pub fn arrange(
     }
     left.push(plots());
     shares.push(1.3);
-    let followed = places.iter().map(Place::rig_path).min();
+    let carried = places.iter().filter(|place| !place.sensor.is_empty());
+    let followed = carried.map(Place::rig_path).min();
     let world = world(places, followed.as_deref());
     let ContainerLike::View(view) = &world else {
         unreachable!("a Spatial3DView is a view")
@@ -266,7 +283,7 @@ fn camera_grids(places: &BTreeSet<Place>) -> Vec<ContainerLike> {
         .filter(|place| place.modality.sensor_kind() == SensorKind::Camera)
     {
         by_camera
-            .entry(format!("{}/{}", place.rig, place.sensor))
+            .entry(place.camera())
             .or_default()
             .push(place);
     }
@@ -358,6 +375,9 @@ mod tests {
         let place = Place::new("ego/front/rgb").unwrap();
         assert_eq!(place.frame_path(), "/world/ego/front/rgb");
         assert_eq!(place.sensor_path(), "/world/ego/front");
+        let spectator = Place::new("spectator/rgb").unwrap();
+        assert_eq!(spectator.frame_path(), "/world/spectator/rgb");
+        assert_eq!(spectator.topic(), "spectator/rgb");
         for other in [
             "world/snapshot",
             "ego/front",

@@ -8,7 +8,7 @@
 //! recording and what it contains), [`layout`] (entities and the window), [`images`] (frames as
 //! pixels and points), `results` (results of
 //! users' programs), [`pace`] (how often a topic is shown), [`viewer`] (the rerun process),
-//! [`mod@convert`] (a recording as a file of rerun).
+//! [`mod@convert`] (a recording as a file of rerun), [`mod@fly`] (the spectator in a window of our own).
 //!
 //! ```
 //! use consumer_view::layout::Place;
@@ -21,6 +21,7 @@
 #![warn(missing_docs)]
 
 pub mod convert;
+pub mod fly;
 pub mod images;
 pub mod layout;
 pub mod pace;

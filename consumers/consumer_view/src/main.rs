@@ -1,11 +1,12 @@
 //! `gantry-view`: shows a domain in rerun: in a window, in the browser, or into a file.
 
-use std::io::Write as _;
+use std::io::{IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use clap::{ArgGroup, Parser};
+use clap::{ArgGroup, Parser, ValueEnum};
 use consumer_view::convert::convert;
+use consumer_view::fly;
 use consumer_view::session::{Options, Shown, Target, show};
 use consumer_view::viewer::{Viewer, ViewerKind, find_rerun};
 use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
@@ -16,8 +17,8 @@ use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
 #[command(
     name = "gantry-view",
     version,
-    group = ArgGroup::new("where").args(["native", "web", "save", "connect", "convert"]),
-    after_help = "Examples:\n  gantry-view --native\n  gantry-view --web --max-hz 5\n  gantry-view --save drive.rrd && rerun drive.rrd\n  gantry-view --convert drive.mcap drive.rrd"
+    group = ArgGroup::new("where").args(["native", "web", "save", "connect", "convert", "fly"]),
+    after_help = "Examples:\n  gantry-view --native\n  gantry-view --fly\n  gantry-view --web --max-hz 5\n  gantry-view --save drive.rrd && rerun drive.rrd\n  gantry-view --convert drive.mcap drive.rrd"
 )]
 struct Args {
     /// Show a window (the rerun viewer, started and ended with this program)
@@ -40,6 +41,15 @@ struct Args {
     #[arg(long, num_args = 2, value_names = ["IN.mcap", "OUT.rrd"])]
     convert: Option<Vec<PathBuf>>,
 
+    /// Fly the spectator in a window of its own, or in this terminal where there is no display:
+    /// W A S D Q E and Shift fly, the mouse looks around, N and P follow actors, T looks from above
+    #[arg(long, value_name = "WHERE", num_args = 0..=1, require_equals = true, default_missing_value = "auto")]
+    fly: Option<FlyOn>,
+
+    /// Show the spectator's image too, which is rendered only while it is shown
+    #[arg(long, conflicts_with_all = ["fly", "convert"])]
+    spectator: bool,
+
     /// Most frames and results per second and topic that are shown; lines and curves up to 200
     #[arg(long, value_name = "HZ", default_value_t = 10.0, value_parser = rate)]
     max_hz: f64,
@@ -50,6 +60,17 @@ struct Args {
 
     #[command(flatten)]
     common: CommonArgs,
+}
+
+/// Where to fly.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum FlyOn {
+    /// A window if there is a display, else this terminal.
+    Auto,
+    /// A window.
+    Window,
+    /// This terminal.
+    Terminal,
 }
 
 fn rate(text: &str) -> Result<f64, String> {
@@ -73,7 +94,14 @@ fn memory(text: &str) -> Result<String, String> {
 
 fn main() -> ExitCode {
     run(|args: Args| {
-        args.common.init_logging();
+        let fly_in_window = args.fly.map(|on| on.is_window());
+        // In a terminal that shows an image, lines of a log would tear it.
+        if fly_in_window != Some(false) || !std::io::stderr().is_terminal() {
+            args.common.init_logging();
+        }
+        if let Some(in_window) = fly_in_window {
+            return start_flying(&args, in_window);
+        }
         match args.convert.as_deref() {
             Some([input, output]) => {
                 print_shown(output, &convert(input, output)?)?;
@@ -115,6 +143,7 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
         bus: Default::default(),
         max_hz: args.max_hz,
         target,
+        spectator: args.spectator,
     };
     let mut stop =
         || shutdown.requested() || viewer.as_mut().is_some_and(|viewer| !viewer.is_running());
@@ -123,6 +152,30 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
         print_shown(file, &shown)?;
     }
     Ok(Exit::Done)
+}
+
+/// Shows and flies the spectator.
+fn start_flying(args: &Args, in_window: bool) -> anyhow::Result<Exit> {
+    let shutdown = Shutdown::install()?;
+    let options = fly::Options {
+        domain: args.common.domain.clone(),
+        bus: Default::default(),
+    };
+    let mut stop = || shutdown.requested();
+    let flown = if in_window {
+        let mut window = fly::window::Window::open().map_err(wrong_usage_of)?;
+        writeln!(std::io::stdout(), "{}", fly::KEYS)?;
+        fly::fly(&options, &mut window, &mut stop)?
+    } else {
+        let mut terminal = fly::terminal::Terminal::open().map_err(wrong_usage_of)?;
+        fly::fly(&options, &mut terminal, &mut stop)?
+    };
+    writeln!(std::io::stdout(), "{} images shown", flown.n_images)?;
+    Ok(Exit::Done)
+}
+
+fn wrong_usage_of(error: anyhow::Error) -> anyhow::Error {
+    wrong_usage(format!("{error:#}"))
 }
 
 /// Says what a file holds.
@@ -143,10 +196,22 @@ fn print_shown(file: &Path, shown: &Shown) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn viewer_kind(args: &Args) -> ViewerKind {
-    let has_display = ["DISPLAY", "WAYLAND_DISPLAY"]
+/// Whether one of these environment variables names a display.
+fn has_display(variables: &[&str]) -> bool {
+    variables
         .iter()
-        .any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()));
+        .any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()))
+}
+
+impl FlyOn {
+    /// Whether in a window. Windows are those of X11, which Wayland's desktops have too.
+    fn is_window(self) -> bool {
+        self == FlyOn::Window || (self == FlyOn::Auto && has_display(&["DISPLAY"]))
+    }
+}
+
+fn viewer_kind(args: &Args) -> ViewerKind {
+    let has_display = has_display(&["DISPLAY", "WAYLAND_DISPLAY"]);
     if args.native || (!args.web && has_display) {
         ViewerKind::Native
     } else {

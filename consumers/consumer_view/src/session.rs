@@ -72,6 +72,8 @@ pub struct Options {
     pub max_hz: f64,
     /// Where to.
     pub target: Target,
+    /// Whether to show the spectator's image too, which is rendered only for its readers.
+    pub spectator: bool,
 }
 
 /// What was shown.
@@ -109,6 +111,7 @@ pub fn show(options: &Options, stop: &mut dyn FnMut() -> bool) -> anyhow::Result
         results: BTreeMap::new(),
         full: BTreeSet::new(),
         max_hz: options.max_hz,
+        spectator: options.spectator,
         world_pace: Pace::new(options.max_hz),
         shown_tick: 0,
         epoch: 0,
@@ -148,6 +151,7 @@ struct Session {
     /// Topics of results without a place for us, which was said.
     full: BTreeSet<String>,
     max_hz: f64,
+    spectator: bool,
     world_pace: Pace,
     shown_tick: u64,
     epoch: u64,
@@ -202,7 +206,8 @@ impl Session {
                 self.discover_result(&found, kind)?;
                 continue;
             }
-            if found.modality.is_none() || Place::new(&found.name).is_none() {
+            let is_unwanted = found.name == names::SPECTATOR_RGB && !self.spectator;
+            if found.modality.is_none() || is_unwanted || Place::new(&found.name).is_none() {
                 continue;
             }
             let fresh = || Topic {

@@ -85,6 +85,7 @@ fn every_topic_is_shown_and_a_restarted_simulator_gets_a_new_recording() {
         domain: "test".into(),
         bus: bus.clone(),
         max_hz: 20.0,
+        spectator: false,
         target: target.clone(),
     };
     let stop = AtomicBool::new(false);

@@ -230,6 +230,7 @@ fn results_of_a_running_program_are_shown_and_garbage_is_counted() {
         domain: "test".into(),
         bus: place.clone(),
         max_hz: 100.0,
+        spectator: false,
         target: Target::Save(folder.join("results.rrd")),
     };
     let bus = Bus::open_with("test", "user", &place).unwrap();

@@ -20,6 +20,8 @@ pub struct Launch {
     pub scenario: Scenario,
     /// `[ego]`: the vehicle that carries the sensors of the rig `ego`.
     pub ego: Ego,
+    /// `[spectator]`: the image `spectator/rgb`, which is rendered only while somebody reads it.
+    pub spectator: Spectator,
     /// `[rig.NAME]`: what sensors are mounted on. [`EGO_RIG`] is always among them.
     pub rigs: BTreeMap<String, Rig>,
     /// `[sensor.NAME]`, each on one or more rigs.
@@ -115,6 +117,45 @@ impl Default for Ego {
         Ego {
             type_id: "vehicle.tesla.model3".into(),
             spawn_point: 0,
+        }
+    }
+}
+
+/// `[spectator]`: the camera that `gantry-view --fly` and CARLA's `get_spectator()` move.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Spectator {
+    /// Width of its image, pixels.
+    pub width_px: u32,
+    /// Height of its image, pixels.
+    pub height_px: u32,
+    /// Horizontal field of view, degrees.
+    pub fov_deg: f64,
+    /// Images per second of simulated time, 0.1 to 1000; at most one per tick.
+    pub rate_hz: f64,
+}
+
+impl Default for Spectator {
+    fn default() -> Self {
+        Spectator {
+            width_px: 1280,
+            height_px: 720,
+            fov_deg: 90.0,
+            rate_hz: 20.0,
+        }
+    }
+}
+
+impl Spectator {
+    /// The camera.
+    pub fn camera(&self) -> sensor_spec::CameraSpec {
+        sensor_spec::CameraSpec {
+            rate_hz: self.rate_hz,
+            width_px: self.width_px,
+            height_px: self.height_px,
+            fov_deg: self.fov_deg,
+            modalities: vec![schema_frames::Modality::Rgb],
+            ..Default::default()
         }
     }
 }

@@ -16,13 +16,15 @@ mod rigs;
 mod scenario;
 mod sections;
 mod sensors;
+mod spectator;
 mod topics;
 
-const TOP: [&str; 10] = [
+const TOP: [&str; 11] = [
     "version",
     "include",
     "scenario",
     "ego",
+    "spectator",
     "rig",
     "sensor",
     "topic",
@@ -115,6 +117,7 @@ fn launch(file: &Table, sources: &[Source], errors: &mut Errors) -> Launch {
     }
     let scenario = scenario::read(file, errors);
     let ego = fill_entry(&Ego::default(), file.get("ego"), "ego", &[], errors);
+    let spectator = spectator::read(file, errors);
     let rigs = rigs::read(file, &scenario, errors);
     let sensors = sensors::read(file, &scenario, &rigs, errors);
     sensors::check_ego(&ego, file, &rigs, &sensors, errors);
@@ -122,6 +125,7 @@ fn launch(file: &Table, sources: &[Source], errors: &mut Errors) -> Launch {
     let mut launch = Launch {
         scenario,
         ego,
+        spectator,
         rigs,
         sensors,
         topics: Default::default(),

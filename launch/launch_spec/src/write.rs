@@ -23,6 +23,7 @@ impl Launch {
         };
         section(&["scenario"], table_of(&self.scenario));
         section(&["ego"], table_of(&self.ego));
+        section(&["spectator"], table_of(&self.spectator));
         for (name, rig) in &self.rigs {
             section(&["rig", name], rig_table(rig));
         }

@@ -14,6 +14,8 @@ pub const WORLD_ACTORS: &str = "world/actors";
 pub const WORLD_CATALOGUE: &str = "world/catalogue";
 /// Document: poses at which vehicles may be spawned on the map.
 pub const WORLD_SPAWN_POINTS: &str = "world/spawn_points";
+/// Topic of the spectator's image, which is rendered only while somebody reads it.
+pub const SPECTATOR_RGB: &str = "spectator/rgb";
 /// Commands: requests and their answers.
 pub const CONTROL_WORLD: &str = "control/world";
 /// Topic of vehicle controls.
@@ -57,10 +59,12 @@ pub fn about(topic: &str) -> String {
     format!("{topic}/{ABOUT}")
 }
 
-/// Whether users' programs may not publish on `topic`: `world/` and `control/` are the
-/// simulator's, and a last segment `about` is a description's.
+/// Whether users' programs may not publish on `topic`: `world/`, `control/` and the spectator are
+/// the simulator's, and a last segment `about` is a description's.
 pub fn is_reserved(topic: &str) -> bool {
-    ["world", "control"].contains(&rig_of(topic)) || topic.rsplit('/').next() == Some(ABOUT)
+    ["world", "control"].contains(&rig_of(topic))
+        || topic == SPECTATOR_RGB
+        || topic.rsplit('/').next() == Some(ABOUT)
 }
 
 /// Whether `topic` is a valid name without a domain.

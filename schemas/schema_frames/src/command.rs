@@ -13,11 +13,14 @@ use crate::control::{VehicleControl, WalkerControl};
 use crate::document::{PoseText, StepMode, Weather};
 use crate::journal::{JournalEntry, JournalHead};
 use crate::physics::{PhysicsAction, PhysicsAnswer};
-use crate::query::{DebugShape, PosedBox, RayHit, RaySegment};
+use crate::query::{DebugKind, DebugShape, PosedBox, RayHit, RaySegment};
 use crate::skeleton::{BoneReading, SkeletonAction};
 
 /// Version of the command codec.
 pub const COMMAND_VERSION: u32 = 1;
+
+/// Most actors that a camera can leave out.
+pub const MAX_HIDDEN: usize = 1000;
 
 /// Least and greatest ratio of `set_speed`.
 pub const SPEED_RATIO: (f64, f64) = (0.01, 100.0);
@@ -260,13 +263,25 @@ pub enum Command {
         #[serde(default)]
         all: bool,
     },
-    /// Draws shapes into colour images.
+    /// Draws shapes into colour images, or into the spectator's alone.
     DrawDebug {
         /// Shapes to add to those that are drawn already.
         shapes: Vec<DebugShape>,
     },
-    /// Removes every debug shape.
-    ClearDebug,
+    /// Removes debug shapes.
+    ClearDebug {
+        /// Which.
+        #[serde(default)]
+        what: DebugKind,
+    },
+    /// Shows a vehicle's telemetry in the spectator's image, or hides it. Of several vehicles the
+    /// one that was asked for last is shown.
+    ShowTelemetry {
+        /// The vehicle.
+        actor_id: u32,
+        /// Whether to show or to hide it.
+        shown: bool,
+    },
     /// Answers with the names of all maps that can be loaded.
     ListMaps,
     /// Stores an OpenDRIVE text, which `load_map` then finds under its name until the daemon ends.
@@ -277,6 +292,13 @@ pub enum Command {
         /// Name of a town, of a file in the map folder or of a stored map, or the path of an
         /// `.xodr` file.
         map: String,
+    },
+    /// Leaves actors out of what a camera shows, in all its images; an empty list shows all again.
+    HideActors {
+        /// The camera.
+        sensor_id: u32,
+        /// The actors, at most [`MAX_HIDDEN`]; unknown ones are kept for when they come.
+        actor_ids: Vec<u32>,
     },
     /// Joins the lockstep gate.
     JoinLockstep {

@@ -56,7 +56,9 @@ impl Command {
             | Command::RestoreCheckpoint { .. }
             | Command::Reset
             | Command::DrawDebug { .. }
-            | Command::ClearDebug
+            | Command::ClearDebug { .. }
+            | Command::ShowTelemetry { .. }
+            | Command::HideActors { .. }
             | Command::StoreMap(_)
             | Command::LoadMap { .. }
             | Command::ShowObjects { .. }

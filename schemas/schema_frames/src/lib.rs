@@ -61,7 +61,7 @@ pub mod layout;
 
 pub use about::{About, BytesSchema, PointField};
 pub use attachment::Attachment;
-pub use command::{Command, CommandBatch, CommandReply, ReplyBatch};
+pub use command::{Command, CommandBatch, CommandReply, MAX_HIDDEN, ReplyBatch};
 pub use control::{AckRecord, VehicleControl, VehicleControlRecord, WalkerControl};
 pub use document::{
     ActorInfo, ActorList, BodyBox, Catalogue, CatalogueEntry, DocumentHeader, SpawnPoints,
@@ -78,7 +78,7 @@ pub use physics::{
     AckermannControl, AckermannGains, GearPhysics, PhysicsAction, PhysicsAnswer, VehiclePhysics,
     VehicleTelemetry, WheelPhysics, WheelTelemetry,
 };
-pub use query::{DebugDraw, DebugShape, PosedBox, RayHit, RaySegment};
+pub use query::{DebugDraw, DebugKind, DebugShape, PosedBox, RayHit, RaySegment};
 pub use radar::RadarDetection;
 pub use result::{InputRecord, RESULT_ATTRIBUTE, ResultError, ResultHeader};
 pub use result_body::Body;

@@ -10,6 +10,8 @@ pub const MAX_RAYS: usize = 100_000;
 pub const MAX_HITS: usize = 1000;
 /// Most debug shapes that are kept; beyond that the oldest are dropped.
 pub const MAX_DEBUG_SHAPES: usize = 50_000;
+/// Longest text of a debug shape, bytes.
+pub const MAX_DEBUG_TEXT_BYTES: usize = 4096;
 
 /// A ray with an end.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,7 +48,8 @@ pub struct PosedBox {
     pub half_m: [f64; 3],
 }
 
-/// A shape that is drawn into colour images; depth, labels and ray casts do not show it.
+/// A shape that is drawn into colour images; depth, labels and ray casts do not show it. Texts, and
+/// shapes with `on_screen`, are drawn into the spectator's image only.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DebugShape {
@@ -57,6 +60,23 @@ pub struct DebugShape {
     /// Simulated time for which it is drawn: 0 is the next tick only, `None` until `clear_debug`.
     #[serde(default)]
     pub life_nanos: Option<u64>,
+    /// Whether it is drawn over the finished image of the spectator alone: nothing hides it, and
+    /// its thickness and the side of its points are pixels.
+    #[serde(default)]
+    pub on_screen: bool,
+}
+
+/// What `clear_debug` removes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DebugKind {
+    /// Shapes and texts.
+    #[default]
+    All,
+    /// Points, lines, arrows and boxes.
+    Shapes,
+    /// Texts.
+    Texts,
 }
 
 /// Kinds of debug shapes; all positions are in the world, all lengths in metres.
@@ -89,6 +109,17 @@ pub enum DebugDraw {
         width_m: f64,
         /// Length of the head.
         head_m: f64,
+    },
+    /// A text whose upper left corner is at a place of the world; line feeds begin new lines.
+    /// Nothing hides it. Only the spectator's image shows it.
+    Text {
+        /// Its place.
+        at_m: [f64; 3],
+        /// The text, at most [`MAX_DEBUG_TEXT_BYTES`]; letters without a glyph are boxes.
+        text: String,
+        /// Whether it has a dark shadow, which keeps it legible before a bright sky.
+        #[serde(default)]
+        shadow: bool,
     },
     /// Twelve edges.
     Box {

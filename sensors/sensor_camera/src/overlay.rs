@@ -61,12 +61,24 @@ impl<'p> Pane<'p> {
             }
             let corner = self.on_image(&at).map(f64::round);
             let shadow = text.shadow.then_some(SHADOW_RGB);
-            self.write(&text.text, corner, (text.color_rgb, shadow), &mut n_left, &mut quads);
+            self.write(
+                &text.text,
+                corner,
+                (text.color_rgb, shadow),
+                &mut n_left,
+                &mut quads,
+            );
         }
         let margin = 4.0 * self.dot_px;
         for (row, line) in overlay.panel.iter().enumerate() {
             let corner = [margin, margin + row as f64 * self.row_px()];
-            self.write(line, corner, (PANEL_RGB, Some(SHADOW_RGB)), &mut n_left, &mut quads);
+            self.write(
+                line,
+                corner,
+                (PANEL_RGB, Some(SHADOW_RGB)),
+                &mut n_left,
+                &mut quads,
+            );
         }
         quads
     }
@@ -206,7 +218,10 @@ mod tests {
             let corners = quads(&overlay)[0].corners_px;
             let expected = [[50.0, 48.0], [50.0, 52.0], [150.0, 52.0], [150.0, 48.0]];
             let far = corners.iter().flatten().zip(expected.iter().flatten());
-            assert!(far.clone().all(|(is, want)| (is - want).abs() < 1e-9), "{corners:?}");
+            assert!(
+                far.clone().all(|(is, want)| (is - want).abs() < 1e-9),
+                "{corners:?}"
+            );
         }
     }
 
@@ -215,9 +230,10 @@ mod tests {
         // The bar "|" of the font fills rows in two columns; what counts is where its dots lie.
         let one = quads(&text("|", [0.0, 0.0, 2.0], false));
         let inside = |quads: &[PixelQuad], [x, y]: [f64; 2]| {
-            quads.iter().flat_map(|quad| quad.corners_px).all(|[px, py]| {
-                (x..=x + 8.0).contains(&px) && (y..=y + 8.0).contains(&py)
-            })
+            quads
+                .iter()
+                .flat_map(|quad| quad.corners_px)
+                .all(|[px, py]| (x..=x + 8.0).contains(&px) && (y..=y + 8.0).contains(&py))
         };
         assert!(!one.is_empty() && inside(&one, [100.0, 50.0]), "{one:?}");
         let two = quads(&text("\n|", [0.0, 0.0, 2.0], false));

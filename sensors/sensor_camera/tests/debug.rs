@@ -10,8 +10,8 @@ use nalgebra::Isometry3;
 use schema_frames::Modality;
 use schema_types::Class;
 use sensor_camera::{CameraRenderer, Quality};
-use sensor_core::mesh::Surface;
 use sensor_camera::{Output, Place, View, ViewJob, ViewSpec};
+use sensor_core::mesh::Surface;
 use sensor_core::scene::{DebugStroke, DebugText, Overlay};
 use sensor_core::{Material, Scene, SceneAssets};
 use sensor_spec::Intrinsics;
@@ -181,17 +181,27 @@ fn the_overlay_is_on_top_of_one_view_and_not_of_its_twin() {
             View::new(&gpu, spec)
         });
         let mut bytes = [0, 1].map(|_| vec![0; 4 * (SIZE_PX[0] * SIZE_PX[1]) as usize]);
-        let jobs = views.iter_mut().zip(&mut bytes).map(|(view, bytes)| ViewJob {
-            view,
-            world_from_sensor: Isometry3::identity(),
-            outputs: vec![Output {
-                modality: Modality::Rgb,
-                place: Place::Memory(bytes),
-            }],
-        });
-        renderer.render(&scene, jobs.collect()).unwrap().wait().unwrap();
+        let jobs = views
+            .iter_mut()
+            .zip(&mut bytes)
+            .map(|(view, bytes)| ViewJob {
+                view,
+                world_from_sensor: Isometry3::identity(),
+                outputs: vec![Output {
+                    modality: Modality::Rgb,
+                    place: Place::Memory(bytes),
+                }],
+            });
+        renderer
+            .render(&scene, jobs.collect())
+            .unwrap()
+            .wait()
+            .unwrap();
         let [plain, overlaid] = bytes.map(|bytes| painted(&bytes));
-        assert!(plain.is_empty(), "{quality:?}: the views must not share one drawing");
+        assert!(
+            plain.is_empty(),
+            "{quality:?}: the views must not share one drawing"
+        );
         // f = 80: 8 m are 64 pixels, four high; the text begins 32 pixels above the middle.
         let (bar, text): (Vec<_>, Vec<_>) = overlaid.iter().partition(|(_, y)| *y > 50);
         assert_eq!(bar.len(), 64 * 4, "{quality:?}");

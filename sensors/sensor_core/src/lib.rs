@@ -27,6 +27,7 @@ pub mod lane_marks;
 pub mod mesh;
 pub mod scene;
 pub mod schedule;
+pub mod stream;
 pub mod vector;
 pub mod vector_lanes;
 

@@ -49,6 +49,9 @@ pub struct SceneAssets {
     pub switched: BTreeMap<ObjectId, LampSetting>,
     /// Objects of the scenery that were left out of it; see [`SceneAssets::without`].
     pub hidden: BTreeSet<ObjectId>,
+    /// Whether the map is so large that sensors get the scenery near them only; see
+    /// [`crate::stream`].
+    pub streamed: bool,
 }
 
 impl SceneAssets {
@@ -164,6 +167,37 @@ pub struct DebugStroke {
     pub color_rgb: [u8; 3],
 }
 
+/// A text at a place of the world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DebugText {
+    /// Where its upper left corner is, world, metres.
+    pub at_m: [f64; 3],
+    /// The text.
+    pub text: String,
+    /// sRGB.
+    pub color_rgb: [u8; 3],
+    /// Whether it has a dark shadow.
+    pub shadow: bool,
+}
+
+/// What is drawn over the finished colour image of the spectator; nothing hides it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Overlay {
+    /// Lines between places of the world; their thickness `width_m` is in pixels here.
+    pub strokes: Vec<DebugStroke>,
+    /// Texts at places of the world.
+    pub texts: Vec<DebugText>,
+    /// Lines of text in the upper left corner.
+    pub panel: Vec<String>,
+}
+
+impl Overlay {
+    /// Whether there is nothing to draw.
+    pub fn is_empty(&self) -> bool {
+        self.strokes.is_empty() && self.texts.is_empty() && self.panel.is_empty()
+    }
+}
+
 /// Everything that sensors see at the end of one tick.
 #[derive(Clone, Debug)]
 pub struct Scene {
@@ -183,4 +217,6 @@ pub struct Scene {
     pub lidar_extinction_per_m: f64,
     /// Lines that are drawn into colour images for debugging.
     pub debug: Vec<DebugStroke>,
+    /// What only the spectator sees.
+    pub overlay: Overlay,
 }

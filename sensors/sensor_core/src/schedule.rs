@@ -103,6 +103,16 @@ impl Schedule {
         })
     }
 
+    /// A firing beside the schedule, which goes on as it would have; it covers no time.
+    pub fn fire_again(&mut self) -> Firing {
+        self.n_fired += 1;
+        Firing {
+            seq: self.n_fired,
+            window_nanos: 0,
+            previous: self.last_fired,
+        }
+    }
+
     /// Moves the due time on by whole intervals, at least one, until it lies ahead of `tick_time`.
     fn advance(&mut self, tick_time: SimTime) {
         if self.interval_nanos == 0 {
@@ -132,6 +142,16 @@ mod tests {
     fn fifty_steps_of_50_ms_at_one_second_fire_three_times() {
         let schedule = Schedule::from_interval_secs(SimTime(0), 1.0);
         assert_eq!(fired(schedule, 50_000_000, 50), [1, 21, 41]);
+    }
+
+    #[test]
+    fn a_firing_beside_the_schedule_counts_and_delays_nothing() {
+        let mut schedule = Schedule::new(SimTime(0), 100);
+        assert_eq!(schedule.due(SimTime(100)).map(|firing| firing.seq), Some(1));
+        let again = schedule.fire_again();
+        assert_eq!((again.seq, again.window_nanos), (2, 0));
+        let next = schedule.due(SimTime(200)).unwrap();
+        assert_eq!((next.seq, next.window_nanos), (3, 100));
     }
 
     #[test]

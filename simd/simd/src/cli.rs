@@ -33,12 +33,12 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub export_map: Option<PathBuf>,
 
-    /// GPU whose name contains this text, e.g. "llvmpipe" or "H200" [default: a real GPU if there
-    /// is one]
-    #[arg(long, value_name = "TEXT")]
+    /// GPU to render with: its number or its UUID as --adapters lists them, or a part of its name,
+    /// e.g. 1 or "llvmpipe" or "H200" [default: a real GPU if there is one]
+    #[arg(long, value_name = "GPU")]
     pub adapter: Option<String>,
 
-    /// List the GPUs that can render and stop
+    /// List the GPUs that can render, with numbers and UUIDs, and stop
     #[arg(long)]
     pub adapters: bool,
 

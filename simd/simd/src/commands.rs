@@ -15,6 +15,7 @@ use schema_frames::{Command, CommandBatch, CommandReply, ReplyBatch};
 use schema_types::{ActorId, Pose};
 
 use crate::daemon::Daemon;
+use crate::spectator;
 use sensors::SensorWish;
 use stepping::Configuration;
 
@@ -211,8 +212,21 @@ fn run(daemon: &mut Daemon, command: &Command) -> anyhow::Result<CommandReply> {
             daemon.debug.draw(shapes)?;
             Ok(CommandReply::Done)
         }
-        Command::ClearDebug => {
-            daemon.debug.clear();
+        Command::ClearDebug { what } => {
+            daemon.debug.clear(*what);
+            Ok(CommandReply::Done)
+        }
+        Command::HideActors {
+            sensor_id,
+            actor_ids,
+        } => sensors::hide(daemon, ActorId(*sensor_id), actor_ids),
+        Command::ShowTelemetry { actor_id, shown } => {
+            let vehicle = ActorId(*actor_id);
+            anyhow::ensure!(
+                !shown || !spectator::telemetry_lines(&mut daemon.world, vehicle).is_empty(),
+                "actor {actor_id} is no vehicle, and only vehicles have telemetry"
+            );
+            daemon.debug.show_telemetry(vehicle, *shown);
             Ok(CommandReply::Done)
         }
         Command::Spawn { .. }

@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use schema_bus::{Bus, Claim, Gate};
+use schema_bus::{Bus, Claim, Gate, mono_now};
 use schema_frames::SnapshotHeader;
 use schema_types::time::TickClock;
 use schema_types::{SimTime, Tick};
@@ -14,7 +14,7 @@ use simd_world::World;
 
 use crate::checkpoints::Checkpoints;
 use crate::clients::Clients;
-use crate::debug_shapes::DebugShapes;
+use crate::debug_shapes::{DebugShapes, Visible};
 use crate::documents::State;
 use crate::episode::Episode;
 use crate::faults::Faults;
@@ -26,6 +26,7 @@ use crate::pace::Pace;
 use crate::player::Player;
 use crate::ports::Ports;
 use crate::settings::Settings;
+use crate::spectator::{self, Still};
 use crate::topic::Audience;
 
 /// All state of the daemon, in the order in which it must be dropped.
@@ -52,6 +53,8 @@ pub struct Daemon {
     /// Whether the next snapshot is the first after going back to a checkpoint.
     pub just_restored: bool,
     pub debug: DebugShapes,
+    /// What the spectator's last image shows.
+    pub still: Still,
     /// What acted on the world so far.
     pub journal: Journal,
     /// The journal that is run again, until it ends.
@@ -88,16 +91,27 @@ impl Daemon {
             weather: *self.world.weather(),
             lidar_extinction_per_m: self.world.lidar_extinction_per_m(),
             debug: Vec::new(),
+            overlay: Default::default(),
         }
+    }
+
+    /// On a large map, brings the scenery near the sensors.
+    fn stream_scenery(&mut self) -> anyhow::Result<()> {
+        let Some(stream) = &mut self.episode.stream else {
+            return Ok(());
+        };
+        stream.follow(&mut self.sensors, &self.world, self.tick.0)?;
+        self.episode.assets = stream.shown().clone();
+        Ok(())
     }
 
     /// Fires the sensors that are due at the current tick.
     pub fn fire_sensors(&mut self) -> anyhow::Result<()> {
+        self.stream_scenery()?;
         let sim_time = self.now();
-        let scene = Scene {
-            debug: self.debug.at(sim_time),
-            ..self.scene()
-        };
+        let visible = self.debug.at(sim_time);
+        let scene = self.scene_with(visible);
+        self.still.note(&self.sensors, &self.world, &self.debug);
         let world = &self.world;
         let edge = self.tick.0.saturating_sub(1);
         let tick = TickView {
@@ -113,6 +127,49 @@ impl Daemon {
             self.journal.note_audience(edge, &topic, is_made);
         }
         Ok(())
+    }
+
+    /// Makes the spectator's image anew while the world stands still, if it is read and shows
+    /// something else than its last one. No other sensor fires.
+    pub fn show_again(&mut self) -> anyhow::Result<()> {
+        let idle_nanos = mono_now().0.saturating_sub(self.pace.last_start_nanos());
+        if self.tick.0 == 0 || idle_nanos < spectator::STILL_NANOS {
+            return Ok(());
+        }
+        self.sensors
+            .settle_topics(&self.bus, self.clock.period_nanos())?;
+        if !self.still.note(&self.sensors, &self.world, &self.debug) {
+            return Ok(());
+        }
+        self.stream_scenery()?;
+        let visible = self.debug.all();
+        let scene = self.scene_with(visible);
+        let (world, sim_time) = (&self.world, self.now());
+        let tick = TickView {
+            scene: &scene,
+            stamp: &self.episode.stamp,
+            collisions: &[],
+            roads: world.roads().map(Arc::as_ref),
+        };
+        self.sensors.fire_spectator(&tick, |actor| {
+            crate::carrier::carrier_of(world, actor, sim_time)
+        })
+    }
+
+    /// The scene of the current tick with what is drawn for debugging.
+    fn scene_with(&mut self, mut visible: Visible) -> Scene {
+        let (sensors, now) = (&self.sensors.sensors, self.now());
+        visible
+            .strokes
+            .extend(spectator::traces(sensors, &self.world, now));
+        if let Some(vehicle) = self.debug.telemetry_of() {
+            visible.overlay.panel = spectator::telemetry_lines(&mut self.world, vehicle);
+        }
+        Scene {
+            debug: visible.strokes,
+            overlay: visible.overlay,
+            ..self.scene()
+        }
     }
 
     /// Publishes the actors' states after the current tick.
@@ -155,6 +212,11 @@ impl Daemon {
         };
         if change.objects {
             self.sensors.load(&self.episode.assets)?;
+            if let Some(stream) = &self.episode.stream
+                && self.sensors.has_rays()
+            {
+                self.sensors.load_rays(&stream.hit(), true);
+            }
         }
         Ok(change.snapshot_flags())
     }

@@ -1,27 +1,50 @@
-//! Debug shapes: kept until their life is over, and passed to the renderer as strokes.
+//! Debug shapes: kept until their life is over, and passed to the renderer as strokes and texts.
 
 use std::collections::VecDeque;
 
 use anyhow::{bail, ensure};
 use nalgebra::{Isometry3, Point3, Vector3};
-use schema_frames::query::MAX_DEBUG_SHAPES;
-use schema_frames::{DebugDraw, DebugShape};
-use schema_types::{Pose, SimTime};
-use sensor_core::scene::DebugStroke;
+use schema_frames::query::{MAX_DEBUG_SHAPES, MAX_DEBUG_TEXT_BYTES};
+use schema_frames::{DebugDraw, DebugKind, DebugShape};
+use schema_types::{ActorId, Pose, SimTime};
+use sensor_core::scene::{DebugStroke, DebugText, Overlay};
 
 /// Thickest stroke, metres.
 const MAX_WIDTH_M: f64 = 100.0;
 
 struct Kept {
-    strokes: Vec<DebugStroke>,
+    drawn: Drawn,
     life_nanos: Option<u64>,
     first_seen: Option<SimTime>,
+}
+
+/// How a shape is drawn.
+enum Drawn {
+    /// Between the surfaces of the world.
+    InWorld(Vec<DebugStroke>),
+    /// On the spectator's screen.
+    OnScreen(Vec<DebugStroke>),
+    /// A text there.
+    Text(DebugText),
+}
+
+/// What is visible at a tick.
+#[derive(Debug, Default)]
+pub struct Visible {
+    /// What every colour image shows.
+    pub strokes: Vec<DebugStroke>,
+    /// What only the spectator's shows.
+    pub overlay: Overlay,
 }
 
 /// The debug shapes that are visible.
 #[derive(Default)]
 pub struct DebugShapes {
     kept: VecDeque<Kept>,
+    /// Vehicle whose telemetry is shown.
+    telemetry_of: Option<ActorId>,
+    /// Count of changes by commands.
+    revision: u64,
 }
 
 impl DebugShapes {
@@ -35,11 +58,12 @@ impl DebugShapes {
         let mut new = Vec::with_capacity(shapes.len());
         for shape in shapes {
             new.push(Kept {
-                strokes: strokes(shape)?,
+                drawn: drawn(shape)?,
                 life_nanos: shape.life_nanos,
                 first_seen: None,
             });
         }
+        self.revision += 1;
         self.kept.extend(new);
         while self.kept.len() > MAX_DEBUG_SHAPES {
             self.kept.pop_front();
@@ -47,24 +71,87 @@ impl DebugShapes {
         Ok(())
     }
 
-    /// Removes all shapes.
-    pub fn clear(&mut self) {
-        self.kept.clear();
+    /// Removes shapes of a kind.
+    pub fn clear(&mut self, what: DebugKind) {
+        self.revision += 1;
+        let is_text = |kept: &Kept| matches!(kept.drawn, Drawn::Text(_));
+        match what {
+            DebugKind::All => self.kept.clear(),
+            DebugKind::Shapes => self.kept.retain(is_text),
+            DebugKind::Texts => self.kept.retain(|kept| !is_text(kept)),
+        }
     }
 
-    /// The strokes that are visible at a tick. A shape's life begins with the first tick that shows
-    /// it.
-    pub fn at(&mut self, now: SimTime) -> Vec<DebugStroke> {
+    /// Shows a vehicle's telemetry in place of another's, or hides it if it is shown.
+    pub fn show_telemetry(&mut self, vehicle: ActorId, shown: bool) {
+        self.revision += 1;
+        if shown {
+            self.telemetry_of = Some(vehicle);
+        } else if self.telemetry_of == Some(vehicle) {
+            self.telemetry_of = None;
+        }
+    }
+
+    /// The vehicle whose telemetry is shown.
+    pub fn telemetry_of(&self) -> Option<ActorId> {
+        self.telemetry_of
+    }
+
+    /// Count of changes by commands.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// What is visible at a tick. A shape's life begins with the first tick that shows it.
+    pub fn at(&mut self, now: SimTime) -> Visible {
         self.kept.retain_mut(|kept| {
             let first = *kept.first_seen.get_or_insert(now);
             kept.life_nanos
                 .is_none_or(|life| now.0.saturating_sub(first.0) < life.max(1))
         });
-        self.kept
-            .iter()
-            .flat_map(|kept| &kept.strokes)
-            .copied()
-            .collect()
+        self.all()
+    }
+
+    /// All shapes, those that no tick has shown yet among them; nobody's life begins with it.
+    pub fn all(&self) -> Visible {
+        let mut visible = Visible::default();
+        for kept in &self.kept {
+            match &kept.drawn {
+                Drawn::InWorld(strokes) => visible.strokes.extend(strokes),
+                Drawn::OnScreen(strokes) => visible.overlay.strokes.extend(strokes),
+                Drawn::Text(text) => visible.overlay.texts.push(text.clone()),
+            }
+        }
+        visible
+    }
+}
+
+fn drawn(shape: &DebugShape) -> anyhow::Result<Drawn> {
+    if let DebugDraw::Text { at_m, text, shadow } = &shape.draw {
+        ensure!(
+            text.len() <= MAX_DEBUG_TEXT_BYTES,
+            "a debug text is {} bytes long, but must be {MAX_DEBUG_TEXT_BYTES} at most",
+            text.len()
+        );
+        return Ok(Drawn::Text(DebugText {
+            at_m: place(*at_m)?.into(),
+            text: text.clone(),
+            color_rgb: shape.color_rgb,
+            shadow: *shadow,
+        }));
+    }
+    let strokes = strokes(shape)?;
+    Ok(match shape.on_screen {
+        true => Drawn::OnScreen(strokes),
+        false => Drawn::InWorld(strokes),
+    })
+}
+
+/// A place that can be drawn at.
+fn place(at: [f64; 3]) -> anyhow::Result<Point3<f64>> {
+    match at.iter().all(|x| x.is_finite() && x.abs() < 1e6) {
+        true => Ok(Point3::from(at)),
+        false => bail!("a debug shape lies at {at:?}, but must be finite and within 1000 km"),
     }
 }
 
@@ -75,10 +162,6 @@ fn strokes(shape: &DebugShape) -> anyhow::Result<Vec<DebugStroke>> {
         to_m: to.coords.into(),
         width_m: width_m as f32,
         color_rgb,
-    };
-    let place = |at: [f64; 3]| match at.iter().all(|x| x.is_finite() && x.abs() < 1e6) {
-        true => Ok(Point3::from(at)),
-        false => bail!("a debug shape lies at {at:?}, but must be finite and within 1000 km"),
     };
     let width = |width_m: f64| match (0.0..=MAX_WIDTH_M).contains(&width_m) {
         true => Ok(width_m),
@@ -117,11 +200,12 @@ fn strokes(shape: &DebugShape) -> anyhow::Result<Vec<DebugStroke>> {
                 .map(|[from, to]| stroke(from, to, width_m))
                 .collect()
         }
+        DebugDraw::Text { .. } => Vec::new(),
     })
 }
 
-/// The outer ends of an arrow head's four strokes: back along the shaft by `head_m`, and aside by
-/// half of it in four directions.
+/// The outer ends of an arrow head's four strokes: back along the shaft by `head_m`, and by as much
+/// aside and up or down, as CARLA has them.
 fn barbs(from: &Point3<f64>, to: &Point3<f64>, head_m: f64) -> Vec<Point3<f64>> {
     let Some(along) = (to - from).try_normalize(1e-9) else {
         return Vec::new();
@@ -133,8 +217,8 @@ fn barbs(from: &Point3<f64>, to: &Point3<f64>, head_m: f64) -> Vec<Point3<f64>> 
     };
     let aside = along.cross(&upright).normalize();
     let up = aside.cross(&along);
-    [aside, -aside, up, -up]
-        .map(|away| to - along * head_m + away * (0.5 * head_m))
+    [aside + up, aside - up, up - aside, -aside - up]
+        .map(|away| to - along * head_m + away * head_m)
         .to_vec()
 }
 
@@ -175,6 +259,7 @@ mod tests {
             draw,
             color_rgb: [255, 0, 0],
             life_nanos,
+            on_screen: false,
         }
     }
 
@@ -185,15 +270,15 @@ mod tests {
             .draw(&[line(Some(0)), line(Some(100)), line(None)])
             .unwrap();
         let seen: Vec<usize> = [1000, 1050, 1100, 1_000_000]
-            .map(|now| shapes.at(SimTime(now)).len())
+            .map(|now| shapes.at(SimTime(now)).strokes.len())
             .into();
         assert_eq!(
             seen,
             [3, 2, 1, 1],
             "0 is one tick, 100 ns are two ticks of 50 ns, none is until cleared"
         );
-        shapes.clear();
-        assert!(shapes.at(SimTime(2_000_000)).is_empty());
+        shapes.clear(DebugKind::All);
+        assert!(shapes.at(SimTime(2_000_000)).strokes.is_empty());
     }
 
     #[test]
@@ -209,9 +294,67 @@ mod tests {
             assert!(
                 barbs
                     .iter()
-                    .all(|barb| ((barb - to).norm() - 0.5f64.hypot(0.25)).abs() < 1e-9)
+                    .all(|barb| ((barb - to).norm() - 0.5 * 3f64.sqrt()).abs() < 1e-9)
             );
         }
+    }
+
+    #[test]
+    fn texts_and_shapes_on_the_screen_are_for_the_spectator_and_are_cleared_by_kind() {
+        let text = DebugShape {
+            draw: DebugDraw::Text {
+                at_m: [1.0, 2.0, 3.0],
+                text: "hello".into(),
+                shadow: true,
+            },
+            ..line(None)
+        };
+        let on_screen = DebugShape {
+            on_screen: true,
+            ..line(None)
+        };
+        let counts = |shapes: &mut DebugShapes| {
+            let seen = shapes.at(SimTime(1));
+            let overlay = seen.overlay;
+            [
+                seen.strokes.len(),
+                overlay.strokes.len(),
+                overlay.texts.len(),
+            ]
+        };
+        for (what, left) in [
+            (DebugKind::Texts, [1, 1, 0]),
+            (DebugKind::Shapes, [0, 0, 1]),
+            (DebugKind::All, [0, 0, 0]),
+        ] {
+            let mut shapes = DebugShapes::default();
+            shapes
+                .draw(&[line(None), on_screen.clone(), text.clone()])
+                .unwrap();
+            assert_eq!(counts(&mut shapes), [1, 1, 1]);
+            shapes.clear(what);
+            assert_eq!(counts(&mut shapes), left, "{what:?}");
+        }
+        let long = DebugShape {
+            draw: DebugDraw::Text {
+                at_m: [0.0; 3],
+                text: "x".repeat(MAX_DEBUG_TEXT_BYTES + 1),
+                shadow: false,
+            },
+            ..line(None)
+        };
+        assert!(DebugShapes::default().draw(&[long]).is_err());
+    }
+
+    #[test]
+    fn telemetry_is_that_of_the_vehicle_asked_for_last_until_it_is_hidden() {
+        let mut shapes = DebugShapes::default();
+        shapes.show_telemetry(ActorId(5), true);
+        shapes.show_telemetry(ActorId(6), true);
+        shapes.show_telemetry(ActorId(5), false);
+        assert_eq!(shapes.telemetry_of(), Some(ActorId(6)));
+        shapes.show_telemetry(ActorId(6), false);
+        assert_eq!(shapes.telemetry_of(), None);
     }
 
     #[test]
@@ -225,9 +368,9 @@ mod tests {
             ..line(None)
         };
         assert!(shapes.draw(&[line(None), odd]).is_err());
-        assert!(shapes.at(SimTime(1)).is_empty(), "all or none");
+        assert!(shapes.at(SimTime(1)).strokes.is_empty(), "all or none");
         shapes.draw(&vec![line(None); MAX_DEBUG_SHAPES]).unwrap();
         shapes.draw(&vec![line(Some(5)); 10]).unwrap();
-        assert_eq!(shapes.at(SimTime(1)).len(), MAX_DEBUG_SHAPES);
+        assert_eq!(shapes.at(SimTime(1)).strokes.len(), MAX_DEBUG_SHAPES);
     }
 }

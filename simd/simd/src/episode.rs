@@ -11,11 +11,13 @@ use schema_roads::DEFAULT_GEO_REFERENCE;
 use schema_types::{ActorId, Pose, SimTime};
 use sensor_core::gnss::GeoReference;
 use sensor_core::scene::SceneAssets;
+use sensor_core::stream::Tiles;
 use sensor_spec::SensorSpec;
 use simd_world::{EgoSpawn, Scenario, SceneryRevisions, World};
 
 use crate::frames::Stamp;
 use crate::maps::LoadedMap;
+use crate::scenery_stream::SceneryStream;
 
 /// The episode that runs.
 pub struct Episode {
@@ -23,6 +25,8 @@ pub struct Episode {
     pub assets: Arc<SceneAssets>,
     /// The map's complete static scenery; `assets` is the part that is currently visible.
     whole: Arc<SceneAssets>,
+    /// On a large map, what of the visible scenery is there.
+    pub stream: Option<SceneryStream>,
     /// Revisions of the scenery that `assets` shows.
     shown: SceneryRevisions,
     /// What is the same in all headers.
@@ -73,6 +77,10 @@ impl Episode {
         let mut assets = self.whole.without(world.hidden_objects());
         assets.switched = world.switched_lamps();
         self.assets = Arc::new(assets);
+        if let Some(stream) = &mut self.stream {
+            stream.set_visible(self.assets.clone());
+            self.assets = stream.shown().clone();
+        }
         self.shown = now;
         Some(SceneryChange {
             objects: now.objects != before.objects,
@@ -131,10 +139,16 @@ pub fn begin(
             longitude_deg,
         },
     };
+    let tiles = Tiles::of(&mut assets);
     let whole = Arc::new(assets);
+    let stream = tiles.map(|tiles| SceneryStream::new(tiles, whole.clone()));
     Ok(Episode {
-        assets: whole.clone(),
+        assets: stream
+            .as_ref()
+            .map_or(&whole, SceneryStream::shown)
+            .clone(),
         whole,
+        stream,
         shown: world.scenery_revisions(),
         stamp,
         start: id.start,

@@ -20,7 +20,7 @@ use sensor_ray::RayScene;
 
 use crate::carrier::Carrier;
 use crate::rig::Waking;
-use crate::sensor::{Model, Sensor};
+use crate::sensor::{Model, Role, Sensor};
 use crate::topic::{Audience, FrameCounts, FrameOptions, Topic};
 use in_flight::InFlight;
 use rays::Rays;
@@ -138,12 +138,28 @@ impl Sensors {
 
     /// Takes over other static scenery.
     pub fn load(&mut self, assets: &Arc<SceneAssets>) -> anyhow::Result<()> {
-        self.finish_all()?;
-        self.renderer.load(assets);
+        self.load_views(assets)?;
         let casts_rays = self.sensors.iter().any(|sensor| sensor.model.casts_rays());
-        self.rays.load(assets, casts_rays);
+        self.load_rays(assets, casts_rays && !assets.streamed);
         self.painted = None;
         Ok(())
+    }
+
+    /// Takes over other static scenery for cameras.
+    pub fn load_views(&mut self, assets: &Arc<SceneAssets>) -> anyhow::Result<()> {
+        self.finish_all()?;
+        self.renderer.load(assets);
+        Ok(())
+    }
+
+    /// Takes over other static scenery for rays; `is_needed` says whether any are cast.
+    pub fn load_rays(&mut self, assets: &Arc<SceneAssets>, is_needed: bool) {
+        self.rays.load(assets, is_needed);
+    }
+
+    /// Whether the scenery is there for rays.
+    pub fn has_rays(&self) -> bool {
+        self.rays.is_loaded()
     }
 
     /// A tick begins, so frames in flight become one tick late.
@@ -188,6 +204,32 @@ impl Sensors {
         Ok(())
     }
 
+    /// Fires the spectator alone, once more in a tick that is over.
+    pub fn fire_spectator(
+        &mut self,
+        tick: &TickView<'_>,
+        carrier: impl Fn(ActorId) -> Option<Carrier>,
+    ) -> anyhow::Result<()> {
+        let is_spectator = |sensor: &Sensor| sensor.role == Role::Spectator;
+        let Some(sensor_idx) = self.sensors.iter().position(is_spectator) else {
+            return Ok(());
+        };
+        let sensor = &mut self.sensors[sensor_idx];
+        let Some(carrier) = carrier(sensor.actor) else {
+            return Ok(());
+        };
+        let due = Due {
+            sensor_idx,
+            firing: sensor.schedule.fire_again(),
+            carrier,
+        };
+        let (renderer, audience) = (&mut self.renderer, self.options.audience);
+        if let Some(views) = views::submit(&mut self.sensors, renderer, tick, &[due], audience)? {
+            self.in_flight.push(views);
+        }
+        self.finish_all()
+    }
+
     /// Shows every model its carrier, and lists the sensors that fire in this tick, in their order.
     fn due(&mut self, scene: &Scene, carrier: impl Fn(ActorId) -> Option<Carrier>) -> Vec<Due> {
         let mut due = Vec::with_capacity(self.sensors.len());
@@ -215,7 +257,7 @@ impl Sensors {
             if !sensor.model.is_motion() {
                 continue;
             }
-            let shot = Shot::new(tick, due, sensor.stream, self.options.audience);
+            let shot = Shot::new(tick, due, sensor, self.options.audience);
             if cpu::motion(&shot, sensor) {
                 waking.add(&sensor.rig);
             }
@@ -233,7 +275,7 @@ impl Sensors {
         let mut rays = self.rays.of_tick(tick.scene);
         for due in due {
             let sensor = &mut self.sensors[due.sensor_idx];
-            let shot = Shot::new(tick, due, sensor.stream, self.options.audience);
+            let shot = Shot::new(tick, due, sensor, self.options.audience);
             let is_sent = match &sensor.model {
                 Model::View(_) => continue,
                 model if model.is_motion() => continue,
@@ -263,7 +305,7 @@ impl Sensors {
 
     /// Adds a sensor made at run time.
     pub fn add(&mut self, sensor: Sensor, assets: &SceneAssets) {
-        if sensor.model.casts_rays() {
+        if sensor.model.casts_rays() && !assets.streamed {
             self.rays.require(assets);
         }
         let at = self

@@ -4,7 +4,7 @@
 //! The modules in reading order: `cli` and `settings` say what is asked, `setup` brings it up as a
 //! `daemon`, and the `tick_loop` turns, serving `commands` between ticks. A daemon has an `episode`
 //! on one of its `maps`; its `frames` come from `sensor`s, each with a `carrier`, a `rig` and
-//! `topic`s.
+//! `topic`s, one of which is the `spectator`.
 
 mod carrier;
 mod checkpoints;
@@ -24,9 +24,11 @@ mod pace;
 mod player;
 mod ports;
 mod rig;
+mod scenery_stream;
 mod sensor;
 mod settings;
 mod setup;
+mod spectator;
 mod tick_loop;
 mod topic;
 
@@ -79,7 +81,7 @@ fn list_adapters(json: bool) -> anyhow::Result<Exit> {
         if json {
             println!(
                 "{}",
-                serde_json::json!({ "name": adapter.name, "software": adapter.is_software, "driver": adapter.driver, "import": adapter.can_import })
+                serde_json::json!({ "index": adapter.index, "uuid": adapter.uuid, "name": adapter.name, "software": adapter.is_software, "driver": adapter.driver, "import": adapter.can_import })
             );
         } else {
             let import = if adapter.can_import {
@@ -87,7 +89,10 @@ fn list_adapters(json: bool) -> anyhow::Result<Exit> {
             } else {
                 "needs one copy per frame"
             };
-            println!("{} ({}): {import}", adapter.name, adapter.driver);
+            println!(
+                "{} {} {} ({}): {import}",
+                adapter.index, adapter.uuid, adapter.name, adapter.driver
+            );
         }
     }
     Ok(if adapters.is_empty() {

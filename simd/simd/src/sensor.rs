@@ -3,21 +3,22 @@
 //! Because it is an actor, its pose in the snapshot and its pose in its frames are one value.
 
 mod model;
+mod stream;
 
 use std::rc::Rc;
 
 use launch_spec::Launch;
 use schema_bus::Bus;
 use schema_frames::document::TopicInfo;
-use schema_types::{ActorId, SimTime};
+use schema_types::{ActorId, SimTime, Tick};
 use sensor_core::schedule::Schedule;
 use sensor_gpu::Gpu;
 use sensor_spec::SensorSpec;
 
-use crate::hash::BytesHash;
 use crate::rig::Rig;
-use crate::topic::{FrameOptions, MemoryLife, Topic, TopicSpec};
+use crate::topic::{Audience, FrameOptions, MemoryLife, Topic, TopicSpec};
 pub use model::Model;
+pub use stream::NoiseStream;
 
 /// One sensor.
 pub struct Sensor {
@@ -28,7 +29,7 @@ pub struct Sensor {
     /// Its rig.
     pub rig: Rc<Rig>,
     /// The rig's entry in the launch file. `None` if a command made the sensor, which then ends
-    /// with its episode.
+    /// with its episode, and for the spectator.
     pub launch_rig: Option<launch_spec::Rig>,
     /// What was asked for.
     pub spec: SensorSpec,
@@ -40,11 +41,25 @@ pub struct Sensor {
     pub model: Model,
     /// Stream of its noise. It does not depend on which other sensors exist, so that they do not
     /// change this sensor's bytes.
-    pub stream: u64,
+    pub stream: NoiseStream,
+    /// The last tick before the sensor was made, from which the ticks of its noise count.
+    pub made_at: Tick,
     /// Frames of an event-like sensor so far, read or not.
     pub n_event_frames: u64,
     /// Whether it was added to an old run.
     pub is_added: bool,
+    /// What it is to the run.
+    pub role: Role,
+}
+
+/// What a sensor is to the run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// It measures.
+    Sensor,
+    /// It is what people look at: made only for readers, left out of hashes, with texts in its
+    /// image, and its actor is the world's own.
+    Spectator,
 }
 
 /// Identity of a sensor, before it has a schedule and topics.
@@ -53,14 +68,16 @@ pub struct SensorIdentity {
     pub rig: Rc<Rig>,
     /// See [`Sensor::launch_rig`].
     pub launch_rig: Option<launch_spec::Rig>,
-    /// Name on the rig.
+    /// Name on the rig; empty if the rig is all that its topics are named after.
     pub name: String,
     /// Its actor.
     pub actor: ActorId,
     /// See [`Sensor::stream`].
-    pub stream: u64,
+    pub stream: NoiseStream,
     /// See [`Sensor::is_added`].
     pub is_added: bool,
+    /// See [`Sensor::role`].
+    pub role: Role,
 }
 
 /// What opening a sensor needs besides the sensor.
@@ -77,6 +94,8 @@ pub struct OpenContext<'a> {
     pub launch: &'a Launch,
     /// Seed of the run.
     pub seed: u64,
+    /// The last tick that was begun.
+    pub tick: Tick,
     /// Length of a tick.
     pub period_nanos: u64,
     /// Whether a journal that is run again tells which topics have frames, where that matters.
@@ -98,17 +117,19 @@ impl Sensor {
             actor,
             stream,
             is_added,
+            role,
         } = identity;
         let mut topics = Vec::new();
         let tick_secs = context.period_nanos as f64 * 1e-9;
         for modality in spec.modalities() {
-            let topic_name = format!("{}/{name}/{}", rig.name, modality.name());
+            let of_sensor = if name.is_empty() { "" } else { "/" };
+            let topic_name = format!("{}{of_sensor}{name}/{}", rig.name, modality.name());
             let topic = TopicSpec {
                 limits: context.launch.limits_of(&topic_name),
                 name: topic_name,
                 modality,
                 max_payload_bytes: spec.max_payload_bytes(modality, tick_secs),
-                remembers: spec.remembers(modality),
+                remembers: role == Role::Sensor && spec.remembers(modality),
                 is_told: context.is_told && !is_added,
             };
             topics.push(Topic::open(
@@ -119,8 +140,9 @@ impl Sensor {
                 context.memory,
             )?);
         }
-        let sensor_id = (stream ^ (stream >> 32)) as u32;
-        let model = Model::new(context.gpu, &spec, context.seed, sensor_id);
+        let sensor_id = (stream.number() ^ (stream.number() >> 32)) as u32;
+        let shows_overlay = role == Role::Spectator;
+        let model = Model::new(context.gpu, &spec, context.seed, sensor_id, shows_overlay);
         Ok(Sensor {
             actor,
             name,
@@ -131,9 +153,16 @@ impl Sensor {
             topics,
             model,
             stream,
+            made_at: context.tick,
             n_event_frames: 0,
             is_added,
+            role,
         })
+    }
+
+    /// Whether it ends with the episode: a command made it.
+    pub fn is_of_episode(&self) -> bool {
+        self.launch_rig.is_none() && self.role == Role::Sensor
     }
 
     /// Its topics, for `world/actors`.
@@ -141,9 +170,22 @@ impl Sensor {
         self.topics.iter().map(Topic::info).collect()
     }
 
+    /// Whether its frames are made for readers alone, if those of sensors are made for `audience`.
+    pub fn audience(&self, audience: Audience) -> Audience {
+        match self.role {
+            Role::Sensor => audience,
+            Role::Spectator => Audience::Readers,
+        }
+    }
+
     /// Starts over in a new episode: schedule and model as if just made, on a new actor.
-    pub fn begin_episode(&mut self, actor: ActorId, made_at: SimTime, period_nanos: u64) {
-        self.actor = actor;
+    pub fn begin_episode(
+        &mut self,
+        actor: ActorId,
+        (tick, made_at): (Tick, SimTime),
+        period_nanos: u64,
+    ) {
+        (self.actor, self.made_at) = (actor, tick);
         self.schedule = schedule_of(&self.spec, made_at, period_nanos);
         self.n_event_frames = 0;
         self.forget();
@@ -179,12 +221,4 @@ pub fn schedule_of(spec: &SensorSpec, made_at: SimTime, period_nanos: u64) -> Sc
         Some(rate_hz) => Schedule::from_rate(made_at, rate_hz, period_nanos),
         None => Schedule::new(made_at, 0),
     }
-}
-
-/// Stream of noise of a sensor that is told apart by `parts`.
-pub fn noise_stream(parts: &[&[u8]]) -> u64 {
-    parts
-        .iter()
-        .fold(BytesHash::new(), |hash, part| hash.chunk(part))
-        .finish()
 }

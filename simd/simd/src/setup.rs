@@ -22,8 +22,11 @@ use crate::maps::Maps;
 use crate::pace::Pace;
 use crate::player::{Act, Player};
 use crate::ports::Ports;
-use crate::sensor::{OpenContext, Sensor, SensorIdentity, noise_stream, schedule_of, shared_rig};
+use crate::sensor::{
+    NoiseStream, OpenContext, Role, Sensor, SensorIdentity, schedule_of, shared_rig,
+};
 use crate::settings::Settings;
+use crate::spectator;
 use crate::topic::{MemoryLife, Transfer, limited};
 
 /// Brings everything up. Fails before anything is published if the domain is taken or memory is
@@ -87,16 +90,19 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         memory: MemoryLife::Lasting,
         launch,
         seed: launch.scenario.seed,
+        tick: Tick(0),
         period_nanos,
         is_told: player.is_some(),
     };
-    let sensors = open_sensors(
+    let mut sensors = open_sensors(
         &context,
         &mut world,
         &episode.scenario,
         launch,
         &settings.added_sensors,
     )?;
+    // It has the least actor id, and sensors are in the order of theirs.
+    sensors.insert(0, spectator::open(&context, &mut world, launch)?);
     let mut sensors = Sensors::new(gpu, renderer, sensors, frames);
     sensors.load(&episode.assets)?;
     let head = journal::head(&journal::Surroundings {
@@ -126,6 +132,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         checkpoints: Checkpoints::new(&settings.data_folder),
         just_restored: false,
         debug: DebugShapes::default(),
+        still: Default::default(),
         journal,
         player,
         settings,
@@ -206,8 +213,9 @@ fn open_sensors(
             launch_rig: Some(*launch_rig),
             name: placed.name.to_owned(),
             actor,
-            stream: noise_stream(&[placed.rig.as_bytes(), placed.name.as_bytes()]),
+            stream: NoiseStream::named(placed.rig, placed.name),
             is_added,
+            role: Role::Sensor,
         };
         let schedule = schedule_of(placed.spec, SimTime(0), context.period_nanos);
         let sensor = Sensor::open(context, identity, placed.spec.clone(), schedule)?;

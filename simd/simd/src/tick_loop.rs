@@ -61,6 +61,7 @@ fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Nex
         daemon.sensors.finish_all()?;
         daemon.ports.wake.wait(LOOK_AROUND)?;
         commands::serve(daemon)?;
+        daemon.show_again()?;
         look_after_participants(daemon);
         look_after_clients(daemon);
         return Ok(Next::Look);

@@ -101,7 +101,12 @@ fn drawn_shapes_are_seen_in_colour_and_nowhere_else() {
     }
     assert!(magenta(&after[0]) > 100);
     assert_eq!(
-        ask(&mut client, Command::ClearDebug),
+        ask(
+            &mut client,
+            Command::ClearDebug {
+                what: Default::default()
+            }
+        ),
         schema_frames::CommandReply::Done
     );
     assert_eq!(magenta(&tick(&mut client)[0]), 0);

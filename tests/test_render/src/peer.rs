@@ -55,6 +55,7 @@ pub fn scene(path: &std::path::Path) -> Result<Arc<Scene>, String> {
         weather: Weather::default(),
         lidar_extinction_per_m: 0.0,
         debug: Vec::new(),
+        overlay: Default::default(),
     }))
 }
 

@@ -144,6 +144,7 @@ impl Stage {
             weather,
             lidar_extinction_per_m: 0.0,
             debug: Vec::new(),
+            overlay: Default::default(),
         }
     }
 

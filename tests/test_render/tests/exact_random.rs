@@ -122,6 +122,7 @@ fn scene(assets: &Arc<SceneAssets>, tick: u64, dynamics: Vec<DynamicInstance>) -
         weather: Weather::default(),
         lidar_extinction_per_m: 0.0,
         debug: Vec::new(),
+        overlay: Default::default(),
     }
 }
 

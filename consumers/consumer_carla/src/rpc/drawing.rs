@@ -1,7 +1,8 @@
 //! Debug drawing: shapes in the world appear in colour images; texts and shapes on the server's own
-//! screen do not.
+//! screen in the spectator's alone.
 
-use schema_frames::{Command, DebugDraw, DebugShape, PosedBox};
+use schema_frames::query::MAX_DEBUG_TEXT_BYTES;
+use schema_frames::{Command, DebugDraw, DebugKind, DebugShape, PosedBox};
 
 use crate::gateway::Gateway;
 use crate::rpc::call::{Call, Calls};
@@ -12,43 +13,53 @@ use crate::wire::requests::{Answer, Outcome};
 pub(crate) const CALLS: Calls = &[
     ("draw_debug_shape", draw_debug_shape),
     ("clear_debug_shape", |gateway, _| {
-        gateway.commander.tell(Command::ClearDebug);
-        Ok(Answer::Void)
+        clear(gateway, DebugKind::Shapes)
     }),
-    // Texts are never drawn, so there is nothing to clear.
-    ("clear_debug_string", |_, _| Ok(Answer::Void)),
+    ("clear_debug_string", |gateway, _| {
+        clear(gateway, DebugKind::Texts)
+    }),
 ];
+
+fn clear(gateway: &Gateway, what: DebugKind) -> Outcome {
+    gateway.commander.tell(Command::ClearDebug { what });
+    Ok(Answer::Void)
+}
 
 /// Thicker strokes are drawn this thick, metres.
 const MAX_WIDTH_M: f64 = 100.0;
 /// A longer life than this counts as for ever, seconds.
 const MAX_LIFE_SECS: f64 = 1e9;
 
-/// Reads what to draw; `None` for texts and shapes on the server's screen.
-fn read_primitive(fields: &mut Fields<'_>) -> Result<Option<DebugDraw>, Wrong> {
+/// Reads what to draw, and whether on the server's screen.
+fn read_primitive(fields: &mut Fields<'_>) -> Result<(DebugDraw, bool), Wrong> {
     let mut variant = fields.fields("a primitive")?;
     let (kind, mut given) = (variant.u8()?, variant.fields("a primitive's fields")?);
+    // Points, lines, arrows and boxes on the screen are numbered behind the text.
+    let (like, on_screen) = match kind {
+        5..=8 => (kind - 5, true),
+        _ => (kind, false),
+    };
     let width = |given: &mut Fields<'_>| given.f64().map(|metres| metres.clamp(0.0, MAX_WIDTH_M));
     let place = |given: &mut Fields<'_>| given.vector().map(axes::mirror);
-    Ok(match kind {
-        0 => Some(DebugDraw::Point {
+    let draw = match like {
+        0 => DebugDraw::Point {
             at_m: place(&mut given)?,
             size_m: width(&mut given)?,
-        }),
-        1 => Some(DebugDraw::Line {
+        },
+        1 => DebugDraw::Line {
             from_m: place(&mut given)?,
             to_m: place(&mut given)?,
             width_m: width(&mut given)?,
-        }),
+        },
         2 => {
             let mut line = given.fields("an arrow's line")?;
             let (from_m, to_m, width_m) = (place(&mut line)?, place(&mut line)?, width(&mut line)?);
-            Some(DebugDraw::Arrow {
+            DebugDraw::Arrow {
                 from_m,
                 to_m,
                 width_m,
                 head_m: width(&mut given)?,
-            })
+            }
         }
         3 => {
             let mut boxed = given.fields("a bounding box")?;
@@ -62,41 +73,51 @@ fn read_primitive(fields: &mut Fields<'_>) -> Result<Option<DebugDraw>, Wrong> {
             })
             .into();
             let half_m = half_m.map(f64::abs);
-            Some(DebugDraw::Box {
+            DebugDraw::Box {
                 edges_of: PosedBox { pose, half_m },
                 width_m: width(&mut given)?,
-            })
+            }
         }
-        4..=8 => None,
+        4 => {
+            let (at_m, mut text) = (place(&mut given)?, given.text()?.to_owned());
+            text.truncate(text.floor_char_boundary(MAX_DEBUG_TEXT_BYTES));
+            DebugDraw::Text {
+                at_m,
+                text,
+                shadow: given.bool()?,
+            }
+        }
         _ => {
             return Err(Wrong::Value(format!(
                 "a primitive is of kind {kind}, but must be 0 to 8"
             )));
         }
-    })
+    };
+    Ok((draw, on_screen))
 }
 
 fn draw_debug_shape(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let mut shape = call.fields("a debug shape")?;
-    let draw = read_primitive(&mut shape)?;
+    let (draw, on_screen) = read_primitive(&mut shape)?;
     let mut color = shape.fields("a colour")?;
     let color_rgb = [color.u8()?, color.u8()?, color.u8()?];
     let (life_secs, persistent) = (shape.f64()?, shape.bool()?);
+    // What is on the screen lives for one image without a life of its own, `persistent` or not.
+    let is_flat = on_screen || matches!(draw, DebugDraw::Text { .. });
     let life_nanos = match life_secs {
         secs if secs > MAX_LIFE_SECS => None,
         secs if secs > 0.0 => Some((secs * 1e9) as u64),
-        _ if persistent => None,
+        _ if persistent && !is_flat => None,
         _ => Some(0),
     };
-    if let Some(draw) = draw {
-        gateway.commander.tell(Command::DrawDebug {
-            shapes: vec![DebugShape {
-                draw,
-                color_rgb,
-                life_nanos,
-            }],
-        });
-    }
+    gateway.commander.tell(Command::DrawDebug {
+        shapes: vec![DebugShape {
+            draw,
+            color_rgb,
+            life_nanos,
+            on_screen,
+        }],
+    });
     Ok(Answer::Void)
 }
 
@@ -106,35 +127,38 @@ mod tests {
     use crate::list;
     use crate::wire::msgpack::Value;
 
-    fn read(primitive: Value) -> Result<Option<DebugDraw>, Wrong> {
+    fn read(primitive: Value) -> Result<(DebugDraw, bool), Wrong> {
         read_primitive(&mut Fields::new("test", &[primitive]))
     }
 
     #[test]
-    fn shapes_are_mirrored_and_texts_are_nothing() {
+    fn shapes_and_texts_are_mirrored_and_those_of_the_screen_are_told_apart() {
         let at = || list![1.0f32, 2.0f32, 3.0f32];
         let line = read(list![
             1u32,
             list![at(), list![4.0f32, 5.0f32, 6.0f32], 0.5f32]
         ])
         .unwrap();
-        assert_eq!(
-            line,
-            Some(DebugDraw::Line {
-                from_m: [1.0, -2.0, 3.0],
-                to_m: [4.0, -5.0, 6.0],
-                width_m: 0.5
-            })
-        );
+        let expected = DebugDraw::Line {
+            from_m: [1.0, -2.0, 3.0],
+            to_m: [4.0, -5.0, 6.0],
+            width_m: 0.5,
+        };
+        assert_eq!(line, (expected.clone(), false));
+        let on_screen = read(list![
+            6u32,
+            list![at(), list![4.0f32, 5.0f32, 6.0f32], 0.5f32]
+        ]);
+        assert_eq!(on_screen.unwrap(), (expected, true));
         let arrow = read(list![2u32, list![list![at(), at(), 0.1f32], 0.3f32]]).unwrap();
-        assert!(matches!(arrow, Some(DebugDraw::Arrow { .. })), "{arrow:?}");
+        assert!(matches!(arrow.0, DebugDraw::Arrow { .. }), "{arrow:?}");
         let turned = list![0.0f32, 90.0f32, 0.0f32];
         let boxed = read(list![
             3u32,
             list![list![at(), at(), turned.clone(), 0u32], turned, 0.1f32]
         ])
         .unwrap();
-        let Some(DebugDraw::Box { edges_of, .. }) = boxed else {
+        let (DebugDraw::Box { edges_of, .. }, false) = boxed else {
             panic!("{boxed:?}")
         };
         assert_eq!(
@@ -146,7 +170,18 @@ mod tests {
             "90° clockwise: {:?}",
             edges_of.pose
         );
-        assert_eq!(read(list![4u32, list![at(), "text", false]]).unwrap(), None);
+        let text = read(list![4u32, list![at(), "text", true]]).unwrap();
+        let expected = DebugDraw::Text {
+            at_m: [1.0, -2.0, 3.0],
+            text: "text".into(),
+            shadow: true,
+        };
+        assert_eq!(text, (expected, false));
+        let long = read(list![4u32, list![at(), "é".repeat(4000).as_str(), true]]).unwrap();
+        let DebugDraw::Text { text, .. } = long.0 else {
+            panic!("{long:?}")
+        };
+        assert_eq!(text.len(), MAX_DEBUG_TEXT_BYTES, "cut between letters");
         assert!(
             read(list![9u32, list![at()]])
                 .unwrap_err()

@@ -30,8 +30,12 @@ pub(crate) const CALLS: Calls = &[
     }),
     ("get_telemetry_data", telemetry_data),
     ("show_vehicle_debug_telemetry", |gateway, call| {
-        gateway.no_effect(call.method);
-        call.known_actor(gateway).map(|_| Answer::Void)
+        let actor_id = call.known_actor(gateway)?;
+        let shown = call.bool()?;
+        gateway
+            .commander
+            .tell(Command::ShowTelemetry { actor_id, shown });
+        Ok(Answer::Void)
     }),
     ("set_actor_target_angular_velocity", |gateway, call| {
         tell_physics(gateway, call, vehicle_physics::angular_velocity)
@@ -154,11 +158,14 @@ pub(crate) const BATCH: Commands = &[
     (15, |actor, fields| {
         batched(actor, vehicle_physics::gravity(fields)?)
     }),
-    (17, |actor, _| {
-        Ok(Item::Nothing {
+    (17, |actor, fields| {
+        Ok(Item::ask(
             actor,
-            what: Some("ShowDebugTelemetry"),
-        })
+            Command::ShowTelemetry {
+                actor_id: actor,
+                shown: fields.bool()?,
+            },
+        ))
     }),
 ];
 
@@ -179,8 +186,12 @@ fn tell_physics(
     read: impl FnOnce(&mut Fields<'_>) -> Result<PhysicsAction, Wrong>,
 ) -> Outcome {
     let actor_id = call.known_actor(gateway)?;
-    let action = read(call)?;
+    let mut action = read(call)?;
     let is_set = matches!(action, PhysicsAction::SetVehiclePhysics { .. });
+    if is_set {
+        let n_wheels = gateway.world.known().n_wheels(actor_id);
+        vehicle_physics::fit_wheels(&mut action, n_wheels);
+    }
     gateway
         .commander
         .tell(Command::Physics { actor_id, action });
@@ -296,7 +307,11 @@ fn wheel_angle(
     let (id, idx) = (call.known_actor(gateway)?, call.u8()?);
     let telemetry = telemetry(gateway, id)?;
     let n_wheels = telemetry.wheels.len();
-    let wheel = telemetry.wheels.get(usize::from(idx));
+    let wheel = match (n_wheels, idx) {
+        // `Back_Wheel` of a two-wheeler is 1, and its pair of rear wheels are 2 and 3.
+        (2, 1..=3) => telemetry.wheels.get(1),
+        _ => telemetry.wheels.get(usize::from(idx)),
+    };
     let wheel = wheel.ok_or_else(|| {
         Failure::Refused(format!("wheel is {idx}, but must be 0 to {}", n_wheels - 1))
     })?;

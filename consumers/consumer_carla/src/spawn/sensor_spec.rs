@@ -100,9 +100,7 @@ fn camera(kind: &Kind, given: &Attributes<'_>) -> Value {
         "height_px": given.int("image_size_y", 600),
         "fov_deg": given.float("fov", 90.0),
     });
-    if kind.type_id == "sensor.camera.rgb"
-        && let Some(optics) = optics(given)
-    {
+    if let Some(optics) = optics(given, kind.type_id == "sensor.camera.rgb") {
         keys["optics"] = optics;
     }
     if kind.type_id == "sensor.camera.dvs" {
@@ -162,6 +160,7 @@ fn obstacle(given: &Attributes<'_>) -> Value {
         "distance_m": given.float("distance", 5.0),
         "hit_radius_m": given.float("hit_radius", 0.5),
         "only_dynamics": given.bool("only_dynamics", false),
+        "debug_linetrace": given.bool("debug_linetrace", false),
     })
 }
 

@@ -168,6 +168,8 @@ fn view_command(mode: &ViewMode) -> Option<Vec<String>> {
         ViewMode::Auto => vec![],
         ViewMode::Native => vec!["--native".into()],
         ViewMode::Web => vec!["--web".into()],
+        // A process of a launch has no terminal of its own.
+        ViewMode::Fly => vec!["--fly=window".into()],
         ViewMode::Save(file) => vec!["--save".into(), file.display().to_string()],
     };
     Some(
@@ -215,6 +217,11 @@ mod tests {
             view.stop.grace,
             Period::from_millis(9_000),
             "what the file says of its view holds"
+        );
+        let fly = launch(&["--view", "fly"]);
+        assert_eq!(
+            fly.process("view").unwrap().cmd,
+            ["gantry-view", "--fly=window"]
         );
         assert!(launch(&["--view", "none"]).process("view").is_none());
         assert!(launch(&[]).process("view").is_some());

@@ -44,7 +44,9 @@ fn glyph(letter: char) -> [u8; 8] {
         (0x3040, &HIRAGANA_LEGACY),
     ];
     let place = |(first, glyphs): &(u32, &[[u8; 8]])| {
-        glyphs.get(u32::from(letter).checked_sub(*first)? as usize).copied()
+        glyphs
+            .get(u32::from(letter).checked_sub(*first)? as usize)
+            .copied()
     };
     pages.iter().find_map(place).unwrap_or(UNKNOWN)
 }

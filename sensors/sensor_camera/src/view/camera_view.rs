@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use nalgebra::Isometry3;
 use schema_frames::Modality;
+use schema_types::ActorId;
 use sensor_gpu::{Gpu, Place};
 use sensor_spec::{DvsSpec, Intrinsics, OpticsSpec};
 
@@ -47,6 +48,8 @@ pub struct View {
     pub(crate) spec: ViewSpec,
     /// The pinhole camera that is drawn: that of `spec`, or with margins if the lens bends.
     pub(crate) drawn: Intrinsics,
+    /// Actors that it does not show, by rising id.
+    pub(crate) hidden: Vec<ActorId>,
     /// Bent images: those of this firing and of the one before.
     pub(crate) bent: [Arc<Targets>; 2],
     /// Targets for compute shaders, shared with views of equal size.
@@ -84,6 +87,7 @@ impl View {
         View {
             spec,
             drawn,
+            hidden: Vec::new(),
             bent: Default::default(),
             turns: None,
             targets: Default::default(),
@@ -94,6 +98,13 @@ impl View {
             meter: None,
             meter_begins: false,
         }
+    }
+
+    /// Leaves these actors out of all images from now on, and no others. Their shadows stay.
+    pub fn hide(&mut self, actors: impl Iterator<Item = ActorId>) {
+        self.hidden = actors.collect();
+        self.hidden.sort_unstable();
+        self.hidden.dedup();
     }
 
     /// Its lens.

@@ -29,6 +29,7 @@ fn shares_drawing(
         && first.view.spec.optics.distortion() == job.view.spec.optics.distortion()
         && first.view.spec.shows_overlay == job.view.spec.shows_overlay
         && first.world_from_sensor == job.world_from_sensor
+        && first.view.hidden == job.view.hidden
         && match (&first.view.previous, &job.view.previous) {
             (None, None) => true,
             (Some(a), Some(b)) => {

@@ -1,9 +1,11 @@
 //! Another map while the daemon runs.
 
-use schema_frames::{CommandReply, JournalFile};
+use schema_frames::{CommandReply, DebugKind, JournalFile};
 
 use crate::daemon::Daemon;
 use crate::episode::{self, EpisodeId};
+use crate::sensor::Role;
+use crate::spectator;
 
 /// Begins a new episode on another map or the same one. The launch file's actors are made anew and
 /// its topics stay; sensors that commands made end.
@@ -28,8 +30,18 @@ pub fn load(daemon: &mut Daemon, map: &str) -> anyhow::Result<CommandReply> {
     daemon.episode = episode::begin(&mut daemon.world, launch, &loaded, id)?;
     daemon
         .sensors
-        .remove(|sensor| sensor.launch_rig.is_none(), is_owed)?;
+        .remove(|sensor| sensor.is_of_episode(), is_owed)?;
     for sensor in &mut daemon.sensors.sensors {
+        if sensor.role == Role::Spectator {
+            let period_nanos = daemon.clock.period_nanos();
+            spectator::begin_episode(
+                sensor,
+                &mut daemon.world,
+                (daemon.tick, sim_time),
+                period_nanos,
+            )?;
+            continue;
+        }
         let rig = sensor
             .launch_rig
             .as_ref()
@@ -43,10 +55,10 @@ pub fn load(daemon: &mut Daemon, map: &str) -> anyhow::Result<CommandReply> {
             sensor.is_added,
         )?;
         daemon.world.set_topics(actor, sensor.topic_infos())?;
-        sensor.begin_episode(actor, sim_time, daemon.clock.period_nanos());
+        sensor.begin_episode(actor, (daemon.tick, sim_time), daemon.clock.period_nanos());
     }
     daemon.sensors.load(&daemon.episode.assets)?;
-    daemon.debug.clear();
+    daemon.debug.clear(DebugKind::All);
     daemon.mark_start();
     daemon.ports.documents.touch_info();
     tracing::info!(map, episode = daemon.episode.stamp.episode, "map loaded");

@@ -26,6 +26,14 @@ pub fn cast(
     for ray in rays {
         aimed.push(aim(ray)?);
     }
+    if let Some(stream) = &mut daemon.episode.stream {
+        let asked: Vec<_> = aimed
+            .iter()
+            .flatten()
+            .map(|ray| (ray.from_m, ray.direction, ray.length_m))
+            .collect();
+        stream.ask(&mut daemon.sensors, &asked, daemon.tick.0);
+    }
     let scene = daemon.scene();
     let world = daemon.sensors.rays(&scene);
     let rays = aimed

@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Context as _, bail, ensure};
-use schema_frames::{Attachment, CommandReply};
+use schema_frames::{Attachment, CommandReply, MAX_HIDDEN};
 use schema_types::{ActorId, Pose};
 use sensor_core::schedule::Schedule;
 use sensor_spec::SensorSpec;
 
 use crate::daemon::Daemon;
-use crate::sensor::{OpenContext, Sensor, SensorIdentity, noise_stream, shared_rig};
+use crate::sensor::{Model, NoiseStream, OpenContext, Role, Sensor, SensorIdentity, shared_rig};
 use crate::topic::MemoryLife;
 
 /// Most sensors at a time. Each needs several files and services.
@@ -72,6 +72,32 @@ pub fn destroy(daemon: &mut Daemon, actor: ActorId) -> anyhow::Result<CommandRep
     Ok(CommandReply::Done)
 }
 
+/// Leaves actors out of a camera's images.
+pub fn hide(daemon: &mut Daemon, camera: ActorId, actors: &[u32]) -> anyhow::Result<CommandReply> {
+    ensure!(
+        actors.len() <= MAX_HIDDEN,
+        "{} actors are to be left out, at most {MAX_HIDDEN} can be",
+        actors.len()
+    );
+    let found = daemon
+        .sensors
+        .sensors
+        .iter_mut()
+        .filter(|sensor| sensor.actor == camera);
+    let mut n_found = 0;
+    for sensor in found {
+        if let Model::View(view) = &mut sensor.model {
+            view.hide(actors.iter().map(|id| ActorId(*id)));
+            n_found += 1;
+        }
+    }
+    ensure!(
+        n_found > 0,
+        "actor {camera} is no camera; only cameras leave actors out"
+    );
+    Ok(CommandReply::Done)
+}
+
 fn open(
     daemon: &mut Daemon,
     wish: &SensorWish<'_>,
@@ -82,13 +108,7 @@ fn open(
         .parent
         .map_or("free".to_owned(), |parent| format!("actor_{parent}"));
     let rig = shared_rig(&daemon.sensors.sensors, &daemon.bus, &name)?;
-    let pose = daemon
-        .world
-        .record(actor)
-        .map(|record| record.world_from_actor)
-        .unwrap_or_default();
-    let keys = serde_json::to_vec(&spec).context("the sensor's specification cannot be written")?;
-    let stream = noise_stream(&[&keys, bytemuck::bytes_of(&pose)]);
+    let stream = stream_of(daemon, wish, &spec)?;
     let identity = SensorIdentity {
         rig,
         launch_rig: None,
@@ -96,6 +116,7 @@ fn open(
         actor,
         stream,
         is_added: false,
+        role: Role::Sensor,
     };
     let context = OpenContext {
         bus: &daemon.bus,
@@ -104,6 +125,7 @@ fn open(
         memory: MemoryLife::OnDemand,
         launch: &daemon.settings.launch,
         seed: daemon.episode.stamp.seed,
+        tick: daemon.tick,
         period_nanos: daemon.clock.period_nanos(),
         is_told: daemon.player.is_some(),
     };
@@ -117,6 +139,28 @@ fn open(
         .collect();
     daemon.sensors.add(sensor, &daemon.episode.assets);
     Ok(topics)
+}
+
+/// The stream of noise of a sensor: from its specification, its mount, its role and its carrier's
+/// type and role.
+fn stream_of(
+    daemon: &Daemon,
+    wish: &SensorWish<'_>,
+    spec: &SensorSpec,
+) -> anyhow::Result<NoiseStream> {
+    let keys = serde_json::to_vec(spec).context("the sensor's specification cannot be written")?;
+    let role = wish.attributes.get("role_name").map_or("", String::as_str);
+    let mut parts: Vec<&[u8]> = vec![
+        wish.type_id.as_bytes(),
+        &keys,
+        bytemuck::bytes_of(&wish.pose),
+        role.as_bytes(),
+    ];
+    if let Some((type_id, role)) = wish.parent.and_then(|it| daemon.world.type_and_role(it)) {
+        parts.extend([type_id.as_bytes(), role.as_bytes()]);
+    }
+    let living = daemon.sensors.sensors.iter().map(|other| &other.stream);
+    Ok(NoiseStream::made(&parts, wish.parent, living))
 }
 
 /// Reads the specification like a launch file's. Rate and mount are not part of it, because the

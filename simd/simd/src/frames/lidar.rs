@@ -52,7 +52,7 @@ pub(super) fn submit(
         if !matches!(sensor.model, Model::Lidar { .. }) {
             continue;
         }
-        let shot = Shot::new(tick, due, sensor.stream, audience);
+        let shot = Shot::new(tick, due, sensor, audience);
         let Some(Aimed { loan, header, path }) = aim(&shot, sensor) else {
             continue;
         };

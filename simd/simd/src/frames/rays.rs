@@ -36,9 +36,21 @@ impl Rays {
     /// Building takes the better part of a second. It happens here, and not in the tick in which
     /// the first reader comes. Hiding objects takes less.
     pub fn load(&mut self, assets: &Arc<SceneAssets>, is_needed: bool) {
-        if !self.scene.as_mut().is_some_and(|scene| scene.hide(assets)) {
+        let takes_over = |scene: &mut RayScene| {
+            if assets.streamed {
+                scene.stream(assets)
+            } else {
+                scene.hide(assets)
+            }
+        };
+        if !self.scene.as_mut().is_some_and(takes_over) {
             self.scene = is_needed.then(|| self.build(assets));
         }
+    }
+
+    /// Whether any scenery is loaded.
+    pub fn is_loaded(&self) -> bool {
+        self.scene.is_some()
     }
 
     /// Loads the scenery if nothing is loaded yet.
@@ -50,7 +62,9 @@ impl Rays {
 
     /// The scene at its tick, loaded if nothing is loaded yet.
     pub fn at(&mut self, scene: &Scene) -> &RayScene {
-        self.require(&scene.assets);
+        if !scene.assets.streamed {
+            self.require(&scene.assets);
+        }
         let rays = self.scene.as_mut().expect("just loaded");
         rays.update(&scene.dynamics);
         rays

@@ -58,12 +58,13 @@ pub(super) struct Shot<'a> {
 }
 
 impl<'a> Shot<'a> {
-    pub fn new(tick: &TickView<'a>, due: &'a Due, noise_stream: u64, audience: Audience) -> Self {
+    pub fn new(tick: &TickView<'a>, due: &'a Due, sensor: &Sensor, audience: Audience) -> Self {
+        let n_ticks = tick.scene.tick.0 - sensor.made_at.0;
         Shot {
             tick: *tick,
             due,
             world_from_sensor: due.carrier.world_from_sensor.isometry(),
-            noise: Noise::new(tick.stamp.seed, noise_stream, tick.scene.tick.0),
+            noise: Noise::new(tick.stamp.seed, sensor.stream.number(), n_ticks),
             audience,
         }
     }

@@ -48,10 +48,11 @@ pub(super) fn submit(
         let Some(due) = due.next_if(|due| due.sensor_idx == sensor_idx) else {
             continue;
         };
+        let audience = sensor.audience(audience);
+        let shot = Shot::new(tick, due, sensor, audience);
         let Model::View(view) = &mut sensor.model else {
             continue;
         };
-        let shot = Shot::new(tick, due, sensor.stream, audience);
         let mut outputs = Vec::new();
         for (topic_idx, topic) in sensor.topics.iter_mut().enumerate() {
             let Some(loan) = topic.loan_if_read(audience) else {
@@ -112,6 +113,7 @@ pub(super) fn finish(
     let mut waking = Waking::default();
     for frame in pending.frames {
         let sensor = &mut sensors[frame.sensor_idx];
+        let audience = sensor.audience(audience);
         let topic = &mut sensor.topics[frame.topic_idx];
         let result = &results[frame.view_idx].outputs[frame.output_idx];
         let mut header = frame.header;

@@ -43,7 +43,13 @@ pub enum Model {
 
 impl Model {
     /// The model of a sensor that has seen nothing yet.
-    pub fn new(gpu: &Gpu, spec: &SensorSpec, seed: u64, sensor_id: u32) -> Model {
+    pub fn new(
+        gpu: &Gpu,
+        spec: &SensorSpec,
+        seed: u64,
+        sensor_id: u32,
+        shows_overlay: bool,
+    ) -> Model {
         match spec {
             SensorSpec::Camera(camera) => Model::View(Box::new(View::new(
                 gpu,
@@ -53,6 +59,7 @@ impl Model {
                     optics: camera.optics.clone(),
                     seed,
                     sensor_id,
+                    shows_overlay,
                 },
             ))),
             SensorSpec::Lidar(lidar) => Model::Lidar {

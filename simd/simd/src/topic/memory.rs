@@ -42,6 +42,8 @@ pub enum MemoryLife {
     Lasting,
     /// From its first reader until [`LINGER_NANOS`] after its last.
     OnDemand,
+    /// As [`MemoryLife::OnDemand`], but whether there is room is only asked when somebody reads.
+    WhileRoom,
 }
 
 /// What memory a topic needs.
@@ -99,7 +101,9 @@ impl TopicMemory {
         let (modality, max_payload_bytes) = (plan.modality, plan.max_payload_bytes);
         let usual = match plan.life {
             MemoryLife::Lasting => FrameTopic::new(modality, max_payload_bytes),
-            MemoryLife::OnDemand => FrameTopic::of_run_time_sensor(modality, max_payload_bytes),
+            MemoryLife::OnDemand | MemoryLife::WhileRoom => {
+                FrameTopic::of_run_time_sensor(modality, max_payload_bytes)
+            }
         };
         let spec = FrameTopic {
             frames_in_flight: plan.frames_in_flight as usize,
@@ -108,7 +112,9 @@ impl TopicMemory {
         let service = bus
             .frame_service(name, spec)
             .with_context(|| format!("cannot publish {name:?}"))?;
-        check_room(name, &service, 0)?;
+        if plan.life != MemoryLife::WhileRoom {
+            check_room(name, &service, 0)?;
+        }
         let mut memory = TopicMemory {
             outlet: Outlet::Closed,
             spec,
@@ -120,7 +126,7 @@ impl TopicMemory {
             outgrown: false,
         };
         memory.outlet = match plan.life {
-            MemoryLife::OnDemand => Outlet::Idle(service),
+            MemoryLife::OnDemand | MemoryLife::WhileRoom => Outlet::Idle(service),
             MemoryLife::Lasting => memory.open_outlet(service, gpu)?,
         };
         Ok(memory)
@@ -189,7 +195,10 @@ impl TopicMemory {
             return self.grow(bus, gpu, name);
         }
         self.outlet = match std::mem::replace(&mut self.outlet, Outlet::Closed) {
-            Outlet::Idle(service) => self.open_outlet(service, gpu)?,
+            Outlet::Idle(service) => {
+                check_room(name, &service, 0)?;
+                self.open_outlet(service, gpu)?
+            }
             open @ Outlet::Open { .. } => {
                 open.close(gpu);
                 Outlet::Idle(bus.frame_service(name, self.spec)?)

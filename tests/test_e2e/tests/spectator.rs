@@ -1,0 +1,421 @@
+//! The spectator: rendered only for readers, moved by commands, alone in showing texts, and flown
+//! in a terminal.
+
+use std::fs::File;
+use std::io::{Read as _, Write as _};
+use std::process::{Command as Program, Stdio};
+use std::sync::{Arc, Mutex};
+
+use nix::pty::{Winsize, openpty};
+use nix::sys::termios::tcgetattr;
+use schema_bus::names::SPECTATOR_RGB;
+use schema_bus::{CommandClient, Frame, FrameReader};
+use schema_frames::{
+    ActorKind, Command, CommandReply, DebugDraw, DebugKind, DebugShape, FrameHeader, PoseText,
+};
+use schema_types::Pose;
+use test_e2e::carla::{run_script, start_gateway};
+use test_e2e::{ask, join_bus, reader, start_daemon, step};
+use test_kit::sandbox::binary_path;
+use test_kit::{Sandbox, Setup, Simulator, eventually};
+
+/// A spectator and a camera of equal lens in the middle of a town that stands still.
+const LAUNCH: &str = r#"version = 1
+[scenario]
+map = "Town02"
+seed = 7
+mode = "stepped"
+[spectator]
+width_px = 96
+height_px = 64
+[rig.post]
+pose = { position_m = [0.0, 0.0, 300.0], rpy_deg = [0.0, 30.0, 90.0] }
+[sensor.view]
+rig = "post"
+kind = "camera"
+modalities = ["rgb"]
+rate_hz = 20
+width_px = 96
+height_px = 64
+"#;
+
+const MAGENTA: [u8; 4] = [255, 0, 255, 255];
+
+fn painted(frame: &[u8]) -> usize {
+    frame.chunks(4).filter(|pixel| *pixel == MAGENTA).count()
+}
+
+fn shape(draw: DebugDraw, on_screen: bool) -> DebugShape {
+    DebugShape {
+        draw,
+        color_rgb: [255, 0, 255],
+        life_nanos: None,
+        on_screen,
+    }
+}
+
+fn set_pose(actor_id: u32, pose: impl Into<PoseText>) -> Command {
+    Command::SetPose {
+        actor_id,
+        pose: pose.into(),
+    }
+}
+
+/// The spectator's id and pose in the newest snapshot.
+fn spectator(simulator: &mut Simulator) -> (u32, Pose) {
+    let snapshot = simulator.snapshot();
+    let is_it = |record: &&schema_frames::ActorRecord| record.kind() == Some(ActorKind::Spectator);
+    let record = snapshot.records().iter().find(is_it).unwrap();
+    (record.id, record.world_from_actor)
+}
+
+fn counter(simulator: &mut Simulator, name: &str) -> u64 {
+    match simulator.ask(Command::Counters) {
+        CommandReply::Counters { counters } => counters[name],
+        other => panic!("{other:?}"),
+    }
+}
+
+/// The next frame that waits or comes.
+fn next(reader: &mut FrameReader) -> Frame {
+    eventually("a frame of the spectator", || reader.next().unwrap())
+}
+
+#[test]
+fn it_is_rendered_for_readers_only_where_it_was_put() {
+    let mut simulator = Simulator::start(Setup::text(LAUNCH));
+    let (id, _) = spectator(&mut simulator);
+    simulator.step(5);
+    assert_eq!(counter(&mut simulator, &format!("sent {SPECTATOR_RGB}")), 0);
+    assert_eq!(counter(&mut simulator, "gpu_submissions"), 0);
+    let mut images = simulator.frames(SPECTATOR_RGB);
+    let tick = simulator.step(1);
+    let first = simulator.frame_of(&mut images, tick);
+    let (_, pose) = spectator(&mut simulator);
+    assert_eq!(first.header().world_from_sensor, pose);
+    assert_eq!(first.header().sensor_id, id);
+    assert_eq!([first.header().width, first.header().height], [96, 64]);
+    let before = first.to_vec();
+    drop(first);
+    let down = Pose {
+        rotation_xyzw: [0.0, 0.5f64.sqrt(), 0.0, 0.5f64.sqrt()],
+        ..pose
+    };
+    assert_eq!(simulator.ask(set_pose(id, down)), CommandReply::Done);
+    let tick = simulator.step(1);
+    let moved = simulator.frame_of(&mut images, tick);
+    assert_eq!(moved.header().world_from_sensor, down);
+    assert_ne!(before, moved.to_vec(), "it looks down now");
+    drop((moved, images));
+    simulator.step(1);
+    let sent = counter(&mut simulator, &format!("sent {SPECTATOR_RGB}"));
+    simulator.step(3);
+    let later = counter(&mut simulator, &format!("sent {SPECTATOR_RGB}"));
+    assert_eq!(sent, later, "nobody reads any more");
+    simulator.finish();
+}
+
+#[test]
+fn texts_and_shapes_on_the_screen_are_in_its_image_alone() {
+    let mut simulator = Simulator::start(Setup::text(LAUNCH));
+    let mut camera = simulator.frames("post/view/rgb");
+    let mut images = simulator.frames(SPECTATOR_RGB);
+    let tick = simulator.step(1);
+    let seen = simulator.frame_of(&mut camera, tick);
+    let at = seen.header().world_from_sensor;
+    let (id, _) = spectator(&mut simulator);
+    drop(simulator.frame_of(&mut images, tick));
+    simulator.ask(set_pose(id, at));
+    // Both show one view now, at the same place with the same lens.
+    let mut look = |simulator: &mut Simulator| {
+        let tick = simulator.step(1);
+        let ordinary = simulator.frame_of(&mut camera, tick);
+        let spectator = simulator.frame_of(&mut images, tick);
+        [ordinary.to_vec(), spectator.to_vec()]
+    };
+    look(&mut simulator);
+    let [ordinary, same] = look(&mut simulator);
+    assert!(ordinary == same, "two cameras of one pose and lens");
+    let ahead = |x: f64, y: f64, z: f64| -> [f64; 3] {
+        (at.isometry() * nalgebra::Point3::new(x, y, z))
+            .coords
+            .into()
+    };
+    let draws = |draw: DebugDraw, on_screen: bool| Command::DrawDebug {
+        shapes: vec![shape(draw, on_screen)],
+    };
+    let line = |from: [f64; 3], to: [f64; 3]| DebugDraw::Line {
+        from_m: from,
+        to_m: to,
+        width_m: 2.0,
+    };
+    // f is 48 px: in the world 2 m are 9.6 px at 10 m; on the screen 2 are 2 px at any distance.
+    let (left, right) = (ahead(10.0, 5.0, 0.0), ahead(10.0, -5.0, 0.0));
+    simulator.ask(draws(line(left, right), false));
+    let [ordinary, spectator_image] = look(&mut simulator);
+    assert_eq!(ordinary, spectator_image);
+    assert!(
+        (400..=528).contains(&painted(&ordinary)),
+        "{}",
+        painted(&ordinary)
+    );
+    let clear = |what| Command::ClearDebug { what };
+    simulator.ask(clear(DebugKind::All));
+    simulator.ask(draws(line(left, right), true));
+    let [ordinary, image] = look(&mut simulator);
+    assert_eq!([painted(&ordinary), painted(&image)], [0, 48 * 2]);
+    simulator.ask(clear(DebugKind::Shapes));
+    let text = DebugDraw::Text {
+        at_m: ahead(5.0, 2.0, 1.0),
+        text: "Gantry".into(),
+        shadow: true,
+    };
+    simulator.ask(draws(text, false));
+    let [ordinary, image] = look(&mut simulator);
+    assert_eq!(painted(&ordinary), 0);
+    // Six letters of 8 by 8 dots, of which a third or so is set.
+    assert!((60..=250).contains(&painted(&image)), "{}", painted(&image));
+    let rows: Vec<usize> = (0..64)
+        .filter(|y| painted(&image[y * 96 * 4..(y + 1) * 96 * 4]) > 0)
+        .collect();
+    // 1 m up at 5 m is 9.6 px above the middle: from row 22 on, eight rows.
+    assert!(rows[0] >= 22 && *rows.last().unwrap() < 30, "{rows:?}");
+    simulator.ask(clear(DebugKind::Texts));
+    let [_, image] = look(&mut simulator);
+    assert_eq!(painted(&image), 0);
+    drop((camera, images));
+    simulator.finish();
+}
+
+#[test]
+fn while_the_world_stands_still_moves_and_drawing_are_seen() {
+    let mut simulator = Simulator::start(Setup::text(LAUNCH));
+    let mut camera = simulator.frames("post/view/rgb");
+    let mut images = simulator.frames(SPECTATOR_RGB);
+    let tick = simulator.step(2);
+    let before = simulator.frame_of(&mut images, tick).header().seq;
+    let (id, pose) = spectator(&mut simulator);
+    let mut higher = pose;
+    higher.translation_m[2] += 10.0;
+    simulator.ask(set_pose(id, higher));
+    let again = next(&mut images);
+    assert_eq!(
+        (again.header().tick, again.header().seq),
+        (tick, before + 1)
+    );
+    assert_eq!(again.header().world_from_sensor, higher);
+    // A shape for one tick is seen at once, and by the sensors of the next tick all the same.
+    let at = simulator
+        .frame_of(&mut camera, tick)
+        .header()
+        .world_from_sensor;
+    let ahead: [f64; 3] = (at.isometry() * nalgebra::Point3::new(10.0, 0.0, 0.0))
+        .coords
+        .into();
+    simulator.ask(set_pose(id, at));
+    assert_eq!(painted(&next(&mut images)), 0);
+    let point = DebugDraw::Point {
+        at_m: ahead,
+        size_m: 2.0,
+    };
+    let one_tick = DebugShape {
+        life_nanos: Some(0),
+        ..shape(point, false)
+    };
+    simulator.ask(Command::DrawDebug {
+        shapes: vec![one_tick],
+    });
+    assert!(painted(&next(&mut images)) > 50);
+    let tick = simulator.step(1);
+    assert!(painted(&simulator.frame_of(&mut camera, tick)) > 50);
+    let tick = simulator.step(1);
+    assert_eq!(painted(&simulator.frame_of(&mut camera, tick)), 0);
+    drop((again, camera, images));
+    simulator.finish();
+}
+
+#[test]
+fn its_topic_lives_on_in_the_next_episode_and_hashes_leave_it_out() {
+    let mut simulator = Simulator::start(Setup::text(LAUNCH));
+    let mut images = simulator.frames(SPECTATOR_RGB);
+    let tick = simulator.step(1);
+    let first = *simulator.frame_of(&mut images, tick).header();
+    let load = Command::LoadMap {
+        map: "Town02".into(),
+    };
+    assert_eq!(simulator.ask(load), CommandReply::Done);
+    let tick = simulator.step(1);
+    let second: FrameHeader = *simulator.frame_of(&mut images, tick).header();
+    let (id, pose) = spectator(&mut simulator);
+    assert_eq!((second.episode, second.sensor_id), (first.episode + 1, id));
+    assert_eq!(second.world_from_sensor, pose);
+    drop(images);
+    simulator.finish();
+    let sandbox = Sandbox::new("spectatorhash");
+    let daemon = start_daemon(
+        &sandbox,
+        LAUNCH,
+        &[
+            "--hash",
+            "--ticks",
+            "3",
+            "--set",
+            "scenario.mode=free_running",
+        ],
+    );
+    let ended = daemon.wait().expect_code(0);
+    assert!(ended.says("post/view/rgb") && !ended.says(SPECTATOR_RGB));
+}
+
+#[test]
+fn telemetry_is_shown_for_vehicles() {
+    let mut simulator = Simulator::start(Setup::text(LAUNCH));
+    let ego = simulator.ego().id;
+    let (id, pose) = spectator(&mut simulator);
+    let mut images = simulator.frames(SPECTATOR_RGB);
+    // At night under the ground nothing is white.
+    let mut below = pose;
+    below.translation_m[2] = -50.0;
+    simulator.ask(set_pose(id, below));
+    let mut whites = |simulator: &mut Simulator| {
+        let tick = simulator.step(1);
+        let frame = simulator.frame_of(&mut images, tick);
+        frame
+            .chunks(4)
+            .filter(|pixel| pixel[..3] == [255; 3])
+            .count()
+    };
+    assert_eq!(whites(&mut simulator), 0);
+    let show = |actor_id, shown| Command::ShowTelemetry { actor_id, shown };
+    simulator.ask(show(ego, true));
+    assert!(whites(&mut simulator) > 300);
+    simulator.ask(show(ego, false));
+    assert_eq!(whites(&mut simulator), 0);
+    match simulator.ask(show(id, true)) {
+        CommandReply::Refused { error } => assert!(error.contains("no vehicle"), "{error}"),
+        other => panic!("{other:?}"),
+    }
+    drop(images);
+    simulator.finish();
+}
+
+#[test]
+fn a_client_of_carla_moves_it_and_writes_into_it() {
+    let sandbox = Sandbox::new("carlaspectator");
+    let daemon = start_daemon(&sandbox, LAUNCH, &[]);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let mut images = reader(&bus, SPECTATOR_RGB);
+    let mut camera = reader(&bus, "post/view/rgb");
+    step(&mut client, 2);
+    let (gateway, port, _) = start_gateway(&sandbox);
+    run_script(
+        &sandbox,
+        "carla_spectator.py",
+        &[&port.to_string()],
+        &["drawn"],
+    );
+    let latest = |client: &mut CommandClient, images: &mut FrameReader| {
+        let tick = step(client, 1);
+        eventually("the frame of the tick", || {
+            let frame = images.latest().unwrap()?;
+            (frame.header().tick == tick).then(|| frame.to_vec())
+        })
+    };
+    // The text, and the line on the screen; none is in the camera that hangs at the same place.
+    assert!(painted(&latest(&mut client, &mut images)) > 100);
+    assert_eq!(painted(&camera.latest().unwrap().unwrap()), 0);
+    run_script(
+        &sandbox,
+        "carla_spectator.py",
+        &[&port.to_string(), "clear"],
+        &["cleared"],
+    );
+    assert_eq!(painted(&latest(&mut client, &mut images)), 0);
+    assert_eq!(
+        ask(&mut client, Command::Ping),
+        CommandReply::Pong {
+            version: env!("CARGO_PKG_VERSION").into()
+        }
+    );
+    drop((images, camera));
+    gateway.stop().expect_code(0);
+    daemon.stop().expect_code(0);
+}
+
+#[test]
+fn it_is_flown_in_a_terminal_which_is_given_back() {
+    let launch = LAUNCH.replace("mode = \"stepped\"\n", "");
+    let mut simulator = Simulator::start(Setup::text(launch));
+    let (_, before) = spectator(&mut simulator);
+    let size = Winsize {
+        ws_row: 24,
+        ws_col: 80,
+        ws_xpixel: 0,
+        ws_ypixel: 0,
+    };
+    let pair = openpty(Some(&size), None).unwrap();
+    let settings = tcgetattr(&pair.slave).unwrap();
+    let end = || Stdio::from(pair.slave.try_clone().unwrap());
+    let mut viewer = Program::new(binary_path("gantry-view"))
+        .args(["--fly=terminal", "--domain", simulator.domain()])
+        .env("TERM", "xterm-256color")
+        .stdin(end())
+        .stdout(end())
+        .stderr(end())
+        .spawn()
+        .unwrap();
+    let shown = Arc::new(Mutex::new(String::new()));
+    let (mut output, theirs) = (File::from(pair.master.try_clone().unwrap()), shown.clone());
+    std::thread::spawn(move || {
+        let mut bytes = [0; 4096];
+        while let Ok(n @ 1..) = output.read(&mut bytes) {
+            theirs
+                .lock()
+                .unwrap()
+                .push_str(&String::from_utf8_lossy(&bytes[..n]));
+        }
+    });
+    let says = |text: &str| shown.lock().unwrap().contains(text);
+    eventually("an image in the terminal", || {
+        (says("▀") && says("free")).then_some(())
+    });
+    let mut keys = File::from(pair.master);
+    eventually("the spectator has risen", || {
+        keys.write_all(b"q").unwrap();
+        let (_, now) = spectator(&mut simulator);
+        (now.translation_m[2] > before.translation_m[2] + 2.0).then_some(())
+    });
+    keys.write_all(b"n").unwrap();
+    eventually("it follows the ego", || {
+        says("behind vehicle.").then_some(())
+    });
+    keys.write_all(b"x").unwrap();
+    assert!(viewer.wait().unwrap().success());
+    eventually("the terminal's own screen", || {
+        says("images shown").then_some(())
+    });
+    assert_eq!(
+        tcgetattr(&pair.slave).unwrap().local_flags,
+        settings.local_flags
+    );
+    simulator.finish();
+}
+
+#[test]
+fn without_a_display_and_a_terminal_a_sentence_says_what_to_do() {
+    let sandbox = Sandbox::new("flynowhere");
+    let viewer = sandbox.spawn(
+        "gantry-view",
+        &["--fly=terminal", "--domain", sandbox.domain()],
+    );
+    let ended = viewer.wait().expect_code(2);
+    assert!(ended.says("needs a display"));
+    let viewer = sandbox.spawn_program(
+        "gantry-view",
+        &binary_path("gantry-view"),
+        &["--fly=window", "--domain", sandbox.domain()],
+        &[("DISPLAY", ":4711")],
+    );
+    assert!(viewer.wait().expect_code(2).says("--fly=terminal"));
+}
