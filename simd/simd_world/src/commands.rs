@@ -9,6 +9,7 @@ use schema_types::{ActorId, Pose};
 
 use crate::errors::{ActionError, ActorError};
 use crate::pose_check::unit_pose;
+use crate::pushes::Push;
 use crate::signals::lamp_head_boxes;
 use crate::vehicles;
 use crate::walkers::{self, Lead};
@@ -55,13 +56,17 @@ impl World {
         Ok(())
     }
 
-    /// Gives a vehicle's origin a velocity; at most 300 m/s.
+    /// Gives the origin of a vehicle, a walker or a prop that the engine moves a velocity; at most
+    /// 300 m/s.
     pub fn set_velocity(
         &mut self,
         actor: ActorId,
         velocity_in_world_mps: [f64; 3],
     ) -> Result<(), ActorError> {
-        vehicles::set_velocity(self.body(actor), velocity_in_world_mps)?;
+        let push = Push::velocity(actor, velocity_in_world_mps)?;
+        if !self.push(actor, push) {
+            vehicles::set_velocity(self.body(actor), velocity_in_world_mps)?;
+        }
         self.refresh_actor(actor);
         Ok(())
     }
@@ -280,7 +285,8 @@ impl World {
             | Command::Reset
             | Command::CastRays { .. }
             | Command::DrawDebug { .. }
-            | Command::ClearDebug
+            | Command::ClearDebug { .. }
+            | Command::ShowTelemetry { .. }
             | Command::Counters
             | Command::Journal { .. } => {
                 refused("this command is for the daemon, not for the world")
@@ -288,19 +294,35 @@ impl World {
         }
     }
 
-    /// Acts on a vehicle's body, or on the switches of another actor.
+    /// Pushes a walker or a prop; false if the actor is neither.
+    fn push(&mut self, actor: ActorId, push: Push) -> bool {
+        if let Some(walker) = self.walkers.by_id.get_mut(&actor) {
+            walker.take(push);
+        } else if let Some(prop) = self.props.get_mut(actor) {
+            prop.take(push, &mut self.physics);
+        } else {
+            return false;
+        }
+        true
+    }
+
+    /// Acts on an actor's body.
     fn act_on_body(
         &mut self,
         actor: ActorId,
         action: &PhysicsAction,
     ) -> Result<Option<PhysicsAnswer>, ActionError> {
         use PhysicsAction::{SetCollisions, SetGravity, SetSimulated};
+        if let Some(push) = Push::of(actor, action)?
+            && self.push(actor, push)
+        {
+            return Ok(None);
+        }
         if let Some(walker) = self.walkers.by_id.get_mut(&actor) {
-            match action {
-                SetSimulated { enabled } => walker.simulated = *enabled,
-                SetCollisions { enabled } => walker.collides = *enabled,
-                _ => {}
-            }
+            walker.switch(action);
+        }
+        if let Some(prop) = self.props.get_mut(actor) {
+            prop.switch(action, &mut self.physics);
         }
         let is_switch = matches!(
             action,
@@ -309,7 +331,7 @@ impl World {
         let is_no_vehicle =
             self.actors.contains(actor) && !self.vehicles.by_id.contains_key(&actor);
         if is_switch && is_no_vehicle {
-            // The engine does not move this actor, so there is nothing to switch.
+            // What is neither vehicle nor walker nor prop has nothing to switch.
             return Ok(None);
         }
         vehicles::act(self.body(actor), action)

@@ -57,6 +57,7 @@ mod booms;
 mod friction_areas;
 mod physics;
 mod props;
+mod pushes;
 mod scenery;
 mod signals;
 mod vehicles;

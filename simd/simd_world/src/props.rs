@@ -1,6 +1,7 @@
-//! Props: objects that are put down and stand still.
+//! Props: objects that are put down and stand still, until their physics is switched on.
 
 mod model;
+mod motion;
 
 use std::collections::BTreeMap;
 
@@ -12,6 +13,7 @@ use rapier3d::prelude::*;
 use schema_types::{ActorId, Pose};
 use serde::{Deserialize, Serialize};
 
+use crate::actors::Actors;
 use crate::physics::{Physics, collider_tag};
 
 pub use model::{PropModel, prop_models};
@@ -22,6 +24,10 @@ pub(crate) struct Prop {
     /// Index into [`prop_models`].
     pub model_idx: u16,
     pub body: Option<RigidBodyHandle>,
+    /// Whether the engine moves it.
+    pub is_simulated: bool,
+    /// What it weighs when the engine moves it.
+    mass_kg: f32,
 }
 
 /// All props by rising id.
@@ -35,11 +41,28 @@ impl Props {
         self.by_id.get(&actor)
     }
 
+    pub fn get_mut(&mut self, actor: ActorId) -> Option<&mut Prop> {
+        self.by_id.get_mut(&actor)
+    }
+
+    /// After a tick: gives the actors of props that moved their new poses.
+    pub fn end_tick(&mut self, actors: &mut Actors, physics: &mut Physics) {
+        let moving = self.by_id.iter_mut().filter(|(_, prop)| prop.is_simulated);
+        for (id, prop) in moving {
+            if let Ok(actor) = actors.get_mut(*id)
+                && let Some(pose) = prop.end_tick(&actor.pose, physics)
+            {
+                actor.pose = pose;
+            }
+        }
+    }
+
     /// Adds a prop that stands by itself, with a body in the engine.
     pub fn add_standing(
         &mut self,
         actor: ActorId,
         model_idx: usize,
+        mass_kg: f64,
         pose: &Pose,
         physics: &mut Physics,
     ) {
@@ -52,17 +75,28 @@ impl Props {
             .user_data(collider_tag(actor.0, model.shape.class));
         physics.still.forget();
         let body = Some(physics.engine.insert(body, collider).0);
-        self.add(actor, model_idx, body);
+        self.add(actor, model_idx, mass_kg, body);
     }
 
     /// Adds a prop that is attached to another actor.
     pub fn add_attached(&mut self, actor: ActorId, model_idx: usize) {
-        self.add(actor, model_idx, None);
+        self.add(actor, model_idx, 1.0, None);
     }
 
-    fn add(&mut self, actor: ActorId, model_idx: usize, body: Option<RigidBodyHandle>) {
-        let model_idx = model_idx as u16;
-        self.by_id.insert(actor, Prop { model_idx, body });
+    fn add(
+        &mut self,
+        actor: ActorId,
+        model_idx: usize,
+        mass_kg: f64,
+        body: Option<RigidBodyHandle>,
+    ) {
+        let prop = Prop {
+            model_idx: model_idx as u16,
+            body,
+            is_simulated: false,
+            mass_kg: mass_kg as f32,
+        };
+        self.by_id.insert(actor, prop);
     }
 
     /// Moves a prop's body to its actor's new pose, if `actor` is one.

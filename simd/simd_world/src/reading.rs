@@ -57,6 +57,12 @@ impl World {
             .map(|actor| actor.id)
     }
 
+    /// An actor's catalogue id and its role; `None` if there is no such actor.
+    pub fn type_and_role(&self, actor: ActorId) -> Option<(&str, &str)> {
+        let actor = self.actors.get(actor).ok()?;
+        Some((actor.type_id(&self.catalogue), &actor.role))
+    }
+
     /// A vehicle's physical data.
     ///
     /// # Errors

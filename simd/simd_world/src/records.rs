@@ -194,7 +194,10 @@ impl Observed<'_> {
 
     /// Parents have smaller ids than what is attached to them, so their records are made already.
     fn motion(&self, actor: &Actor, made: &[ActorRecord]) -> OriginMotion {
-        if let Some(vehicle) = self.vehicles.get(actor.id) {
+        let is_attached = actor.parent.is_some();
+        let vehicle = self.vehicles.get(actor.id);
+        // An attached body rides along until its physics is switched on.
+        if let Some(vehicle) = vehicle.filter(|it| it.switches.simulated || !is_attached) {
             let (velocity, spin) = vehicle.velocity(self.physics);
             return OriginMotion {
                 pose: vehicle.pose(self.physics).into(),
@@ -202,7 +205,8 @@ impl Observed<'_> {
                 spin,
             };
         }
-        if let Some(walker) = self.walkers.get(actor.id) {
+        let walker = self.walkers.get(actor.id);
+        if let Some(walker) = walker.filter(|it| it.simulated || !is_attached) {
             let spin = Vector3::new(0.0, 0.0, walker.yaw_radps);
             return OriginMotion {
                 pose: walker.pose().into(),

@@ -134,6 +134,7 @@ impl Spawner<'_> {
         let attributes = model
             .checked_attributes(wanted.attributes)
             .map_err(|bad| bad.of(wanted.type_id))?;
+        let mass_kg = model.mass_kg(&attributes);
         let id = if wanted.parent.is_some() {
             let id = self.counts.new_id();
             self.props.add_attached(id, model_idx);
@@ -143,7 +144,7 @@ impl Spawner<'_> {
             refuse_occupied(wanted.type_id, obstacle)?;
             let id = self.counts.new_id();
             self.props
-                .add_standing(id, model_idx, &wanted.pose, self.physics);
+                .add_standing(id, model_idx, mass_kg, &wanted.pose, self.physics);
             id
         };
         let actor = wanted.actor(id, ActorKind::Prop, catalogue_idx);

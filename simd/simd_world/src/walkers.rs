@@ -9,6 +9,7 @@ mod impact;
 mod model;
 mod own_pose;
 mod pavements;
+mod pushes;
 mod standing;
 mod surroundings;
 mod walker;
@@ -71,6 +72,7 @@ impl Walkers {
         }
         for (walker, yaw_before_rad) in self.by_id.values_mut().zip(yaws_before_rad) {
             walker.finish(yaw_before_rad, dt_secs);
+            walker.end_forces();
         }
         impact::part_walkers(&mut self.by_id);
     }

@@ -100,7 +100,8 @@ impl StillThings {
         self.things.clear();
         for (handle, collider) in colliders.iter() {
             let body = collider.parent().and_then(|parent| bodies.get(parent));
-            if body.is_some_and(|body| !body.is_fixed()) || collider.is_sensor() {
+            let passes = collider.collision_groups() == InteractionGroups::none();
+            if body.is_some_and(|body| !body.is_fixed()) || collider.is_sensor() || passes {
                 continue;
             }
             // A moved body moves its colliders only in the engine's next step, but wheels ask

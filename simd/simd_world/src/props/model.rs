@@ -223,6 +223,23 @@ impl PropModel {
         Ok(attributes)
     }
 
+    /// What it weighs: its attribute `mass`, or what things of its family weigh per volume of their
+    /// boxes, hollow as most are.
+    pub(crate) fn mass_kg(&self, attributes: &BTreeMap<String, String>) -> f64 {
+        let given = attributes.get("mass").and_then(|mass| mass.parse().ok());
+        let density_kgpm3 = match self.shape.style {
+            Shelter => 10.0,
+            Sign | Cone | Chair => 30.0,
+            Bench | Board | Cart | Lamp | Table | Tree => 60.0,
+            Bag | Bin | Container | Crate | Round => 100.0,
+            Barrel | Barrier | Plant => 150.0,
+            Debris => 300.0,
+            Fountain | Plate => 1000.0,
+        };
+        let volume_m3: f64 = self.shape.half_m.iter().map(|half| 2.0 * half).product();
+        given.unwrap_or_else(|| (density_kgpm3 * volume_m3).max(0.05))
+    }
+
     /// Half extents of its box in the engine, metres.
     pub(crate) fn engine_half(&self) -> Vector {
         let [x, y, z] = self.shape.half_m.map(|x| x as f32);
@@ -238,7 +255,7 @@ impl PropModel {
         match (name, attributes.get(name)) {
             (_, Some(is)) if is == value => None,
             // The path names a file of CARLA's engine, which cannot be read here: a box of one
-            // metre stands for the mesh. The mass has no effect because props do not move.
+            // metre stands for the mesh.
             ("mesh_path", Some(_)) => None,
             ("mass", Some(_)) if is_positive => None,
             ("mass", Some(_)) => Some("it must be a number above 0".to_owned()),

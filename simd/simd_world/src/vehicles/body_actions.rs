@@ -11,13 +11,10 @@ use super::factory_data;
 use super::vehicle::Vehicle;
 use crate::errors::{ActionError, ActorError};
 use crate::physics::{Physics, narrow};
+use crate::pushes::{MOST_MPS, Push, finite};
 
-/// Largest push: N·s, N, N·m·s or N·m, whichever it is.
-const MOST_PUSH: f64 = 1e9;
-/// Largest angular velocity, rad/s.
-const MOST_RADPS: f64 = 100.0;
-/// Largest velocity, m/s.
-const MOST_MPS: f64 = 300.0;
+/// Wheels of most vehicles.
+const FOUR: usize = 4;
 
 /// The vehicle that an action is for.
 pub(crate) struct Body<'w> {
@@ -38,12 +35,10 @@ pub(crate) fn act(
         vehicle,
         physics,
     } = body;
-    let pushed = |what, value| finite(actor, what, value, MOST_PUSH).map(|push| narrow(&push));
-    let place = |point: Option<[f64; 3]>| {
-        point
-            .map(|point| finite(actor, "point", point, 1e6))
-            .transpose()
-    };
+    if let Some(push) = Push::of(actor, action)? {
+        take(vehicle?, push, physics);
+        return Ok(None);
+    }
     match action {
         GetVehiclePhysics => {
             let data = vehicle?.physics.clone();
@@ -82,62 +77,44 @@ pub(crate) fn act(
             let angle = WheelAngle::Roll(*roll_rad);
             show_wheel(vehicle?, *wheel, angle)?;
         }
-        SetAngularVelocity {
-            angular_velocity_in_world_radps,
-        } => {
-            let spin = finite(
-                actor,
-                "angular velocity",
-                *angular_velocity_in_world_radps,
-                MOST_RADPS,
-            )?;
-            vehicle?.set_angular_velocity(physics, &spin);
-        }
-        AddImpulse {
-            impulse_in_world_ns,
-            point_in_world_m,
-        } => {
-            let (impulse, point) = (
-                pushed("impulse", *impulse_in_world_ns)?,
-                place(*point_in_world_m)?,
-            );
-            let vehicle = vehicle?;
-            let point = point.map(|point| physics.engine_point(point.into()));
-            let body = &mut physics.engine.bodies[vehicle.body];
-            let at = point.unwrap_or_else(|| body.center_of_mass());
-            body.apply_impulse_at_point(impulse, at, true);
-        }
-        AddAngularImpulse {
-            angular_impulse_in_world_nms,
-        } => {
-            let impulse = pushed("angular impulse", *angular_impulse_in_world_nms)?;
-            physics.engine.bodies[vehicle?.body].apply_torque_impulse(impulse, true);
-        }
-        AddForce {
-            force_in_world_n,
-            point_in_world_m,
-        } => {
-            let (force, point) = (
-                pushed("force", *force_in_world_n)?,
-                place(*point_in_world_m)?,
-            );
-            let vehicle = vehicle?;
-            let point = point.map(|point| physics.engine_point(point.into()));
-            let centre = physics.engine.bodies[vehicle.body].center_of_mass();
-            let torque = point.map_or(Vector::ZERO, |point| (point - centre).cross(force));
-            vehicle.force_n = (Vector::from(vehicle.force_n) + force).to_array();
-            vehicle.torque_nm = (Vector::from(vehicle.torque_nm) + torque).to_array();
-        }
-        AddTorque { torque_in_world_nm } => {
-            let torque = pushed("torque", *torque_in_world_nm)?;
-            let vehicle = vehicle?;
-            vehicle.torque_nm = (Vector::from(vehicle.torque_nm) + torque).to_array();
-        }
+        SetAngularVelocity { .. }
+        | AddImpulse { .. }
+        | AddAngularImpulse { .. }
+        | AddForce { .. }
+        | AddTorque { .. } => {}
     }
     Ok(None)
 }
 
-/// Replaces a vehicle's physical data.
+/// Takes a push.
+fn take(vehicle: &mut Vehicle, push: Push, physics: &mut Physics) {
+    let add = |sum: &mut [f32; 3], more: Vector| *sum = (Vector::from(*sum) + more).to_array();
+    let engine_point = |point: Vector3<f64>| physics.engine_point(point.into());
+    match push {
+        Push::Velocity(velocity) => vehicle.set_velocity(physics, &velocity),
+        Push::Spin(spin) => vehicle.set_angular_velocity(physics, &spin),
+        Push::Impulse(impulse, point) => {
+            let point = point.map(engine_point);
+            let body = &mut physics.engine.bodies[vehicle.body];
+            let at = point.unwrap_or_else(|| body.center_of_mass());
+            body.apply_impulse_at_point(narrow(&impulse), at, true);
+        }
+        Push::AngularImpulse(impulse) => {
+            physics.engine.bodies[vehicle.body].apply_torque_impulse(narrow(&impulse), true);
+        }
+        Push::Force(force, point) => {
+            let (force, point) = (narrow(&force), point.map(engine_point));
+            let centre = physics.engine.bodies[vehicle.body].center_of_mass();
+            let torque = point.map_or(Vector::ZERO, |point| (point - centre).cross(force));
+            add(&mut vehicle.force_n, force);
+            add(&mut vehicle.torque_nm, torque);
+        }
+        Push::Torque(torque) => add(&mut vehicle.torque_nm, narrow(&torque)),
+    }
+}
+
+/// Replaces a vehicle's physical data. For a vehicle with more than four wheels the first ones may
+/// be given alone; the others stay as they are.
 ///
 /// # Errors
 /// A sentence that names the value and what is allowed.
@@ -146,8 +123,14 @@ pub(crate) fn set_physics(
     physics: &mut Physics,
     data: &VehiclePhysics,
 ) -> Result<(), ActionError> {
-    factory_data::check(data, vehicle.wheels.len()).map_err(ActionError::Value)?;
-    vehicle.set_physics(physics, data.clone());
+    let mut data = data.clone();
+    let n_wheels = vehicle.wheels.len();
+    if n_wheels > FOUR && (1..n_wheels).contains(&data.wheels.len()) {
+        let others = &vehicle.physics.wheels[data.wheels.len()..];
+        data.wheels.extend_from_slice(others);
+    }
+    factory_data::check(&data, n_wheels).map_err(ActionError::Value)?;
+    vehicle.set_physics(physics, data);
     Ok(())
 }
 
@@ -156,8 +139,8 @@ pub(crate) fn set_velocity(
     body: Body<'_>,
     velocity_in_world_mps: [f64; 3],
 ) -> Result<(), ActorError> {
-    let velocity = finite(body.actor, "velocity", velocity_in_world_mps, MOST_MPS)?;
-    body.vehicle?.set_velocity(body.physics, &velocity);
+    let push = Push::velocity(body.actor, velocity_in_world_mps)?;
+    take(body.vehicle?, push, body.physics);
     Ok(())
 }
 
@@ -226,28 +209,4 @@ fn show_wheel(vehicle: &mut Vehicle, wheel: u8, angle: WheelAngle) -> Result<(),
         WheelAngle::Steer(steer_rad) => wheel.shown_steer_rad = Some(steer_rad),
     }
     Ok(())
-}
-
-/// `value` as a vector, if it is finite and at most `most` long.
-fn finite(
-    actor: ActorId,
-    what: &'static str,
-    value: [f64; 3],
-    most: f64,
-) -> Result<Vector3<f64>, ActorError> {
-    let value = Vector3::from(value);
-    if value.norm() <= most {
-        return Ok(value);
-    }
-    let problem = match what {
-        "angular velocity" => "must be finite and at most 100 rad/s",
-        "velocity" => "must be finite and at most 300 m/s",
-        "point" => "must be finite and within 1000 km",
-        _ => "must be finite and at most 1e9",
-    };
-    Err(ActorError::Value {
-        actor,
-        what,
-        problem,
-    })
 }

@@ -7,7 +7,7 @@ use rapier3d::parry::query::ShapeCastOptions;
 use rapier3d::parry::shape::Capsule;
 use rapier3d::prelude::*;
 
-use crate::physics::{GRAVITY_MPS2, Physics, narrow, widen};
+use crate::physics::{Physics, narrow, widen};
 
 /// Highest step that a walker climbs, and deepest that it steps down without falling, metres.
 pub const STEP_M: f64 = 0.32;
@@ -44,6 +44,8 @@ pub struct Standing {
     pub rise_mps: f64,
     /// Whether the feet are on the ground.
     pub on_ground: bool,
+    /// How fast it falls, m/s².
+    pub gravity_mps2: f64,
 }
 
 impl Standing {
@@ -75,8 +77,8 @@ impl Standing {
             }
             return;
         }
-        let rise_m = (self.rise_mps - 0.5 * GRAVITY_MPS2 * dt_secs) * dt_secs;
-        self.rise_mps -= GRAVITY_MPS2 * dt_secs;
+        let rise_m = (self.rise_mps - 0.5 * self.gravity_mps2 * dt_secs) * dt_secs;
+        self.rise_mps -= self.gravity_mps2 * dt_secs;
         match down_m {
             Some(down_m) if rise_m <= 0.0 && -rise_m >= down_m => {
                 self.feet_m.z -= down_m;

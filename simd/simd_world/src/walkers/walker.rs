@@ -14,6 +14,7 @@ use simd_body::person::{N_PARTS, Posture, Skeleton};
 use super::control::{Lead, MAX_SPEED_MPS};
 use super::model::{WalkerModel, walker_models};
 use super::own_pose::OwnPose;
+use super::pushes::Pushed;
 use super::standing::{Standing, Walls, ground_below};
 use crate::physics::{GRAVITY_MPS2, Physics};
 
@@ -55,7 +56,11 @@ pub(crate) struct Walker {
     /// Horizontal velocity that a vehicle gave it, m/s; dies away.
     pub pushed_mps: [f64; 2],
     pub rise_mps: f64,
+    /// Other pushes, by commands.
+    pub pushed: Pushed,
     pub on_ground: bool,
+    /// Whether it falls.
+    pub gravity: bool,
     pub gait_rad: f64,
     pub gait_mps: f64,
     pub fall: Option<Fall>,
@@ -86,7 +91,9 @@ impl Walker {
             velocity_mps: [0.0; 3],
             pushed_mps: [0.0; 2],
             rise_mps: 0.0,
+            pushed: Pushed::default(),
             on_ground: false,
+            gravity: true,
             gait_rad: 0.0,
             gait_mps: 0.0,
             fall: None,
@@ -113,6 +120,7 @@ impl Walker {
             height_m: model.shape.height_m,
             rise_mps: self.rise_mps,
             on_ground: self.on_ground,
+            gravity_mps2: if self.gravity { GRAVITY_MPS2 } else { 0.0 },
         }
     }
 
@@ -191,10 +199,13 @@ impl Walker {
     fn put(&mut self, feet_m: Vector3<f64>, yaw_rad: f64) {
         (self.feet_m, self.yaw_rad) = (feet_m.into(), yaw_rad);
         (self.rise_mps, self.pushed_mps, self.fall, self.lost) = (0.0, [0.0; 2], None, false);
+        self.pushed = Pushed::default();
     }
 
     /// Advances a walker that moves by itself by a part of a tick.
     pub fn walk(&mut self, physics: &Physics, dt_secs: f64) {
+        let gravity_mps2 = if self.gravity { GRAVITY_MPS2 } else { 0.0 };
+        self.heed_forces(self.model().mass_kg * gravity_mps2, dt_secs);
         let mut standing = self.standing();
         let wish = self.wish_mps();
         if let Some(fall) = &mut self.fall {
@@ -222,7 +233,7 @@ impl Walker {
             2.0 * SLIDING_FRICTION
         };
         let slowed = if standing.on_ground {
-            pushed.norm() - friction * GRAVITY_MPS2 * dt_secs
+            pushed.norm() - friction * gravity_mps2 * dt_secs
         } else {
             pushed.norm()
         };
@@ -231,6 +242,13 @@ impl Walker {
             .map_or(Vector3::zeros(), |way| way * slowed.max(0.0));
         self.pushed_mps = [kept.x, kept.y];
         self.set_standing(&standing);
+        // Two thirds of the radius is the mean lever of friction under a disc.
+        let slow_radps2 = if standing.on_ground {
+            friction * gravity_mps2 * (4.0 / 3.0) / standing.radius_m
+        } else {
+            0.0
+        };
+        self.spin(slow_radps2, dt_secs);
         if self.fall.is_none() && wish.norm() > 1e-3 {
             self.turn_to(wish.y.atan2(wish.x), dt_secs);
         }
