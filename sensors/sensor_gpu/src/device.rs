@@ -19,8 +19,8 @@ use crate::timing::{Span, Timing};
 /// What to open.
 #[derive(Clone, Debug)]
 pub struct GpuOptions {
-    /// Part of the adapter's name, any case; `None` takes a hardware GPU if there is one, else a
-    /// software adapter.
+    /// The adapter's number in [`Gpu::adapters`], the beginning of its UUID, or a part of its name,
+    /// any case; `None` takes a hardware GPU if there is one, else a software adapter.
     pub adapter: Option<String>,
     /// Import shared memory where the driver can; `false` forces the staged path.
     pub allow_import: bool,
@@ -91,18 +91,11 @@ impl Drop for Inner {
 impl Gpu {
     /// Every Vulkan adapter of the machine.
     pub fn adapters() -> Vec<AdapterInfo> {
-        let describe = |adapter: &wgpu::Adapter| {
-            let info = adapter.get_info();
-            AdapterInfo {
-                is_software: info.device_type == wgpu::DeviceType::Cpu,
-                can_import: open::has_import(adapter),
-                driver: format!("{} {}", info.driver, info.driver_info)
-                    .trim()
-                    .to_owned(),
-                name: info.name,
-            }
-        };
-        enumerate().iter().map(describe).collect()
+        let adapters = enumerate();
+        let numbered = adapters.iter().enumerate();
+        numbered
+            .map(|(index, adapter)| AdapterInfo::of(index, adapter))
+            .collect()
     }
 
     /// Waits until the device has finished everything that was submitted and freed what was
@@ -119,7 +112,7 @@ impl Gpu {
     /// Opens an adapter.
     ///
     /// # Errors
-    /// No adapter, none of that name (the message lists all), or the driver refuses.
+    /// No adapter, none that is called so (the message lists all), or the driver refuses.
     pub fn open(options: &GpuOptions) -> Result<Gpu, GpuError> {
         let adapter = choose(enumerate(), options.adapter.as_deref())?;
         let info = adapter.get_info();

@@ -8,12 +8,15 @@ pub enum GpuError {
         "no Vulkan adapter found; install a driver (Debian: mesa-vulkan-drivers has the software adapter lavapipe)"
     )]
     NoAdapter,
-    /// No adapter has the requested name.
-    #[error("no Vulkan adapter's name contains {asked:?}; there are: {}", found.join(", "))]
+    /// No adapter has the requested number, UUID or name, or two have that beginning of a UUID.
+    #[error(
+        "no Vulkan adapter is {asked:?} by its number, its whole UUID or a part of its name; there are: {}",
+        found.join(", ")
+    )]
     UnknownAdapter {
-        /// The requested name.
+        /// What was asked for.
         asked: String,
-        /// Names of all adapters.
+        /// Numbers, names and UUIDs of all adapters.
         found: Vec<String>,
     },
     /// The driver refused to open the device.
