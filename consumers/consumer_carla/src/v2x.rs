@@ -21,7 +21,7 @@ use schema_types::{Class, Pose};
 use crate::feeds::relay::Stations;
 use crate::lock::lock;
 use crate::state::commander::Commander;
-use crate::state::known_world::{Known, World};
+use crate::state::known_world::{Known, Own, World};
 use crate::wire::axes;
 use crate::wire::description::{Attributes, Description};
 use crate::wire::fields::Wrong;
@@ -31,7 +31,7 @@ use crate::wire::sensor_kinds::{CUSTOM, is_station};
 use crate::wire::sensor_message::push_prefix;
 use crate::wire::streams::StreamMessage;
 use cam::{Record, Sender, Service};
-use noise::Noise;
+use noise::Stream;
 use radio::{Link, Radio};
 use solids::Solid;
 
@@ -64,7 +64,7 @@ struct Station {
     number: u64,
     radio: Radio,
     service: Option<Service>,
-    noise: Noise,
+    stream: Stream,
 }
 
 /// What messages travel through at a tick.
@@ -80,6 +80,7 @@ struct Message {
     station: u32,
     carrier: u32,
     number: u64,
+    stream: u64,
     transmit_dbm: f64,
     bytes: Vec<u8>,
 }
@@ -89,14 +90,19 @@ struct Message {
 /// # Errors
 /// A sentence.
 pub fn check(description: &Description) -> Result<(), Wrong> {
-    Station::new(0, 0, description).map(drop)
+    let stream = Stream::new(description, ["", ""], 0, [].iter());
+    Station::new(0, 0, description, stream).map(drop)
 }
 
 impl Station {
-    fn new(id: u32, parent: u32, description: &Description) -> Result<Station, Wrong> {
+    fn new(
+        id: u32,
+        parent: u32,
+        description: &Description,
+        stream: Stream,
+    ) -> Result<Station, Wrong> {
         let given = Attributes::of(description);
         let is_custom = description.type_id == CUSTOM;
-        let seed = given.seed();
         Ok(Station {
             carrier: if parent == 0 { id } else { parent },
             number: sensor_kinds::kind(&description.type_id).map_or(0, |kind| kind.number),
@@ -106,7 +112,7 @@ impl Station {
             } else {
                 Some(Service::of(&given)?)
             },
-            noise: Noise::new(seed, id),
+            stream,
         })
     }
 
@@ -115,6 +121,7 @@ impl Station {
             station: id,
             carrier: self.carrier,
             number: self.number,
+            stream: self.stream.number(),
             transmit_dbm: self.radio.transmit_dbm,
             bytes,
         }
@@ -190,16 +197,22 @@ impl State {
         }
         let is_there = |id: u32| snapshot.actor(id).is_some();
         self.stations.retain(|id, _| is_there(*id));
-        for (id, own) in known
+        // By rising id, so that stations alike are numbered in the order in which they were made.
+        let new: BTreeMap<u32, &Own> = known
             .own
             .iter()
             .filter(|(id, own)| is_station(&own.description.type_id) && is_there(**id))
-        {
-            if !self.stations.contains_key(id) {
-                match Station::new(*id, own.parent, &own.description) {
-                    Ok(station) => drop(self.stations.insert(*id, station)),
-                    Err(error) => tracing::warn!(station = id, %error, "a station cannot be made"),
-                }
+            .filter(|(id, _)| !self.stations.contains_key(id))
+            .map(|(id, own)| (*id, own))
+            .collect();
+        for (id, own) in new {
+            let living = self.stations.values().map(|station| &station.stream);
+            let carrier = type_and_role(known, own.parent);
+            let tick = snapshot.header.tick;
+            let stream = Stream::new(&own.description, carrier, tick, living);
+            match Station::new(id, own.parent, &own.description, stream) {
+                Ok(station) => drop(self.stations.insert(id, station)),
+                Err(error) => tracing::warn!(station = id, %error, "a station cannot be made"),
             }
         }
         let stations = &self.stations;
@@ -222,13 +235,14 @@ impl State {
             else {
                 continue;
             };
+            let mut noise = station.stream.at(snapshot.header.tick, 0);
             let sender = Sender {
                 record,
                 info: known.actors.get(&station.carrier),
                 nanos,
                 geo_reference_deg,
             };
-            if let Some(bytes) = service.message(&sender, &mut station.noise) {
+            if let Some(bytes) = service.message(&sender, &mut noise) {
                 messages.push(station.message(*id, bytes.to_vec()));
             }
         }
@@ -289,6 +303,8 @@ impl State {
                 continue;
             };
             let mut bytes = Vec::new();
+            // How many messages of each sender came to the station.
+            let mut heard = BTreeMap::<u64, u64>::new();
             for message in messages
                 .iter()
                 .filter(|message| message.number == station.number && message.station != *id)
@@ -321,7 +337,12 @@ impl State {
                     roof,
                     [message.carrier, station.carrier],
                 );
-                let fading = station.noise.normal();
+                let nth = heard.entry(message.stream).or_default();
+                *nth += 1;
+                let fading = station
+                    .stream
+                    .at(snapshot.header.tick, message.stream.wrapping_add(*nth))
+                    .normal();
                 if let Some(power_dbm) =
                     station
                         .radio
@@ -347,6 +368,18 @@ impl State {
                 });
             }
         }
+    }
+}
+
+/// Catalogue id and role of a carrier, both empty for a station that has none.
+fn type_and_role(known: &Known, carrier: u32) -> [&str; 2] {
+    if let Some(own) = known.own.get(&carrier) {
+        let role = own.description.attribute("role_name");
+        return [&own.description.type_id, role.unwrap_or("")];
+    }
+    match known.actors.get(&carrier) {
+        Some(info) => [&info.type_id, &info.role],
+        None => ["", ""],
     }
 }
 

@@ -258,6 +258,193 @@ def check_telemetry():
     car.destroy()
 
 
+def check_two_wheels():
+    """A two-wheeler has four wheels in its physics control, as in CARLA; what is set reads back and acts."""
+    bike = world.spawn_actor(library.find("vehicle.kawasaki.ninja"), START)
+    ticks(world, 20)
+    changed = bike.get_physics_control()
+    assert len(changed.wheels) == 4 == len(bike.get_telemetry_data().wheels)
+    front_left, front_right, rear_left, rear_right = wheels = changed.wheels
+    ahead = START.get_forward_vector()
+    along = [(wheel.position.x * ahead.x + wheel.position.y * ahead.y) / 100 for wheel in wheels]
+    assert near(along[0], along[1]) and near(along[2], along[3]) and along[0] - along[2] > 1.0, along
+    assert front_left.max_steer_angle == front_right.max_steer_angle > 10 and rear_left.max_steer_angle == rear_right.max_steer_angle == 0
+    weight_n = changed.mass * G
+    loads = [wheel.tire_load for wheel in bike.get_telemetry_data().wheels]
+    must_be(sum(loads), weight_n, 0.05, "sum of the wheels' loads")
+    for wheel in wheels:
+        wheel.tire_friction, wheel.long_stiff_value, wheel.max_brake_torque = 0.4, 987.0, 700.0
+    changed.wheels, changed.drag_coefficient = wheels, 0.77
+    bike.apply_physics_control(changed)
+    world.tick()
+    for again in (bike.get_physics_control(),):
+        assert len(again.wheels) == 4 and near(again.drag_coefficient, 0.77)
+        for wheel, wanted in zip(again.wheels, wheels):
+            for name in ("tire_friction", "long_stiff_value", "max_brake_torque", "max_steer_angle", "radius", "damping_rate", "lat_stiff_value"):
+                must_be(getattr(wheel, name), getattr(wanted, name), 1e-4, name)
+    for wheel in wheels:
+        wheel.tire_friction = 0.3
+    changed.wheels = wheels
+    [answer] = client.apply_batch_sync([carla.command.ApplyVehiclePhysicsControl(bike, changed)], True)
+    assert not answer.error and near(bike.get_physics_control().wheels[3].tire_friction, 0.3)
+    reach_mps(bike, 8.0)
+    began = speed(bike)
+    bike.apply_control(carla.VehicleControl(brake=1.0))
+    ticks(world, 20)
+    must_be((began - speed(bike)) / (20 * STEP_SECS), 0.3 * G, 0.25, "deceleration at a friction of 0.3")
+    bike.destroy()
+
+
+def check_six_wheels():
+    """Scripts that know four wheels set the first four of a lorry's six; the others stay."""
+    lorry = world.spawn_actor(library.find("vehicle.carlamotors.european_hgv"), START)
+    ticks(world, 5)
+    control = lorry.get_physics_control()
+    assert len(control.wheels) == 6
+    four = control.wheels[:4]
+    for wheel in four:
+        wheel.tire_friction = 2.5
+    control.wheels = four
+    lorry.apply_physics_control(control)
+    world.tick()
+    assert [round(wheel.tire_friction, 4) for wheel in lorry.get_physics_control().wheels] == [2.5] * 4 + [1.0] * 2
+    lorry.destroy()
+
+
+def check_half_turn():
+    """A yaw of exactly 180 degrees comes back as it went out, for every kind of actor."""
+    for kind in ("vehicle.tesla.model3", "walker.pedestrian.0001", "static.prop.box01", "sensor.other.gnss"):
+        place = carla.Transform(START.location + carla.Location(z=0.5), carla.Rotation(yaw=180.0))
+        actor = world.spawn_actor(library.find(kind), place)
+        if kind.startswith("vehicle"):
+            actor.set_simulate_physics(False)
+        ticks(world, 2)
+        assert actor.get_transform().rotation.yaw == 180.0, (kind, actor.get_transform())
+        actor.set_transform(place)
+        world.tick()
+        assert actor.get_transform().rotation.yaw == 180.0, (kind, actor.get_transform())
+        actor.destroy()
+    points = [point for point in world.get_map().get_spawn_points() if abs(point.rotation.yaw) > 179.999]
+    assert all(point.rotation.yaw > 0.0 for point in points), points
+
+
+def check_props():
+    """A prop stands still until its physics is switched on; then it falls, and pushes do what Newton says."""
+    place = carla.Transform(START.location + carla.Location(z=20.0), START.rotation)
+    mesh = library.find("static.prop.mesh")
+    mesh.set_attribute("mass", "40")
+    box = world.spawn_actor(mesh, place)
+    world.tick()
+    box.set_target_velocity(carla.Vector3D(3.0, 0.0, 0.0))
+    box.add_impulse(carla.Vector3D(0.0, 0.0, 400.0))
+    ticks(world, 5)
+    assert box.get_location().distance(place.location) < 1e-3 and speed(box) == 0.0, "nothing moves what stands"
+    box.set_simulate_physics(True)
+    ticks(world, 10)
+    fallen = place.location.z - box.get_location().z
+    must_be(fallen, 0.5 * G * 0.5**2, 0.1, "fall in 0.5 s")
+    must_be(-box.get_velocity().z, G * 0.5, 0.05, "speed after 0.5 s")
+    box.set_enable_gravity(False)
+    box.set_target_velocity(carla.Vector3D())
+    world.tick()
+    hung = box.get_location()
+    ticks(world, 10)
+    assert box.get_location().distance(hung) < 1e-3, "it floats"
+    box.set_target_velocity(carla.Vector3D(0.0, 2.0, 0.0))
+    ticks(world, 20)
+    must_be(box.get_location().y - hung.y, 2.0, 0.03, "way in a second at 2 m/s")
+    box.set_target_velocity(carla.Vector3D())
+    box.add_impulse(carla.Vector3D(0.0, 0.0, 40.0 * 1.5))
+    world.tick()
+    must_be(box.get_velocity().z, 1.5, 0.02, "velocity by impulse over mass")
+    box.add_force(carla.Vector3D(0.0, 0.0, -40.0 * 10.0))
+    world.tick()
+    must_be(box.get_velocity().z, 1.5 - 10.0 * STEP_SECS, 0.03, "velocity after a force of one step")
+    world.tick()
+    must_be(box.get_velocity().z, 1.5 - 10.0 * STEP_SECS, 0.03, "velocity a step later")
+    box.set_target_velocity(carla.Vector3D())
+    box.set_target_angular_velocity(carla.Vector3D(0.0, 0.0, 90.0))
+    before = box.get_transform().rotation.yaw
+    ticks(world, 10)
+    must_be((box.get_transform().rotation.yaw - before) % 360.0, 45.0, 0.03, "turn in half a second")
+    # A cube of 1 m has a moment of inertia of m/6.
+    box.add_angular_impulse(carla.Vector3D(0.0, 0.0, -40.0 / 6.0 * 90.0 * 3.14159265 / 180.0))
+    world.tick()
+    assert abs(box.get_angular_velocity().z) < 3.0, box.get_angular_velocity()
+    box.set_enable_gravity(True)
+    for _ in range(200):
+        world.tick()
+    ground = world.ground_projection(box.get_location() + carla.Location(z=0.5), 50.0) if speed(box) > 0.05 else None
+    assert ground is None and abs(box.get_location().z - START.location.z) < 1.5, (box.get_location(), START.location)
+    box.set_simulate_physics(False)
+    rest = box.get_location()
+    box.add_impulse(carla.Vector3D(0.0, 0.0, 4000.0))
+    ticks(world, 5)
+    assert box.get_location().distance(rest) < 1e-3, "it is held again"
+    box.destroy()
+
+
+def check_prop_in_the_way():
+    """A car knocks a cone over whose physics is on, hardly slower for it; one that is fixed stops it."""
+    ahead, drove = START.get_forward_vector(), {}
+    for simulated in (True, False):
+        barrier = world.spawn_actor(library.find("static.prop.streetbarrier"), carla.Transform(START.location + ahead * 25.0, START.rotation))
+        barrier.set_simulate_physics(simulated)
+        car = fresh()
+        before = barrier.get_location()
+        for _ in range(140):
+            car.apply_control(carla.VehicleControl(throttle=0.6))
+            world.tick()
+        drove[simulated] = (car.get_location().distance(START.location), barrier.get_location().distance(before))
+        car.destroy()
+        barrier.destroy()
+        world.tick()
+    assert drove[True][0] > 35.0 and drove[True][1] > 3.0, drove
+    assert drove[False][0] < 26.0 and drove[False][1] == 0.0, drove
+
+
+def check_walkers():
+    """Impulses, forces and velocities move a walker; its feet stop it again; a blow knocks over who is not invincible."""
+    place = carla.Transform(START.location + carla.Location(z=1.2), START.rotation)
+    for invincible in ("true", "false"):
+        print_ = library.find("walker.pedestrian.0010")
+        print_.set_attribute("is_invincible", invincible)
+        walker = world.spawn_actor(print_, place)
+        ticks(world, 20)
+        start, ahead = walker.get_location(), START.get_forward_vector()
+        walker.set_target_velocity(carla.Vector3D(ahead.x * 3.0, ahead.y * 3.0, 0.0))
+        world.tick()
+        assert speed(walker) > 2.0, speed(walker)
+        ticks(world, 20)
+        gone = walker.get_location().distance(start)
+        # Feet hold with a friction of 1.2, which ends 3 m/s after v²/2a.
+        must_be(gone, 3.0**2 / (2.0 * 1.2 * G), 0.35, "way of a walker pushed to 3 m/s")
+        assert speed(walker) < 0.01
+        walker.add_force(carla.Vector3D(ahead.x * 100.0, ahead.y * 100.0, 0.0))
+        ticks(world, 3)
+        assert walker.get_location().distance(start) - gone < 0.02, "a small force does not move who stands"
+        here = walker.get_location()
+        walker.add_force(carla.Vector3D(ahead.x * 4000.0, ahead.y * 4000.0, 0.0))
+        ticks(world, 20)
+        assert walker.get_location().distance(here) > 0.05, "a large one does"
+        yaw = walker.get_transform().rotation.yaw
+        walker.set_target_angular_velocity(carla.Vector3D(0.0, 0.0, 600.0))
+        ticks(world, 10)
+        assert 5.0 < (walker.get_transform().rotation.yaw - yaw) % 360.0 < 120.0
+        height = walker.get_location().z
+        walker.set_target_velocity(carla.Vector3D(0.0, 0.0, 4.0))
+        top = max(walker.get_location().z for _ in range(20) if world.tick())
+        must_be(top - height, 4.0**2 / (2.0 * G), 0.1, "height of a throw at 4 m/s")
+        ticks(world, 20)
+        walker.add_impulse(carla.Vector3D(ahead.x * 400.0, ahead.y * 400.0, 0.0))
+        ticks(world, 20)
+        roll, pitch = walker.get_transform().rotation.roll, walker.get_transform().rotation.pitch
+        lies = max(abs(roll), abs(pitch)) > 60.0
+        assert lies == (invincible == "false"), (invincible, walker.get_transform())
+        walker.destroy()
+        world.tick()
+
+
 def main():
     run_checks({
         "fields": check_fields,
@@ -271,6 +458,12 @@ def main():
         "sticky": check_sticky,
         "no physics": check_no_physics,
         "telemetry": check_telemetry,
+        "two wheels": check_two_wheels,
+        "six wheels": check_six_wheels,
+        "half turn": check_half_turn,
+        "props": check_props,
+        "prop in the way": check_prop_in_the_way,
+        "walkers": check_walkers,
     })
     world.apply_settings(original)
 

@@ -18,6 +18,12 @@ fn physical_data_and_pushes_do_what_newton_says() {
         "sticky",
         "no physics",
         "telemetry",
+        "two wheels",
+        "six wheels",
+        "half turn",
+        "props",
+        "prop in the way",
+        "walkers",
     ];
     stage.run("carla_physics.py", &[], &themes);
     stage.end();

@@ -33,3 +33,12 @@ fn the_python_package_reads_the_same_frames_without_a_copy() {
     stage.run("carla_attach.py", &[stage.sandbox.domain()], &themes);
     stage.end();
 }
+
+/// What chance decides is the same in every run of a script.
+#[test]
+fn noise_follows_from_attributes_and_seed_and_not_from_ids_or_the_simulators_age() {
+    let stage = Stage::new("carlanoise", &empty_town("Town02"));
+    let themes = ["apart", "reload", "neighbours", "again"];
+    stage.run("carla_noise.py", &[], &themes);
+    stage.end();
+}

@@ -30,6 +30,8 @@ pub struct Counterparts {
     pub spectator: Option<u32>,
     /// Recorded ids of actors whose types the catalogue lacks.
     pub unknown: BTreeSet<u32>,
+    /// Recorded ids of two-wheelers.
+    pub two_wheelers: BTreeSet<u32>,
     /// Sentences about what cannot be replayed, one a line.
     pub missing: String,
 }
@@ -56,6 +58,9 @@ impl Counterparts {
             let (id, type_id) = (born.id, born.description.type_id.as_str());
             if cast.is_hero(id) {
                 found.heroes.insert(id);
+            }
+            if known.n_wheels_of(type_id) == Some(2) {
+                found.two_wheelers.insert(id);
             }
             if is_played(type_id) {
                 let is_here = known

@@ -73,6 +73,8 @@ pub struct Replay {
     heroes: BTreeSet<u32>,
     /// Recorded ids of actors that cannot be spawned.
     unknown: BTreeSet<u32>,
+    /// Recorded ids of two-wheelers.
+    two_wheelers: BTreeSet<u32>,
     /// Recorded ids of actors that the replay has attached to others.
     attached: BTreeSet<u32>,
     /// Ids (of this run) of actors that the replay spawned, in that order.
@@ -137,6 +139,7 @@ impl Replay {
             ids: found.ids,
             heroes: found.heroes,
             unknown: found.unknown,
+            two_wheelers: found.two_wheelers,
             attached: BTreeSet::new(),
             made: Vec::new(),
             held: BTreeSet::new(),
@@ -212,7 +215,7 @@ impl Replay {
             }
         }
         let now_of = |id: u32| self.ids.get(&id).copied().filter(|_| !self.is_ignored(id));
-        bring_about(&frame.changes, now_of, commander);
+        bring_about(&frame.changes, now_of, &self.two_wheelers, commander);
     }
 
     /// Spawns recorded actors with one request: high above their places, or attached to their

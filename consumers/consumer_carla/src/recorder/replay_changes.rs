@@ -1,15 +1,23 @@
 //! Applies the recorded changes in a replay: weather, street lights, doors, physics control, bones.
 
+use std::collections::BTreeSet;
+
 use schema_frames::scenery::LampChange;
 use schema_frames::{Command, HeldBone, PhysicsAction, SkeletonAction};
 
 use crate::recorder::changes::{Bones, Changes, StreetLight};
 use crate::state::commander::Commander;
 use crate::wire::axes::{self, Transform};
+use crate::wire::vehicle_physics::fit_wheels;
 
 /// Applies the changes of a recorded tick. `now_of` maps a recorded id to the id in this run;
-/// `None` if that actor takes no part.
-pub fn bring_about(changes: &Changes, now_of: impl Fn(u32) -> Option<u32>, commander: &Commander) {
+/// `None` if that actor takes no part. `two_wheelers` are recorded ids.
+pub fn bring_about(
+    changes: &Changes,
+    now_of: impl Fn(u32) -> Option<u32>,
+    two_wheelers: &BTreeSet<u32>,
+    commander: &Commander,
+) {
     if let Some(weather) = changes.weather {
         commander.tell(Command::SetWeather { weather });
     }
@@ -43,9 +51,10 @@ pub fn bring_about(changes: &Changes, now_of: impl Fn(u32) -> Option<u32>, comma
         let Some(actor_id) = now_of(*id) else {
             continue;
         };
-        let action = PhysicsAction::SetVehiclePhysics {
+        let mut action = PhysicsAction::SetVehiclePhysics {
             physics: Box::new(physics.clone()),
         };
+        fit_wheels(&mut action, two_wheelers.contains(id).then_some(2));
         commander.tell(Command::Physics { actor_id, action });
     }
 }

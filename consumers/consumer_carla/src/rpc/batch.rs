@@ -13,6 +13,7 @@ use crate::state::known_world::Own;
 use crate::wire::fields::{Fields, Structures as _, Wrong};
 use crate::wire::msgpack::Value;
 use crate::wire::requests::{Answer, Failure, Outcome};
+use crate::wire::vehicle_physics::fit_wheels;
 
 /// Most commands in one call.
 const MAX_COMMANDS: usize = 10_000;
@@ -148,7 +149,17 @@ fn destroyed(gateway: &Gateway, actor: u32, answer: Result<(), String>) -> Done 
 
 /// Runs the commands in order as one request and the commands that follow spawns as another;
 /// vehicle controls are sent last.
-fn run_batch(gateway: &Gateway, items: Vec<Result<Item<'_>, Wrong>>) -> Vec<Done> {
+fn run_batch(gateway: &Gateway, mut items: Vec<Result<Item<'_>, Wrong>>) -> Vec<Done> {
+    for item in &mut items {
+        if let Ok(Item::Ask {
+            actor,
+            command: Command::Physics { action, .. },
+        }) = item
+            && matches!(action, PhysicsAction::SetVehiclePhysics { .. })
+        {
+            fit_wheels(action, gateway.world.known().n_wheels(*actor));
+        }
+    }
     let asked: Vec<Command> = items
         .iter()
         .filter_map(|item| match item {

@@ -161,6 +161,19 @@ impl Known {
             .is_none_or(|value| value.eq_ignore_ascii_case("true"))
     }
 
+    /// Number of wheels of a type of vehicle.
+    pub fn n_wheels_of(&self, type_id: &str) -> Option<usize> {
+        let (_, entry) = self.entry(type_id)?;
+        entry.attributes.get("number_of_wheels")?.parse().ok()
+    }
+
+    /// Number of wheels of a vehicle.
+    pub fn n_wheels(&self, id: u32) -> Option<usize> {
+        let own = self.own.get(&id).map(|own| &own.description.type_id);
+        let listed = self.actors.get(&id).map(|actor| &actor.type_id);
+        self.n_wheels_of(own.or(listed)?)
+    }
+
     /// Whether an actor with this id is known.
     pub fn has_actor(&self, id: u32) -> bool {
         self.actors.contains_key(&id) || self.own.contains_key(&id)

@@ -18,6 +18,51 @@ fn axial([x, y, z]: [f64; 3]) -> [f64; 3] {
     [-x, y, -z]
 }
 
+/// Wheels of a two-wheeler.
+const TWO: usize = 2;
+
+/// A two-wheeler's wheels as CARLA writes them: front left, front right, rear left, rear right.
+/// Each of a pair has half of what adds up, and all of what does not.
+fn in_pairs(wheels: &[WheelPhysics]) -> Vec<WheelPhysics> {
+    let half = |wheel: &WheelPhysics| WheelPhysics {
+        damping_nms: 0.5 * wheel.damping_nms,
+        max_brake_nm: 0.5 * wheel.max_brake_nm,
+        max_hand_brake_nm: 0.5 * wheel.max_hand_brake_nm,
+        long_stiffness_kg: 0.5 * wheel.long_stiffness_kg,
+        ..*wheel
+    };
+    wheels.iter().flat_map(|wheel| [half(wheel); 2]).collect()
+}
+
+/// One wheel of a two-wheeler from the two of a pair: sums of what adds up, means of what does not.
+fn joined(pair: &[WheelPhysics]) -> WheelPhysics {
+    let sum = |of: fn(&WheelPhysics) -> f32| pair.iter().map(of).sum::<f32>();
+    let mean = |of: fn(&WheelPhysics) -> f32| sum(of) / pair.len() as f32;
+    WheelPhysics {
+        friction: mean(|wheel| wheel.friction),
+        damping_nms: sum(|wheel| wheel.damping_nms),
+        max_steer_rad: mean(|wheel| wheel.max_steer_rad),
+        radius_m: mean(|wheel| wheel.radius_m),
+        max_brake_nm: sum(|wheel| wheel.max_brake_nm),
+        max_hand_brake_nm: sum(|wheel| wheel.max_hand_brake_nm),
+        lat_load_limit: mean(|wheel| wheel.lat_load_limit),
+        lat_stiffness_per_rad: mean(|wheel| wheel.lat_stiffness_per_rad),
+        long_stiffness_kg: sum(|wheel| wheel.long_stiffness_kg),
+        position_m: pair[0].position_m,
+    }
+}
+
+/// Fits an action that sets the physics control of a vehicle with `n_wheels`: of the four wheels
+/// that CARLA gives a two-wheeler each pair becomes one.
+pub fn fit_wheels(action: &mut PhysicsAction, n_wheels: Option<usize>) {
+    if let PhysicsAction::SetVehiclePhysics { physics } = action
+        && n_wheels == Some(TWO)
+        && physics.wheels.len() == 2 * TWO
+    {
+        physics.wheels = physics.wheels.chunks(2).map(joined).collect();
+    }
+}
+
 /// The action that sets a vehicle's physics control. Positions of wheels cannot be set (CARLA's are
 /// in world space), so they are cleared.
 pub fn set_physics(mut physics: VehiclePhysics) -> PhysicsAction {
@@ -216,7 +261,7 @@ fn points(curve: &[[f32; 2]], x_unit: f32) -> Value {
 }
 
 /// CARLA's physics control of a vehicle at `world_from_vehicle`; the positions of its wheels are in
-/// world space.
+/// world space. A two-wheeler has four of them there.
 pub fn write_physics(physics: &VehiclePhysics, world_from_vehicle: &Pose) -> Value {
     let gears: Vec<Value> = physics
         .forward_gears
@@ -241,7 +286,10 @@ pub fn write_physics(physics: &VehiclePhysics, world_from_vehicle: &Pose) -> Val
             list![x, y, z]
         ]
     };
-    let wheels: Vec<Value> = physics.wheels.iter().map(wheel).collect();
+    let wheels: Vec<Value> = match physics.wheels.len() {
+        TWO => in_pairs(&physics.wheels).iter().map(wheel).collect(),
+        _ => physics.wheels.iter().map(wheel).collect(),
+    };
     let [x, y, z] = axes::mirror(physics.center_of_mass_m);
     list![
         points(&physics.torque_curve, 1.0),
@@ -264,8 +312,16 @@ pub fn write_physics(physics: &VehiclePhysics, world_from_vehicle: &Pose) -> Val
     ]
 }
 
-/// CARLA's telemetry of a vehicle.
+/// CARLA's telemetry of a vehicle. Of the four wheels that a two-wheeler has there, each of a pair
+/// has half of the forces.
 pub fn write_telemetry(telemetry: &VehicleTelemetry) -> Value {
+    let half = |wheel: &schema_frames::WheelTelemetry| schema_frames::WheelTelemetry {
+        load_n: 0.5 * wheel.load_n,
+        torque_nm: 0.5 * wheel.torque_nm,
+        long_n: 0.5 * wheel.long_n,
+        lat_n: 0.5 * wheel.lat_n,
+        ..*wheel
+    };
     let wheel = |wheel: &schema_frames::WheelTelemetry| {
         let rest_n = if wheel.load_ratio > 0.0 {
             wheel.load_n / wheel.load_ratio
@@ -286,7 +342,13 @@ pub fn write_telemetry(telemetry: &VehicleTelemetry) -> Value {
             -wheel.lat_n / rest_n
         ]
     };
-    let wheels: Vec<Value> = telemetry.wheels.iter().map(wheel).collect();
+    let wheels: Vec<Value> = match telemetry.wheels.len() {
+        TWO => {
+            let halves = telemetry.wheels.iter().flat_map(|of| [half(of); 2]);
+            halves.map(|of| wheel(&of)).collect()
+        }
+        _ => telemetry.wheels.iter().map(wheel).collect(),
+    };
     list![
         telemetry.speed_mps,
         axes::steer(telemetry.steer_ratio),
@@ -303,8 +365,30 @@ pub fn write_telemetry(telemetry: &VehicleTelemetry) -> Value {
 mod tests {
     use super::*;
 
-    /// A control as CARLA's client builds and sends it by default: reading, writing and reading it
-    /// again gives the same.
+    /// A control as CARLA's client builds and sends it by default, with these wheels.
+    fn control(wheels: Value) -> Value {
+        list![
+            list![list![0.0f32, 500.0f32], list![5000.0f32, 500.0f32]],
+            5000.0f32,
+            1.0f32,
+            0.15f32,
+            2.0f32,
+            0.35f32,
+            true,
+            0.5f32,
+            10.0f32,
+            4.0f32,
+            list![list![1.0f32, 0.5f32, 0.65f32]],
+            1000.0f32,
+            0.3f32,
+            list![0.1f32, 0.2f32, 0.3f32],
+            list![list![0.0f32, 1.0f32], list![120.0f32, 0.5f32]],
+            wheels,
+            false
+        ]
+    }
+
+    /// Reading, writing and reading it again gives the same.
     #[test]
     fn physics_control_survives_there_and_back() {
         let wheel = |y: f32| {
@@ -321,25 +405,8 @@ mod tests {
                 list![100.0f32, y, 30.0f32]
             ]
         };
-        let sent = list![list![
-            list![list![0.0f32, 500.0f32], list![5000.0f32, 500.0f32]],
-            5000.0f32,
-            1.0f32,
-            0.15f32,
-            2.0f32,
-            0.35f32,
-            true,
-            0.5f32,
-            10.0f32,
-            4.0f32,
-            list![list![1.0f32, 0.5f32, 0.65f32]],
-            1000.0f32,
-            0.3f32,
-            list![0.1f32, 0.2f32, 0.3f32],
-            list![list![0.0f32, 1.0f32], list![120.0f32, 0.5f32]],
-            list![wheel(-50.0), wheel(50.0)],
-            false
-        ]];
+        let wheels = list![wheel(-50.0), wheel(50.0), wheel(-50.0), wheel(50.0)];
+        let sent = list![control(wheels)];
         let Value::Array(items) = &sent else {
             unreachable!()
         };
@@ -367,6 +434,53 @@ mod tests {
             },
             read
         );
+    }
+
+    #[test]
+    fn a_two_wheeler_has_four_wheels_there_and_two_here() {
+        let wheel = |x: f32| WheelPhysics {
+            friction: 1.0 + x,
+            damping_nms: 0.3,
+            max_steer_rad: 0.6,
+            radius_m: 0.31,
+            max_brake_nm: 701.0,
+            max_hand_brake_nm: 55.0,
+            lat_load_limit: 2.0,
+            lat_stiffness_per_rad: 17.0,
+            long_stiffness_kg: 1333.0,
+            position_m: [x, 0.0, 0.31],
+        };
+        let without = [control(Value::Array(Vec::new()))];
+        let own = VehiclePhysics {
+            wheels: vec![wheel(0.7), wheel(-0.7)],
+            ..read_physics(&mut Fields::new("test", &without)).unwrap()
+        };
+        let items = [write_physics(&own, &Pose::IDENTITY)];
+        let mut sent = read_physics(&mut Fields::new("test", &items)).unwrap();
+        assert_eq!(sent.wheels.len(), 4);
+        assert_eq!(
+            (sent.wheels[1].friction, sent.wheels[2].friction),
+            (1.7, 1.0 - 0.7)
+        );
+        assert_eq!(
+            sent.wheels.iter().map(|of| of.max_brake_nm).sum::<f32>(),
+            1402.0
+        );
+        sent.wheels[0].max_brake_nm += 10.0;
+        let mut action = PhysicsAction::SetVehiclePhysics {
+            physics: Box::new(sent.clone()),
+        };
+        fit_wheels(&mut action, Some(4));
+        assert!(
+            matches!(&action, PhysicsAction::SetVehiclePhysics { physics } if **physics == sent)
+        );
+        fit_wheels(&mut action, Some(2));
+        let PhysicsAction::SetVehiclePhysics { physics } = action else {
+            unreachable!()
+        };
+        let joined: Vec<f32> = physics.wheels.iter().map(|of| of.max_brake_nm).collect();
+        assert_eq!(joined, [711.0, 701.0]);
+        assert_eq!(physics.wheels[1].friction, own.wheels[1].friction);
     }
 
     #[test]
