@@ -95,6 +95,8 @@ pub struct Desk {
     revision: u64,
     lockstep: bool,
     is_stepped: bool,
+    /// Simulated time at which the episode began.
+    begin_nanos: u64,
     actors: ActorList,
     episode: Option<(u64, u32)>,
     /// Vehicles somebody has asked about, with what they will do next.
@@ -205,13 +207,10 @@ impl Desk {
         &mut self.settings
     }
 
-    pub(crate) fn has_own_seed(&self) -> bool {
-        self.has_own_seed
-    }
-
     /// Takes what the simulator says about itself.
     pub(crate) fn set_world(&mut self, info: &WorldInfo) {
         self.is_stepped = info.mode == StepMode::Stepped;
+        self.begin_nanos = info.episode_start_nanos;
         self.world_seed = info.seed;
         if !self.has_own_seed {
             self.settings.seed = info.seed;
@@ -236,6 +235,11 @@ impl Desk {
             self.revision += 1;
         }
         self.episode = now;
+    }
+
+    /// Simulated time at which the episode began.
+    pub(crate) fn begin_nanos(&self) -> u64 {
+        self.begin_nanos
     }
 
     /// Epoch and episode of the newest snapshot.

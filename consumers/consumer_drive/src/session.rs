@@ -95,7 +95,7 @@ struct Session<'o> {
     trail: SnapshotTrail,
     map: FollowedDocument,
     info: FollowedDocument,
-    info_epoch: Option<u64>,
+    info_episode: Option<(u64, u32)>,
     actors: FollowedDocument,
     list_revision: u64,
     list_epoch: u64,
@@ -139,7 +139,7 @@ impl<'o> Session<'o> {
             trail: SnapshotTrail::new(),
             map: FollowedDocument::new(names::WORLD_MAP),
             info: FollowedDocument::new(names::WORLD_INFO),
-            info_epoch: None,
+            info_episode: None,
             actors: FollowedDocument::new(names::WORLD_ACTORS),
             list_revision: 0,
             list_epoch: 0,
@@ -331,8 +331,8 @@ impl<'o> Session<'o> {
     /// Reads what the simulator says about itself.
     fn read_info(&mut self) -> anyhow::Result<()> {
         if let Some(document) = heal(self.info.changed(&self.bus))?.flatten() {
-            self.info_epoch = Some(document.header.epoch);
             if let Ok(info) = document.json::<WorldInfo>() {
+                self.info_episode = Some((document.header.epoch, info.episode));
                 self.desk.set_world(&info);
             }
         }
@@ -357,7 +357,7 @@ impl<'o> Session<'o> {
         {
             return Ok(true);
         }
-        if !self.desk.has_own_seed() && self.info_epoch != Some(epoch) {
+        if self.info_episode != Some((epoch, episode)) {
             return Ok(false);
         }
         heal(self.map.changed(&self.bus))?;
@@ -410,7 +410,8 @@ impl<'o> Session<'o> {
         let header = &at.header;
         let traffic = Traffic::from_records(
             header.tick,
-            header.sim_nanos,
+            // Choices must not depend on what was driven before this episode.
+            header.sim_nanos.saturating_sub(self.desk.begin_nanos()),
             header.period_nanos,
             &at.records,
             self.desk.actors(),

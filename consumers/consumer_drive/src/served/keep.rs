@@ -8,8 +8,9 @@ use std::time::{Duration, Instant};
 
 use crate::desk::{Desk, Memory};
 
-/// Time between two writes, so that scripts that set something in every tick cost little.
-const WRITE_EVERY: Duration = Duration::from_millis(500);
+/// Time between two writes of settings, so that scripts that set something in every tick cost little.
+/// Who is driven is written at once.
+const WRITE_EVERY: Duration = Duration::from_millis(50);
 
 /// The file of one served port.
 #[derive(Debug)]
@@ -18,7 +19,8 @@ pub(super) struct Record {
     /// What a killed process left.
     left: Option<Memory>,
     is_stale: bool,
-    written: Option<Instant>,
+    /// When it was last written, and which registrations it has.
+    written: Option<(Instant, u64)>,
 }
 
 impl Record {
@@ -50,12 +52,12 @@ impl Record {
         }
     }
 
-    /// Writes what has changed, at most twice a second.
+    /// Writes what has changed.
     pub fn keep(&mut self, desk: &Desk, has_changed: bool) {
         self.is_stale |= has_changed;
-        let is_due = self
-            .written
-            .is_none_or(|written| written.elapsed() >= WRITE_EVERY);
+        let is_due = self.written.is_none_or(|(at, registrations)| {
+            registrations != desk.revision() || at.elapsed() >= WRITE_EVERY
+        });
         let (true, true, Some(path)) = (self.is_stale, is_due, &self.path) else {
             return;
         };
@@ -64,7 +66,7 @@ impl Record {
             tracing::warn!(path = %path.display(), %error, "cannot keep what clients set");
             self.path = None;
         }
-        (self.is_stale, self.written) = (false, Some(Instant::now()));
+        (self.is_stale, self.written) = (false, Some((Instant::now(), desk.revision())));
     }
 
     /// Removes the file.
