@@ -5,7 +5,7 @@ use rapier3d::parry::shape::{Cuboid, Shape};
 use schema_types::Pose;
 
 use crate::physics::Physics;
-use crate::props::{PropModel, Props, box_pose};
+use crate::props::Props;
 use crate::vehicles::{VehicleModel, Vehicles, chassis_box};
 use crate::walkers::{Touchable, Walker, Walkers};
 
@@ -45,14 +45,6 @@ impl Obstacles<'_> {
                 let touches = standing.is_stuck(self.physics);
                 touches.then(|| SCENERY.to_owned())
             })
-    }
-
-    /// What a new prop would touch. Scenery does not count, because objects lie on the ground and
-    /// lean on walls.
-    pub fn of_prop(&self, model: &PropModel, pose: &Pose) -> Option<String> {
-        let half = model.engine_half();
-        let at = box_pose(self.physics, &pose.isometry(), half);
-        self.actor_in(&at, &Cuboid::new(half))
     }
 
     /// The vehicle, walker or prop that a shape would touch.

@@ -242,7 +242,7 @@ impl Physics {
     pub fn touches_scenery(&self, pose: &EnginePose, shape: &dyn Shape) -> bool {
         let pipeline = self
             .engine
-            .query_pipeline_with_filter(QueryFilter::only_fixed());
+            .query_pipeline_with_filter(QueryFilter::only_fixed().groups(InteractionGroups::all()));
         pipeline.intersect_shape(*pose, shape).next().is_some()
     }
 }

@@ -5,7 +5,6 @@ mod motion;
 
 use std::collections::BTreeMap;
 
-use nalgebra::Isometry3;
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::parry::query::intersection_test;
 use rapier3d::parry::shape::Shape;
@@ -71,6 +70,10 @@ impl Props {
         let body = RigidBodyBuilder::fixed().pose(physics.engine_pose(&pose.isometry()));
         let collider = ColliderBuilder::cuboid(half.x, half.y, half.z)
             .translation(Vector::new(0.0, 0.0, half.z))
+            .collision_groups(match model.is_litter() {
+                true => InteractionGroups::none(),
+                false => InteractionGroups::all(),
+            })
             .friction(0.6)
             .user_data(collider_tag(actor.0, model.shape.class));
         physics.still.forget();
@@ -125,6 +128,9 @@ impl Props {
     ) -> Option<String> {
         self.by_id.values().find_map(|prop| {
             let model = &prop_models()[prop.model_idx as usize];
+            if model.is_litter() && !prop.is_simulated {
+                return None;
+            }
             let half = model.engine_half();
             let mut other_at = *physics.engine.bodies.get(prop.body?)?.position();
             other_at.translation += other_at.rotation * Vector::new(0.0, 0.0, half.z);
@@ -133,11 +139,4 @@ impl Props {
                 .then(|| model.type_id.clone())
         })
     }
-}
-
-/// Where the middle of a prop's box is in the engine.
-pub(crate) fn box_pose(physics: &Physics, pose: &Isometry3<f64>, half: Vector) -> EnginePose {
-    let mut at = physics.engine_pose(pose);
-    at.translation += at.rotation * Vector::new(0.0, 0.0, half.z);
-    at
 }

@@ -140,8 +140,7 @@ impl Spawner<'_> {
             self.props.add_attached(id, model_idx);
             id
         } else {
-            let obstacle = self.obstacles().of_prop(model, &wanted.pose);
-            refuse_occupied(wanted.type_id, obstacle)?;
+            // Nothing is in the way of an object, as in CARLA: debris lies under cars.
             let id = self.counts.new_id();
             self.props
                 .add_standing(id, model_idx, mass_kg, &wanted.pose, self.physics);

@@ -240,6 +240,12 @@ impl PropModel {
         given.unwrap_or_else(|| (density_kgpm3 * volume_m3).max(0.05))
     }
 
+    /// Whether it is litter so flat that cars and people go over it and touch nothing, as they do
+    /// in CARLA.
+    pub(crate) fn is_litter(&self) -> bool {
+        self.shape.style == Debris
+    }
+
     /// Half extents of its box in the engine, metres.
     pub(crate) fn engine_half(&self) -> Vector {
         let [x, y, z] = self.shape.half_m.map(|x| x as f32);

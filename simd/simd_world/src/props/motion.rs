@@ -55,6 +55,8 @@ impl Prop {
             for collider in body.colliders() {
                 if let Some(collider) = engine.colliders.get_mut(*collider) {
                     collider.set_mass(self.mass_kg);
+                    // Litter that falls has to lie on something.
+                    collider.set_collision_groups(InteractionGroups::all());
                     collider.set_active_events(ActiveEvents::CONTACT_FORCE_EVENTS);
                     collider.set_contact_force_event_threshold(0.0);
                 }
