@@ -37,6 +37,8 @@ pub struct Gateway {
     /// come one by one.
     pub(crate) last_step_nanos: Mutex<u64>,
     pub(crate) settings: Mutex<Settings>,
+    /// The map that was loaded by its name in layers (`Town01_Opt`), which it keeps for scripts.
+    pub(crate) layered_map: Mutex<Option<String>>,
     pub(crate) navigation: NavigationFiles,
     pub(crate) traffic_managers: TrafficManagers,
     pub(crate) stream_port: u16,
@@ -61,6 +63,7 @@ impl Gateway {
             recorder: Recorder::default(),
             last_step_nanos: Mutex::default(),
             settings: Mutex::default(),
+            layered_map: Mutex::default(),
             navigation: NavigationFiles::default(),
             traffic_managers: TrafficManagers::default(),
             stream_port,

@@ -34,9 +34,10 @@ def check_listing():
 
 
 def check_folder():
-    for name in ("mine", "/Game/Carla/Maps/mine", "Town01"):
+    for name in ("mine", "/Game/Carla/Maps/mine", "Town01_Opt", "Town01", "/Game/Carla/Maps/Town02_Opt"):
         world = client.load_world(name)
         assert world.get_map().name == "Carla/Maps/" + name.split("/")[-1], world.get_map().name
+    assert client.reload_world().get_map().name == "Carla/Maps/Town02_Opt"
     world = client.load_world("mine")
     # The gateway adds blank lines.
     assert world.get_map().to_opendrive().rstrip() == text.rstrip()

@@ -10,6 +10,8 @@ use crate::wire::requests::{Answer, Failure, Outcome};
 
 /// CARLA's folder in front of a map's name.
 pub(crate) const MAP_FOLDER: &str = "Carla/Maps/";
+/// CARLA's suffix of a map in layers.
+pub(crate) const LAYERED: &str = "_Opt";
 /// CARLA's name of the map of `generate_opendrive_world`.
 const GENERATED: &str = "OpenDriveMap";
 
@@ -18,8 +20,7 @@ pub(crate) fn carla_map(name: &str) -> String {
     format!("{MAP_FOLDER}{name}")
 }
 
-/// Our name of the map that a script asks for: without folders, file ending and `_Opt`, CARLA's
-/// suffix of a map in layers. The rest cannot be a path, so a client can load only towns, files of
+/// Our name of the map that a script asks for: without folders, file ending and [`LAYERED`]. The rest cannot be a path, so a client can load only towns, files of
 /// the map folder and the map that it stored.
 pub(crate) fn own_map(asked: &str) -> &str {
     let name = asked
@@ -28,7 +29,15 @@ pub(crate) fn own_map(asked: &str) -> &str {
         .unwrap_or(asked)
         .trim_start_matches('.');
     let name = name.strip_suffix(".xodr").unwrap_or(name);
-    name.strip_suffix("_Opt").unwrap_or(name)
+    name.strip_suffix(LAYERED).unwrap_or(name)
+}
+
+/// Whether a script asks for a map in layers.
+pub(crate) fn is_layered(asked: &str) -> bool {
+    asked
+        .strip_suffix(".xodr")
+        .unwrap_or(asked)
+        .ends_with(LAYERED)
 }
 
 pub(crate) const CALLS: Calls = &[

@@ -9,7 +9,7 @@ use crate::gateway::Gateway;
 use crate::list;
 use crate::lock::lock;
 use crate::rpc::call::{Call, Calls};
-use crate::rpc::maps::{carla_map, own_map};
+use crate::rpc::maps::{LAYERED, carla_map, is_layered, own_map};
 use crate::state::blueprints;
 use crate::state::commander::CommandError;
 use crate::state::settings::Settings;
@@ -198,6 +198,9 @@ fn load_map(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
         map: map.to_owned(),
     });
     loaded.map_err(|error| format!("Map '{asked}' not found ({error})"))?;
+    if !asked.is_empty() {
+        *lock(&gateway.layered_map) = is_layered(asked).then(|| map.to_owned());
+    }
     if reset_settings {
         let period_nanos = lock(&gateway.settings)
             .own_period_nanos
@@ -242,5 +245,9 @@ fn map_info(gateway: &Gateway) -> Outcome {
         .iter()
         .map(|pose| structures::transform(&axes::transform(&(*pose).into())))
         .collect();
-    Ok(Answer::Value(list![carla_map(&info.map), points]))
+    let mut name = carla_map(&info.map);
+    if lock(&gateway.layered_map).as_ref() == Some(&info.map) {
+        name.push_str(LAYERED);
+    }
+    Ok(Answer::Value(list![name, points]))
 }
