@@ -4,12 +4,14 @@
 //! [`feed::Feed`], which reads the bus for it alone; all further clients of the same sensor share
 //! one more feed through a [`relay::Relay`]. Messages that the gateway makes itself (radio) go
 //! through relays, too. [`expected`] keeps sources for clients that are about to connect, and
-//! [`progress`] knows how far each reader is, so that a step can wait for it.
+//! [`progress`] knows how far each reader is, so that a step can wait for it. [`held_answers`] keeps
+//! answers back until a client's Traffic Manager can bear what the script does next.
 
 pub mod client_streams;
 pub mod events;
 pub mod expected;
 pub mod feed;
+pub mod held_answers;
 pub mod progress;
 pub mod relay;
 pub mod world_stream;

@@ -67,6 +67,7 @@ struct Follower<'g> {
 impl Follower<'_> {
     fn turn(&mut self) -> anyhow::Result<()> {
         self.wake.wait(LOOK_EVERY)?;
+        self.gateway.feeds.world_stream().held_answers.sweep();
         self.read_documents()?;
         self.open_snapshots()?;
         while let Some(reader) = &mut self.snapshots {

@@ -89,9 +89,12 @@ impl Gateway {
     /// clients wait for it, and a world whose stepping client has gone may have to continue by
     /// itself.
     pub fn closed(&self, connection: u64) {
-        if let Some(old) = self.feeds.world_stream().retire(connection) {
+        let streams = self.feeds.world_stream();
+        if let Some(old) = streams.retire(connection) {
             old.leave();
         }
+        streams.take_left(connection);
+        streams.held_answers.forget(connection);
         self.traffic_managers.forget(connection);
         let mut drivers = lock(&self.drivers);
         if drivers.remove(&connection) && drivers.is_empty() {

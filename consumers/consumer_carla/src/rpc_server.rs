@@ -6,15 +6,77 @@ use std::sync::Arc;
 use consumer_rpc::message;
 use consumer_rpc::server::{self, Peer, Service};
 
+use schema_frames::StepMode;
+
+use crate::feeds::held_answers::{Did, Moment};
 use crate::gateway::Gateway;
 use crate::rpc;
 use crate::rpc::client_methods;
-use crate::wire::fields::Wrong;
-use crate::wire::requests::{self, Failure, response};
+use crate::wire::fields::{Fields, Structures as _, Wrong};
+use crate::wire::msgpack::Value;
+use crate::wire::requests::{self, Failure, Outcome, Request, response};
 
 /// Accepts clients for ever.
 pub fn serve(listener: &TcpListener, gateway: &Arc<Gateway>) {
     server::serve(listener, gateway);
+}
+
+/// Whether one of a batch's commands (lists of a number and its fields) spawns a vehicle.
+fn spawns_vehicle(commands: &Value) -> bool {
+    let Value::Array(commands) = commands else {
+        return false;
+    };
+    commands.iter().any(|command| {
+        let mut wrapped = Fields::new("a batch", std::slice::from_ref(command));
+        let variant = wrapped.fields("a command");
+        let Ok(mut variant) = variant.and_then(|mut one| one.fields("a command's variant")) else {
+            return false;
+        };
+        let is_spawn = variant.u8().is_ok_and(|kind| kind == 0);
+        is_spawn
+            && variant
+                .fields("a spawn")
+                .and_then(|mut spawn| spawn.description())
+                .is_ok_and(|what| what.type_id.starts_with("vehicle."))
+    })
+}
+
+/// What a call did, as far as the client's Traffic Managers care.
+fn did(request: &Request, outcome: &Outcome) -> Did {
+    if outcome.is_err() {
+        return Did::Other;
+    }
+    let mut args = Fields::new("the arguments", &request.args);
+    let mut is_vehicle = || {
+        let description = args.description();
+        description.is_ok_and(|what| what.type_id.starts_with("vehicle."))
+    };
+    match request.method.as_str() {
+        "get_episode_settings" => Did::Settings,
+        "get_vehicle_light_states" => Did::Pass,
+        "add_traffic_manager_running" => Did::Manager,
+        "load_new_episode" => Did::Load,
+        "tick_cue" => Did::Cue,
+        "destroy_actor" => Did::Death,
+        "spawn_actor" if is_vehicle() => Did::Birth,
+        "apply_batch" if request.args.first().is_some_and(spawns_vehicle) => Did::Birth,
+        _ => Did::Other,
+    }
+}
+
+impl Gateway {
+    fn moment(&self, connection: u64) -> Moment {
+        let n_managers = self.traffic_managers.count(connection);
+        if n_managers == 0 {
+            return Moment::default();
+        }
+        let known = self.world.known();
+        let mode = known.info.as_ref().map(|info| info.mode);
+        Moment {
+            n_managers,
+            is_stepped: mode == Some(StepMode::Stepped),
+        }
+    }
 }
 
 impl Service for Gateway {
@@ -35,16 +97,24 @@ impl Service for Gateway {
             }
             Ok(_) => {}
         }
-        Ok(response(
+        let did = did(&request, &outcome);
+        let answer = response(
             request.id,
             request.is_async || client_methods::is_void(&request.method),
             outcome,
-        ))
+        );
+        let moment = self.moment(peer.number);
+        let held = &self.feeds.world_stream().held_answers;
+        Ok(held.pass(peer.number, &peer.later, did, moment, answer))
     }
 
     fn panicked(&self, id: u32, method: &str) -> Vec<u8> {
         let error = format!("{method} failed inside the gateway, whose log says where");
-        response(id, client_methods::is_void(method), Err(Failure::Refused(error)))
+        response(
+            id,
+            client_methods::is_void(method),
+            Err(Failure::Refused(error)),
+        )
     }
 
     fn closed(&self, number: u64) {

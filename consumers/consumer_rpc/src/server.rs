@@ -15,17 +15,44 @@ use crate::msgpack::{self, DecodeError, Limits};
 const MAX_CONNECTIONS: usize = 256;
 
 /// The connection that a request came over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub struct Peer {
     /// Number of the connection; numbers rise and never come back.
     pub number: u64,
     /// Our address, as the client dialled it.
     pub ours: Option<IpAddr>,
+    /// Sends responses that [`Service::serve`] held back.
+    pub later: Later,
+}
+
+/// The writing end of a connection, for responses out of turn: clients tell responses apart by the
+/// numbers of their requests, so they may come in any order.
+#[derive(Clone, Debug)]
+pub struct Later(Arc<Mutex<TcpStream>>);
+
+impl Later {
+    /// For a connection.
+    pub fn new(connection: TcpStream) -> Later {
+        Later(Arc::new(Mutex::new(connection)))
+    }
+
+    /// Writes whole responses. Waits for a client that does not read.
+    ///
+    /// # Errors
+    /// If the connection has ended.
+    pub fn send(&self, responses: &[u8]) -> io::Result<()> {
+        if responses.is_empty() {
+            return Ok(());
+        }
+        let mut connection = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        connection.write_all(responses)
+    }
 }
 
 /// What a server's methods do.
 pub trait Service: Send + Sync + 'static {
-    /// Runs a request and returns the bytes of its response.
+    /// Runs a request and returns the bytes of its response; no bytes if the response follows over
+    /// [`Peer::later`].
     ///
     /// # Errors
     /// [`Wrong`] ends the connection: what follows could not be understood.
@@ -140,7 +167,7 @@ pub fn serve<S: Service>(listener: &TcpListener, service: &Arc<S>) {
 }
 
 fn serve_one<S: Service>(
-    mut connection: TcpStream,
+    connection: TcpStream,
     service: &S,
     number: u64,
     has_asked: &AtomicBool,
@@ -149,8 +176,9 @@ fn serve_one<S: Service>(
     let peer = Peer {
         number,
         ours: connection.local_addr().ok().map(|address| address.ip()),
+        later: Later::new(connection.try_clone()?),
     };
-    let mut reader = BufReader::with_capacity(1 << 16, connection.try_clone()?);
+    let mut reader = BufReader::with_capacity(1 << 16, connection);
     loop {
         let message = match msgpack::read(&mut reader, Limits::default()) {
             Ok(message) => message,
@@ -164,9 +192,9 @@ fn serve_one<S: Service>(
         let request = message::parse(message)?;
         has_asked.store(true, Ordering::Release);
         let (id, method) = (request.id, request.method.clone());
-        let response = catch_unwind(AssertUnwindSafe(|| service.serve(peer, request)))
+        let response = catch_unwind(AssertUnwindSafe(|| service.serve(peer.clone(), request)))
             .unwrap_or_else(|_| Ok(service.panicked(id, &method)))?;
-        if connection.write_all(&response).is_err() {
+        if peer.later.send(&response).is_err() {
             return Ok(());
         }
     }

@@ -23,3 +23,17 @@ fn fifty_cars_drive_without_touching_anything() {
     }
     stage.end();
 }
+
+/// The manager's thread shares a connection with the script and may be anywhere in its work when the
+/// script spawns, destroys or loads a world.
+#[test]
+fn a_traffic_manager_bears_births_deaths_and_other_worlds() {
+    let stage = Stage::new("carlamanagers", &empty_town("Town10HD"));
+    let manager_port = free_port().to_string();
+    stage.run(
+        "carla_managers.py",
+        &[&manager_port],
+        &["newborn", "free worlds", "stepped worlds", "all"],
+    );
+    stage.end();
+}

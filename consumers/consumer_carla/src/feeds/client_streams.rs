@@ -50,6 +50,8 @@ pub(crate) struct ClientStreams {
     /// Retired streams by number, until they send again; a connection that arrives late finds its
     /// stream silent, too.
     left: BTreeMap<u32, Retired>,
+    /// Episodes that clients have left, by connection, until they ask for the next one.
+    left_episodes: BTreeMap<u64, u64>,
 }
 
 impl ClientStreams {
@@ -65,6 +67,22 @@ impl ClientStreams {
             }
         });
         own.stream
+    }
+
+    /// The RPC connection of the client that this world stream belongs to.
+    pub fn owner(&self, stream: u32) -> Option<u64> {
+        let mut owners = self.of.iter().filter(|(_, own)| own.stream == stream);
+        owners.next().map(|(connection, _)| *connection)
+    }
+
+    /// Notes which episode a client has left.
+    pub fn note_left(&mut self, connection: u64, episode: u64) {
+        self.left_episodes.insert(connection, episode);
+    }
+
+    /// The episode that the client has left since it last asked here.
+    pub fn take_left(&mut self, connection: u64) -> Option<u64> {
+        self.left_episodes.remove(&connection)
     }
 
     /// The silence flag of the stream that a connection asks for.

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
 
 use crate::feeds::client_streams::{self, ClientStream, ClientStreams, Retired};
+use crate::feeds::held_answers::HeldAnswers;
 use crate::lock::lock;
 use crate::wire::streams::{StreamMessage, has_ended, send};
 
@@ -44,6 +45,8 @@ struct Audience {
 /// The world stream.
 #[derive(Debug, Default)]
 pub struct WorldStream {
+    /// Answers that wait for clients to connect to this stream, among others.
+    pub held_answers: HeldAnswers,
     audience: Mutex<Audience>,
     client_streams: Mutex<ClientStreams>,
     written: Condvar,
@@ -67,6 +70,16 @@ impl WorldStream {
     /// Silences the stream of a client that loads a world; afterwards the client takes a new one.
     pub fn retire(&self, connection: u64) -> Option<ClientStream> {
         self.client_streams().retire(connection)
+    }
+
+    /// Notes which episode a client has left, by CARLA's id.
+    pub fn note_left(&self, connection: u64, episode: u64) {
+        self.client_streams().note_left(connection, episode);
+    }
+
+    /// The episode that the client has left since it last asked here.
+    pub fn take_left(&self, connection: u64) -> Option<u64> {
+        self.client_streams().take_left(connection)
     }
 
     /// The load failed: the client keeps the stream that [`WorldStream::retire`] returned.
@@ -158,8 +171,14 @@ impl WorldStream {
 
     /// Sends snapshots to a client until it disconnects.
     pub(crate) fn serve(&self, stream: u32, mut connection: TcpStream) -> std::io::Result<()> {
-        let is_retired = self.client_streams().retired(stream);
+        let (is_retired, owner) = {
+            let mut streams = self.client_streams();
+            (streams.retired(stream), streams.owner(stream))
+        };
         let (messages, pace) = self.subscribe();
+        if let Some(owner) = owner {
+            self.held_answers.joined(owner);
+        }
         let served = self.send_all(&mut connection, &messages, &pace, &is_retired);
         // Sensor messages must not wait for a client that has gone.
         drop(messages);

@@ -53,9 +53,13 @@ pub(crate) const CALLS: Calls = &[
     }),
 ];
 
+/// A client that has just loaded a world is told the episode that it left, as CARLA's server does,
+/// which answers before its map has changed: the first snapshot then shows another episode, and by
+/// that the client notices that its Traffic Managers need the new map.
 fn episode_info(gateway: &Gateway, connection: u64) -> Outcome {
     gateway.info()?;
-    let id = gateway.world.known().episode_id();
+    let left = gateway.feeds.world_stream().take_left(connection);
+    let id = left.or_else(|| gateway.world.known().episode_id());
     let id = id.ok_or_else(|| {
         Failure::Refused("world/info carries an epoch that is no number".to_owned())
     })?;
@@ -177,7 +181,11 @@ pub(crate) fn tick_cue(gateway: &Gateway, connection: u64) -> Outcome {
 fn load(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let streams = gateway.feeds.world_stream();
     let retired = streams.retire(call.connection);
+    let left = gateway.world.known().episode_id();
     let loaded = load_map(gateway, call);
+    if let (Some(left), Ok(_)) = (left, &loaded) {
+        streams.note_left(call.connection, left);
+    }
     match (retired, &loaded) {
         (Some(old), Err(_)) => streams.restore(call.connection, old),
         (Some(old), Ok(_)) => old.leave(),

@@ -39,6 +39,13 @@ impl TrafficManagers {
         true
     }
 
+    /// How many Traffic Managers this connection registered.
+    pub fn count(&self, connection: u64) -> usize {
+        let managers = lock(&self.0);
+        let own = |manager: &&TrafficManager| manager.connection == connection;
+        managers.values().filter(own).count()
+    }
+
     /// Removes the Traffic Manager at this port; false if there is none.
     pub fn remove(&self, port: u16) -> bool {
         lock(&self.0).remove(&port).is_some()
