@@ -39,6 +39,8 @@ use solids::Solid;
 const CUSTOM_BYTES: usize = 136;
 /// Longest text; a zero byte follows it.
 const MAX_TEXT_BYTES: usize = 99;
+/// Messages of a station that are kept until its next delivery; beyond this they are lost.
+const MAX_RECEIVED_BYTES: usize = 1 << 20;
 /// Most texts that may wait for the next tick.
 const MAX_OUTBOX: usize = 1024;
 /// Height of an antenna above the roof, metres.
@@ -65,6 +67,44 @@ struct Station {
     radio: Radio,
     service: Option<Service>,
     stream: Stream,
+    /// When it sends and delivers.
+    clock: Clock,
+    /// Messages that it received and has not delivered yet.
+    received: Vec<u8>,
+}
+
+/// When a station sends and delivers: at every step, or at most once per interval.
+#[derive(Debug)]
+struct Clock {
+    interval_nanos: u64,
+    due_nanos: Option<u64>,
+    is_due: bool,
+}
+
+impl Clock {
+    fn of(given: &Attributes<'_>) -> Clock {
+        let secs = given.float("sensor_tick", 0.0);
+        Clock {
+            interval_nanos: if secs > 0.0 {
+                (secs * 1e9).round().min(1e18) as u64
+            } else {
+                0
+            },
+            due_nanos: None,
+            is_due: true,
+        }
+    }
+
+    /// Goes on to a time: the first step is due, then the first one after each interval.
+    fn go_to(&mut self, nanos: u64) {
+        let due_nanos = *self.due_nanos.get_or_insert(nanos);
+        self.is_due = nanos >= due_nanos;
+        if self.is_due && self.interval_nanos > 0 {
+            let n_passed = (nanos - due_nanos) / self.interval_nanos + 1;
+            self.due_nanos =
+                Some(due_nanos.saturating_add(n_passed.saturating_mul(self.interval_nanos)));
+        }
+    }
 }
 
 /// What messages travel through at a tick.
@@ -113,6 +153,8 @@ impl Station {
                 Some(Service::of(&given)?)
             },
             stream,
+            clock: Clock::of(&given),
+            received: Vec::new(),
         })
     }
 
@@ -162,8 +204,9 @@ impl V2x {
             state.outbox.clear();
             return;
         }
+        state.go_to(&snapshot);
         let messages = state.messages(&known, &snapshot);
-        if messages.is_empty() {
+        if messages.is_empty() && state.stations.values().all(|it| it.received.is_empty()) {
             return;
         }
         let antennas = state
@@ -219,6 +262,14 @@ impl State {
         listeners.retain(|id| stations.contains_key(&id) || known.own.contains_key(&id));
     }
 
+    /// Finds which stations send and deliver at this tick.
+    fn go_to(&mut self, snapshot: &WorldAt) {
+        let nanos = snapshot.header.sim_nanos;
+        self.stations
+            .values_mut()
+            .for_each(|station| station.clock.go_to(nanos));
+    }
+
     /// The messages that stations send at this tick.
     fn messages(&mut self, known: &Known, snapshot: &WorldAt) -> Vec<Message> {
         let nanos = snapshot
@@ -229,7 +280,11 @@ impl State {
             .geo_reference_deg
             .unwrap_or_else(|| geo_reference_deg(""));
         let mut messages = Vec::new();
-        for (id, station) in &mut self.stations {
+        for (id, station) in self
+            .stations
+            .iter_mut()
+            .filter(|(_, station)| station.clock.is_due)
+        {
             let (Some(service), Some(record)) =
                 (&mut station.service, snapshot.actor(station.carrier))
             else {
@@ -254,6 +309,10 @@ impl State {
             else {
                 continue;
             };
+            if !station.clock.is_due {
+                self.outbox.push((id, text));
+                continue;
+            }
             let mut record = Record([0; CUSTOM_BYTES]);
             record.header(0, station.carrier);
             record.0[32..32 + text.len()].copy_from_slice(text.as_bytes());
@@ -302,7 +361,7 @@ impl State {
             else {
                 continue;
             };
-            let mut bytes = Vec::new();
+            let mut bytes = std::mem::take(&mut station.received);
             // How many messages of each sender came to the station.
             let mut heard = BTreeMap::<u64, u64>::new();
             for message in messages
@@ -352,7 +411,15 @@ impl State {
                     bytes.extend(&message.bytes[4..]);
                 }
             }
-            if let Some(relay) = listeners.relay(*id).filter(|_| !bytes.is_empty()) {
+            let relay = listeners.relay(*id);
+            if !station.clock.is_due {
+                // Nobody listens to what nobody would get.
+                if relay.is_some() && bytes.len() < MAX_RECEIVED_BYTES {
+                    station.received = bytes;
+                }
+                continue;
+            }
+            if let Some(relay) = relay.filter(|_| !bytes.is_empty()) {
                 let mut whole = Vec::with_capacity(48 + bytes.len());
                 push_prefix(
                     &mut whole,

@@ -1,6 +1,7 @@
 //! The meshes of an episode on the GPU, with their lamps, and what culling needs of each instance.
 
 mod emitter;
+mod free_ranges;
 mod gpu_assets;
 mod mesh_draw;
 mod switched;

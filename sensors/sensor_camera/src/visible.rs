@@ -2,7 +2,8 @@
 //! instances.
 
 use nalgebra::Isometry3;
-use sensor_core::Scene;
+use schema_types::ActorId;
+use sensor_core::{Scene, stream};
 use sensor_spec::Intrinsics;
 
 use crate::assets::{GpuAssets, MeshDraw, Sphere, matrix_rows};
@@ -162,6 +163,7 @@ pub(crate) fn visible(
     lens: &Intrinsics,
     motion: &CameraMotion,
     previous: Option<&Firing>,
+    hidden: &[ActorId],
     drawn: &mut Drawn,
 ) {
     drawn.clear();
@@ -181,6 +183,9 @@ pub(crate) fn visible(
         let Some(mesh) = assets.level(instance.mesh, distance_m) else {
             continue;
         };
+        if assets.scene_assets.streamed && is_of_far_tile(sphere, &motion.world_from_camera) {
+            continue;
+        }
         let data = InstanceData {
             camera_from_mesh: product(
                 &camera_from_world,
@@ -196,6 +201,9 @@ pub(crate) fn visible(
         drawn.add(mesh, distance_m, data);
     }
     for instance in &scene.dynamics {
+        if hidden.binary_search(&instance.actor).is_ok() {
+            continue;
+        }
         let sphere = Sphere::of(
             assets.scene_assets.mesh(instance.mesh),
             &instance.world_from_mesh,
@@ -229,6 +237,19 @@ pub(crate) fn visible(
         drawn.add(mesh, distance_m, data);
     }
     drawn.sort();
+}
+
+/// Whether scenery belongs to a tile that this camera does not see, though another sensor may have
+/// brought it here: what a camera sees follows from its own place.
+fn is_of_far_tile(sphere: &Sphere, world_from_camera: &Isometry3<f64>) -> bool {
+    let (centre, at) = (sphere.centre_m, world_from_camera.translation.vector);
+    sphere.radius_m <= stream::WIDE_M
+        && !stream::is_near(
+            stream::tile_at(centre.x, centre.y),
+            at.x,
+            at.y,
+            stream::VIEW_REACH_M,
+        )
 }
 
 fn quaternion(transform: &Isometry3<f64>) -> [f32; 4] {

@@ -287,6 +287,7 @@ impl World {
             | Command::DrawDebug { .. }
             | Command::ClearDebug { .. }
             | Command::ShowTelemetry { .. }
+            | Command::HideActors { .. }
             | Command::Counters
             | Command::Journal { .. } => {
                 refused("this command is for the daemon, not for the world")

@@ -27,11 +27,6 @@ pub enum SpawnError {
         /// The id asked for.
         parent: ActorId,
     },
-    /// Actors of this type cannot be attached to others.
-    #[error(
-        "cannot attach {0:?} to an actor: only sensors, controllers and props can be attached; leave parent_id out"
-    )]
-    Attached(String),
     /// The place is taken.
     #[error(
         "spawn failed because of collision at spawn position: {type_id:?} would touch {obstacle}"

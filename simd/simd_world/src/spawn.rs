@@ -24,6 +24,8 @@ pub(crate) struct Wanted<'r> {
     pub type_id: &'r str,
     /// Pose in the world, or on the parent.
     pub pose: Pose,
+    /// Pose of the parent.
+    pub world_from_parent: Option<Pose>,
     pub parent: Option<ActorId>,
     pub role: &'r str,
     pub attributes: &'r BTreeMap<String, String>,
@@ -63,13 +65,8 @@ impl Spawner<'_> {
                 parent,
             });
         }
-        let is_attached = wanted.parent.is_some();
         match vehicle_models().get(catalogue_idx as usize) {
-            Some(_) if is_attached => Err(SpawnError::Attached(type_id.to_owned())),
             Some(model) => self.vehicle(model, catalogue_idx, wanted),
-            None if type_id.starts_with("walker.") && is_attached => {
-                Err(SpawnError::Attached(type_id.to_owned()))
-            }
             None if type_id.starts_with("walker.") => self.walker(catalogue_idx, wanted),
             None if type_id.starts_with("static.prop.") => self.prop(catalogue_idx, wanted),
             None if type_id.starts_with("sensor.") => {
@@ -91,11 +88,19 @@ impl Spawner<'_> {
     ) -> Result<ActorId, SpawnError> {
         let attributes = vehicles::checked_attributes(model, wanted.attributes)
             .map_err(|bad| bad.of(wanted.type_id))?;
-        let obstacle = self.obstacles().of_vehicle(model, &wanted.pose);
-        refuse_occupied(wanted.type_id, obstacle)?;
+        if wanted.parent.is_none() {
+            let obstacle = self.obstacles().of_vehicle(model, &wanted.pose);
+            refuse_occupied(wanted.type_id, obstacle)?;
+        }
         let id = self.counts.new_id();
         self.vehicles
-            .add(id, model, &wanted.pose, &attributes, self.physics);
+            .add(id, model, &wanted.world_pose(), &attributes, self.physics);
+        if wanted.parent.is_some()
+            && let Some(vehicle) = self.vehicles.by_id.get_mut(&id)
+        {
+            vehicle.set_simulated(self.physics, false);
+            vehicle.set_collides(self.physics, false);
+        }
         let actor = wanted.actor(id, ActorKind::Vehicle, catalogue_idx);
         self.actors.add(Actor {
             attributes,
@@ -112,9 +117,14 @@ impl Spawner<'_> {
         let attributes =
             walkers::checked_attributes(&walker_models()[model_idx], wanted.attributes)
                 .map_err(|bad| bad.of(wanted.type_id))?;
-        let walker = walkers::new_walker(model_idx, &wanted.pose, &attributes, self.physics);
-        let obstacle = self.obstacles().of_walker(&walker);
-        refuse_occupied(wanted.type_id, obstacle)?;
+        let mut walker =
+            walkers::new_walker(model_idx, &wanted.world_pose(), &attributes, self.physics);
+        if wanted.parent.is_some() {
+            (walker.simulated, walker.collides) = (false, false);
+        } else {
+            let obstacle = self.obstacles().of_walker(&walker);
+            refuse_occupied(wanted.type_id, obstacle)?;
+        }
         let id = self.counts.new_id();
         self.walkers.by_id.insert(id, walker);
         let actor = wanted.actor(id, ActorKind::Walker, catalogue_idx);
@@ -192,6 +202,13 @@ impl Spawner<'_> {
 }
 
 impl Wanted<'_> {
+    fn world_pose(&self) -> Pose {
+        match &self.world_from_parent {
+            Some(parent) => (parent.isometry() * self.pose.isometry()).into(),
+            None => self.pose,
+        }
+    }
+
     fn actor(&self, id: ActorId, kind: ActorKind, catalogue_idx: u32) -> Actor {
         Actor {
             id,

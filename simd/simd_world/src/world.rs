@@ -208,6 +208,29 @@ impl World {
         self.physics.take_collisions(&mut self.collisions);
         self.lights.step(dt_nanos);
         self.refresh_records(Some(dt_secs));
+        self.carry_riders();
+    }
+
+    /// Puts the bodies of attached vehicles and walkers, which have no physics of their own, where
+    /// their records say.
+    fn carry_riders(&mut self) {
+        let attached = |actor: &&crate::actors::Actor| actor.parent.is_some();
+        for actor in self.actors.by_id.values().filter(attached) {
+            let Some(record) = self.records.get(actor.id) else {
+                continue;
+            };
+            let pose = record.world_from_actor;
+            if let Some(vehicle) = self.vehicles.by_id.get_mut(&actor.id)
+                && !vehicle.switches.simulated
+            {
+                vehicle.set_pose(&mut self.physics, &pose.isometry());
+            }
+            if let Some(walker) = self.walkers.by_id.get_mut(&actor.id)
+                && !walker.simulated
+            {
+                walker.put_middle(&pose);
+            }
+        }
     }
 
     /// Longest physics sub-step from now on, see [`WorldOptions::physics_substep_secs`].
@@ -234,6 +257,7 @@ impl World {
             parent,
             role,
             attributes,
+            world_from_parent: None,
             is_added: false,
         })
     }
@@ -254,11 +278,17 @@ impl World {
             parent,
             role,
             attributes: &BTreeMap::new(),
+            world_from_parent: None,
             is_added: true,
         })
     }
 
     fn spawn_wanted(&mut self, wanted: Wanted<'_>) -> Result<ActorId, SpawnError> {
+        let parent = wanted.parent.and_then(|parent| self.records.get(parent));
+        let wanted = Wanted {
+            world_from_parent: parent.map(|parent| parent.world_from_actor),
+            ..wanted
+        };
         let mut spawner = Spawner {
             catalogue: &self.catalogue,
             origin_m: self.map.origin_m,

@@ -16,7 +16,7 @@ use crate::feeds::relay::Relay;
 use crate::feeds::world_stream::WorldStream;
 use crate::state::known_world::World;
 use crate::wire::geolocation::geo_reference_deg;
-use crate::wire::sensor_message::{Context, Encoder};
+use crate::wire::sensor_message::{Context, Encoder, GRAVITY_MPS2};
 use crate::wire::streams::{StreamMessage, actor_of, send};
 
 /// How often a stream without new frames checks its connection and its sensor.
@@ -48,6 +48,7 @@ impl Shared {
         let at = &known.snapshot.as_ref()?.header;
         (at.episode == frame.header().episode).then(|| Context {
             episode_start_nanos: at.episode_start_nanos,
+            imu_gravity_mps2: known.imu_gravity_mps2.unwrap_or(GRAVITY_MPS2),
             geo_reference_deg: known
                 .geo_reference_deg
                 .unwrap_or_else(|| geo_reference_deg("")),

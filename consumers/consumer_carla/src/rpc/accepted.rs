@@ -10,8 +10,6 @@ use crate::wire::requests::{Answer, Failure, Outcome};
 use crate::wire::streams;
 use crate::wire::structures;
 
-/// Standard gravity, which cannot be changed.
-const GRAVITY_MPS2: f32 = 9.81;
 /// Numbers of streams without messages start here: below clients' world streams and above all
 /// actors' streams.
 const SILENT_STREAMS: u32 = 0x4000_0000;
@@ -23,10 +21,6 @@ pub(crate) const CALLS: Calls = &[
     ("set_annotations_traverse_translucency", accept),
     ("apply_color_texture_to_objects", accept),
     ("apply_float_color_texture_to_objects", accept),
-    ("get_imui_gravity", |_, _| {
-        Ok(Answer::Value(GRAVITY_MPS2.into()))
-    }),
-    ("set_imui_gravity", accept),
     // Parts of actors.
     ("set_actor_dead", accept),
     ("get_actor_component_world_transform", component_in_world),
@@ -38,7 +32,6 @@ pub(crate) const CALLS: Calls = &[
     ("get_actor_socket_names", no_parts),
     ("get_actor_socket_world_transforms", no_parts),
     ("get_actor_socket_relative_transforms", no_parts),
-    ("get_vehicle_bone_world_transforms", no_parts),
     // Other vehicle simulators.
     ("enable_carsim", accept),
     ("use_carsim_road", accept),
@@ -51,7 +44,6 @@ pub(crate) const CALLS: Calls = &[
         Ok(Answer::Value(false.into()))
     }),
     ("send", send_custom),
-    ("set_ignored_vehicles", accept),
     ("enable_gbuffers", accept),
     ("are_gbuffers_enabled", |_, _| {
         Ok(Answer::Value(false.into()))

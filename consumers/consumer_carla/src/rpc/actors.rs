@@ -45,6 +45,12 @@ pub(crate) const BATCH: Commands = &[
             },
         ))
     }),
+    (19, |actor, fields| {
+        Ok(Item::Move {
+            actor,
+            location_m: fields.vector()?,
+        })
+    }),
     // `SetAutopilot`: the client itself registers the vehicle with its Traffic Manager.
     (16, |actor, _| Ok(Item::Nothing { actor, what: None })),
 ];
@@ -86,9 +92,16 @@ fn set_transform(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     Ok(Answer::Void)
 }
 
-/// Moves an actor and keeps its rotation of the newest snapshot.
 fn set_location(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let (actor_id, location_m) = (call.known_actor(gateway)?, call.vector()?);
+    gateway
+        .commander
+        .tell(place_at(gateway, actor_id, location_m));
+    Ok(Answer::Void)
+}
+
+/// Moves an actor and keeps its rotation of the newest snapshot.
+pub(crate) fn place_at(gateway: &Gateway, actor_id: u32, location_m: [f64; 3]) -> Command {
     let snapshot = gateway.world.known().snapshot.clone();
     let rotation_deg = snapshot.and_then(|at| {
         at.actor(actor_id)
@@ -98,11 +111,10 @@ fn set_location(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
         location_m,
         rotation_deg: rotation_deg.unwrap_or_default(),
     };
-    gateway.commander.tell(Command::SetPose {
+    Command::SetPose {
         actor_id,
         pose: axes::pose(&transform).into(),
-    });
-    Ok(Answer::Void)
+    }
 }
 
 fn set_velocity(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {

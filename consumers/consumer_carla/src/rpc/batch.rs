@@ -4,6 +4,7 @@ use schema_frames::{Attachment, Command, CommandReply, PhysicsAction};
 
 use crate::gateway::Gateway;
 use crate::list;
+use crate::rpc::actors::place_at;
 use crate::rpc::batch_item::{Commands, Item};
 use crate::rpc::call::{Call, Calls};
 use crate::rpc::session::tick_cue;
@@ -151,6 +152,10 @@ fn destroyed(gateway: &Gateway, actor: u32, answer: Result<(), String>) -> Done 
 /// vehicle controls are sent last.
 fn run_batch(gateway: &Gateway, mut items: Vec<Result<Item<'_>, Wrong>>) -> Vec<Done> {
     for item in &mut items {
+        if let Ok(Item::Move { actor, location_m }) = item {
+            let command = place_at(gateway, *actor, *location_m);
+            *item = Ok(Item::ask(*actor, command));
+        }
         if let Ok(Item::Ask {
             actor,
             command: Command::Physics { action, .. },
@@ -233,6 +238,7 @@ fn run_batch(gateway: &Gateway, mut items: Vec<Result<Item<'_>, Wrong>>) -> Vec<
             Item::Control { actor, .. } => Err(format!(
                 "actor {actor} could not be found; it does not exist or was destroyed"
             )),
+            Item::Move { actor, .. } => Ok(actor),
             Item::Nothing { actor, what } => {
                 what.into_iter().for_each(|what| gateway.no_effect(what));
                 Ok(actor)

@@ -22,6 +22,8 @@ pub(crate) enum Item<'v> {
         actor: u32,
         record: VehicleControlRecord,
     },
+    /// A new place for an actor, which keeps its rotation.
+    Move { actor: u32, location_m: [f64; 3] },
     /// Accepted without effect; `what` is logged once.
     Nothing {
         actor: u32,

@@ -1,7 +1,11 @@
-//! Calls about the bones of walkers.
+//! Calls about the bones of walkers and vehicles.
 
+use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use schema_frames::document::PoseText;
-use schema_frames::{BoneReading, Command, CommandReply, HeldBone, SkeletonAction};
+use schema_frames::{
+    BoneReading, Command, CommandReply, HeldBone, PhysicsAction, PhysicsAnswer, SkeletonAction,
+};
+use schema_types::Pose;
 
 use crate::gateway::Gateway;
 use crate::list;
@@ -11,6 +15,14 @@ use crate::wire::fields::{Fields, Structures as _};
 use crate::wire::msgpack::Value;
 use crate::wire::requests::{Answer, Failure, Outcome};
 use crate::wire::structures;
+
+/// Bones of a vehicle's wheels, in the order of its physics control.
+const WHEELS: [&str; 4] = [
+    "Wheel_Front_Left",
+    "Wheel_Front_Right",
+    "Wheel_Rear_Left",
+    "Wheel_Rear_Right",
+];
 
 pub(crate) const CALLS: Calls = &[
     ("get_bones_transform", |gateway, call| {
@@ -51,6 +63,9 @@ pub(crate) const CALLS: Calls = &[
     ("get_actor_bone_relative_transforms", |gateway, call| {
         bone_list(gateway, call, |bone| transform(bone.bone_in_parent))
     }),
+    ("get_vehicle_bone_world_transforms", |gateway, call| {
+        bone_list(gateway, call, |bone| transform(bone.bone_in_world))
+    }),
 ];
 
 fn transform(pose: PoseText) -> Value {
@@ -66,15 +81,18 @@ fn bone(bone: &BoneReading) -> Value {
     ]
 }
 
-/// The bones of a walker; an empty list for other actors.
+/// The bones of a walker or a vehicle; an empty list for other actors.
 fn bones(gateway: &Gateway, actor_id: u32) -> Result<Vec<BoneReading>, Failure> {
-    let is_walker = gateway
-        .world
-        .known()
-        .actors
-        .get(&actor_id)
-        .is_some_and(|actor| actor.type_id.starts_with("walker."));
-    if !is_walker {
+    let kind = {
+        let known = gateway.world.known();
+        let listed = known.actors.get(&actor_id).map(|actor| &actor.type_id);
+        let own = known.own.get(&actor_id).map(|own| &own.description.type_id);
+        listed.or(own).cloned().unwrap_or_default()
+    };
+    if kind.starts_with("vehicle.") {
+        return vehicle_bones(gateway, actor_id);
+    }
+    if !kind.starts_with("walker.") {
         return Ok(Vec::new());
     }
     match gateway.commander.ask_one(Command::Skeleton {
@@ -84,6 +102,67 @@ fn bones(gateway: &Gateway, actor_id: u32) -> Result<Vec<BoneReading>, Failure> 
         (CommandReply::Bones { bones }, _) => Ok(bones),
         _ => Ok(Vec::new()),
     }
+}
+
+/// The base of a vehicle, and its wheels where they are now: steered, turned and sprung. Their
+/// names are those of CARLA's vehicles.
+fn vehicle_bones(gateway: &Gateway, actor_id: u32) -> Result<Vec<BoneReading>, Failure> {
+    let ask = |action| {
+        gateway
+            .commander
+            .ask_one(Command::Physics { actor_id, action })
+    };
+    let physics = match ask(PhysicsAction::GetVehiclePhysics)? {
+        (
+            CommandReply::Physics {
+                answer: PhysicsAnswer::VehiclePhysics(physics),
+            },
+            _,
+        ) => physics,
+        _ => return Ok(Vec::new()),
+    };
+    let wheels = match ask(PhysicsAction::GetTelemetry)? {
+        (
+            CommandReply::Physics {
+                answer: PhysicsAnswer::Telemetry(telemetry),
+            },
+            _,
+        ) => telemetry.wheels,
+        _ => return Ok(Vec::new()),
+    };
+    let snapshot = gateway.world.known().snapshot.clone();
+    let Some(record) = snapshot.as_ref().and_then(|at| at.actor(actor_id)) else {
+        return Ok(Vec::new());
+    };
+    let travel_m = record.vehicle().map(|part| part.wheel_travel_m);
+    let world_from_base = record.world_from_actor.isometry();
+    let reading = |name: &str, base_from_bone: Isometry3<f64>| BoneReading {
+        name: name.to_owned(),
+        bone_in_world: Pose::from(world_from_base * base_from_bone).into(),
+        bone_in_body: Pose::from(base_from_bone).into(),
+        bone_in_parent: Pose::from(base_from_bone).into(),
+    };
+    let names: &[&str] = match physics.wheels.len() {
+        2 => &["Wheel_Front", "Wheel_Rear"],
+        _ => &WHEELS,
+    };
+    let mut bones = vec![reading("Vehicle_Base", Isometry3::identity())];
+    for (i, (wheel, now)) in physics.wheels.iter().zip(&wheels).enumerate() {
+        let mut place = Translation3::from(wheel.position_m.map(f64::from));
+        place.z += travel_m.map_or(0.0, |travel| {
+            f64::from(travel.get(i).copied().unwrap_or(0.0))
+        });
+        let steered = UnitQuaternion::from_euler_angles(0.0, 0.0, f64::from(now.steer_rad));
+        let turned = UnitQuaternion::from_euler_angles(0.0, f64::from(now.roll_rad), 0.0);
+        let name = names
+            .get(i)
+            .map_or_else(|| format!("Wheel_{i}"), |name| (*name).to_owned());
+        bones.push(reading(
+            &name,
+            Isometry3::from_parts(place, steered * turned),
+        ));
+    }
+    Ok(bones)
 }
 
 fn bone_list(

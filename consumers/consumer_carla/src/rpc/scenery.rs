@@ -7,11 +7,25 @@ use crate::gateway::Gateway;
 use crate::list;
 use crate::rpc::call::{Call, Calls};
 use crate::wire::axes;
+use crate::wire::fields::Fields;
 use crate::wire::msgpack::Value;
 use crate::wire::requests::{Answer, Failure, Outcome};
 use crate::wire::structures;
 
 pub(crate) const CALLS: Calls = &[
+    ("set_ignored_vehicles", |gateway, call| {
+        let sensor_id = call.known_actor(gateway)?;
+        let ids = call.list()?;
+        let mut fields = Fields::new("the ids of vehicles", ids);
+        let actor_ids = (0..ids.len())
+            .map(|_| fields.u32())
+            .collect::<Result<Vec<u32>, _>>()?;
+        gateway.commander.ask_one(Command::HideActors {
+            sensor_id,
+            actor_ids,
+        })?;
+        Ok(Answer::Void)
+    }),
     ("load_map_layer", |gateway, call| {
         switch_layers(gateway, call, true)
     }),

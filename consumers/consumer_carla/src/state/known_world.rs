@@ -33,6 +33,8 @@ pub struct Known {
     pub map: Arc<str>,
     /// `world/spawn_points`.
     pub spawn_points: Arc<SpawnPoints>,
+    /// Gravity that IMUs measure if a client set one, m/s².
+    pub imu_gravity_mps2: Option<f64>,
     /// The newest snapshot.
     pub snapshot: Option<Arc<WorldAt>>,
 }

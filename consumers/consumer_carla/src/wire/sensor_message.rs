@@ -18,7 +18,12 @@ pub struct Context {
     pub episode_start_nanos: u64,
     /// Latitude and longitude of the map's origin, degrees.
     pub geo_reference_deg: [f64; 2],
+    /// Gravity that IMUs measure, m/s².
+    pub imu_gravity_mps2: f64,
 }
+
+/// Gravity that the simulator's IMUs measure, m/s².
+pub const GRAVITY_MPS2: f64 = 9.81;
 
 /// Writes the messages of one sensor and reuses its buffers.
 #[derive(Debug)]
@@ -107,7 +112,12 @@ impl Encoder {
                 points::semantic_lidar(head, body, header, self.fov_rad, frame.elements()?)
             }
             Modality::Radar => points::radar(body, frame.elements()?),
-            Modality::Imu => records::imu(body, frame.elements()?.first()?),
+            Modality::Imu => records::imu(
+                body,
+                frame.elements()?.first()?,
+                header,
+                context.imu_gravity_mps2,
+            ),
             Modality::Gnss => records::gnss(
                 body,
                 frame.elements()?.first()?,

@@ -3,10 +3,12 @@
 
 use std::sync::Arc;
 
-use sensor_core::{Lod, Material, Mesh, MeshId, SceneAssets, StaticInstance};
+use bytemuck::Zeroable as _;
+use sensor_core::{Lod, Material, Mesh, MeshId, SceneAssets, StaticInstance, Vertex};
 use sensor_gpu::Gpu;
 
 use super::emitter::{Emitter, emitters_of};
+use super::free_ranges::FreeRanges;
 use super::mesh_draw::{MeshDraw, Sphere, Still};
 use super::switched::{self, StillLamp};
 
@@ -14,6 +16,7 @@ use super::switched::{self, StillLamp};
 #[derive(Clone, Copy, Debug)]
 struct MeshRange {
     base_vertex: i32,
+    n_vertices: u32,
     first_idx: u32,
     /// Capacity for indices.
     n_places: u32,
@@ -48,10 +51,23 @@ pub(crate) struct GpuAssets {
     /// For each mesh the number of its first level of detail, and the levels of all meshes in one
     /// list, because culling looks up many.
     levels: (Vec<u32>, Vec<Level>),
+    /// Room in both buffers that no mesh has.
+    room: Room,
+}
+
+/// Free ranges of both buffers.
+#[derive(Debug)]
+struct Room {
+    vertices: FreeRanges,
+    indices: FreeRanges,
 }
 
 /// Flatter meshes (roads, ground) receive shadows but cast none.
 const MIN_CASTER_HEIGHT_M: f32 = 0.3;
+
+/// Room for streamed meshes beside half as much again as what is there, vertices and indices.
+const SPARE_VERTICES: usize = 200_000;
+const SPARE_INDICES: usize = 400_000;
 
 /// Materials with windows.
 const WALLS: [u8; 2] = [Material::Facade as u8, Material::ShopFront as u8];
@@ -76,17 +92,25 @@ impl GpuAssets {
         for mesh in &scene_assets.meshes {
             ranges.push(MeshRange {
                 base_vertex: vertices.len() as i32,
+                n_vertices: mesh.vertices.len() as u32,
                 first_idx: indices.len() as u32,
                 n_places: mesh.indices.len() as u32,
                 casts_shadow: height_m(mesh) >= MIN_CASTER_HEIGHT_M,
-                has_walls: mesh
-                    .vertices
-                    .iter()
-                    .any(|vertex| WALLS.contains(&vertex.material)),
+                has_walls: has_walls(mesh),
             });
             vertices.extend_from_slice(&mesh.vertices);
             indices.extend_from_slice(&mesh.indices);
         }
+        let used = (vertices.len(), indices.len());
+        if scene_assets.streamed {
+            // Room for the scenery of other places, which comes while this one is still there.
+            vertices.resize(used.0 + used.0 / 2 + SPARE_VERTICES, Vertex::zeroed());
+            indices.resize(used.1 + used.1 / 2 + SPARE_INDICES, 0);
+        }
+        let room = Room {
+            vertices: FreeRanges::of(used.0 as u32, vertices.len() as u32),
+            indices: FreeRanges::of(used.1 as u32, indices.len() as u32),
+        };
         let spheres = spheres_of(scene_assets);
         let emitters: Vec<Vec<Emitter>> = scene_assets
             .meshes
@@ -112,6 +136,7 @@ impl GpuAssets {
             emitters,
             levels: levels_of(scene_assets, &ranges),
             ranges,
+            room,
         }
     }
 
@@ -152,10 +177,11 @@ impl GpuAssets {
             let (old, new) = (&known.meshes[*i], &other.meshes[*i]);
             new.indices.len() <= self.ranges[*i].n_places as usize && old.vertices == new.vertices
         };
-        if !changed.iter().all(fits) {
-            return None;
-        }
         let mut n_bytes = 0;
+        if !changed.iter().all(fits) {
+            n_bytes = self.exchange(gpu, other, &changed)?;
+            return Some(self.shows(gpu, other, n_bytes));
+        }
         for i in changed {
             let mesh = &other.meshes[i];
             let bytes: &[u8] = bytemuck::cast_slice(&mesh.indices);
@@ -164,10 +190,55 @@ impl GpuAssets {
             n_bytes += bytes.len() as u64;
             self.emitters[i] = emitters_of(mesh);
         }
+        Some(self.shows(gpu, other, n_bytes))
+    }
+
+    /// Takes over where the instances of `other`, whose meshes are uploaded, stand.
+    fn shows(&mut self, gpu: &Gpu, other: &Arc<SceneAssets>, n_bytes: u64) -> u64 {
         self.spheres = spheres_of(other);
         self.still = Still::of(other, &self.spheres);
         self.levels = levels_of(other, &self.ranges);
         self.switch_lamps(gpu, other);
+        n_bytes
+    }
+
+    /// Puts streamed meshes in the place of others and returns the uploaded bytes; `None`, with
+    /// nothing usable left, if there is no room for them.
+    fn exchange(&mut self, gpu: &Gpu, other: &SceneAssets, changed: &[usize]) -> Option<u64> {
+        if !other.streamed {
+            return None;
+        }
+        for i in changed {
+            let range = &mut self.ranges[*i];
+            self.room
+                .vertices
+                .give(range.base_vertex as u32, range.n_vertices);
+            self.room.indices.give(range.first_idx, range.n_places);
+            (range.n_vertices, range.n_places) = (0, 0);
+        }
+        let mut n_bytes = 0;
+        for i in changed {
+            let mesh = &other.meshes[*i];
+            let (n_vertices, n_places) = (mesh.vertices.len() as u32, mesh.indices.len() as u32);
+            let base_vertex = self.room.vertices.take(n_vertices)?;
+            let first_idx = self.room.indices.take(n_places)?;
+            self.ranges[*i] = MeshRange {
+                base_vertex: base_vertex as i32,
+                n_vertices,
+                first_idx,
+                n_places,
+                casts_shadow: height_m(mesh) >= MIN_CASTER_HEIGHT_M,
+                has_walls: has_walls(mesh),
+            };
+            let vertices: &[u8] = bytemuck::cast_slice(&mesh.vertices);
+            let indices: &[u8] = bytemuck::cast_slice(&mesh.indices);
+            let at = u64::from(base_vertex) * size_of::<Vertex>() as u64;
+            gpu.queue().write_buffer(&self.vertices, at, vertices);
+            gpu.queue()
+                .write_buffer(&self.indices, 4 * u64::from(first_idx), indices);
+            n_bytes += (vertices.len() + indices.len()) as u64;
+            self.emitters[*i] = emitters_of(mesh);
+        }
         Some(n_bytes)
     }
 
@@ -234,6 +305,12 @@ fn spheres_of(assets: &SceneAssets) -> Vec<Sphere> {
         .iter()
         .map(|instance| Sphere::of(assets.mesh(instance.mesh), &instance.world_from_mesh))
         .collect()
+}
+
+fn has_walls(mesh: &Mesh) -> bool {
+    mesh.vertices
+        .iter()
+        .any(|vertex| WALLS.contains(&vertex.material))
 }
 
 fn height_m(mesh: &Mesh) -> f32 {

@@ -1,6 +1,7 @@
 //! Finds what each view sees, which lamps reach into it, and what its shadow maps need.
 
 use rayon::prelude::*;
+use schema_types::ActorId;
 use sensor_spec::Intrinsics;
 
 use super::active::{Active, eyes_of};
@@ -9,6 +10,9 @@ use crate::camera_motion::Firing;
 use crate::shadow::{ShadowMaps, ShadowPlans};
 use crate::view::ViewJob;
 use crate::{lamps, visible};
+
+/// A view's lens, its firing before, and the actors that it does not show.
+type Seen<'v> = (Intrinsics, Option<&'v Firing>, &'v [ActorId]);
 
 /// Does so in parallel. Returns no shadow plans if the maps of all views exceed their memory limit.
 pub(super) fn find(
@@ -31,18 +35,19 @@ pub(super) fn find(
     };
     let fits = maps.n_fitting(&eyes) == eyes.len();
     let shining = lamps::shining(scene, assets, light.exposure, light.dark_ratio);
-    let seen: Vec<(Intrinsics, Option<&Firing>)> = active
+    let seen: Vec<Seen<'_>> = active
         .iter()
         .map(|active| &*jobs[active.job_idx].view)
-        .map(|view| (view.drawn, view.previous.as_ref()))
+        .map(|view| (view.drawn, view.previous.as_ref(), &*view.hidden))
         .collect();
-    let find = |(active, (lens, previous)): (&mut Active, (Intrinsics, Option<&Firing>))| {
+    let find = |(active, (lens, previous, hidden)): (&mut Active, Seen<'_>)| {
         visible::visible(
             scene,
             assets,
             &lens,
             &active.motion,
             previous,
+            hidden,
             &mut active.drawn,
         );
         if active.set.is_lit() {

@@ -1,23 +1,28 @@
 //! Sensors whose messages are msgpack: IMU and GNSS.
 
+use nalgebra::Vector3;
 use schema_frames::{FrameHeader, GnssSample, ImuSample};
 
 use crate::list;
 use crate::wire::axes;
 use crate::wire::geolocation::locate_deg;
 use crate::wire::msgpack::{self, Value};
+use crate::wire::sensor_message::GRAVITY_MPS2;
 
 fn vector([x, y, z]: [f64; 3]) -> Value {
     list![x as f32, y as f32, z as f32]
 }
 
-/// Accelerometer, gyroscope, compass.
-pub fn imu(out: &mut Vec<u8>, sample: &ImuSample) {
+/// Accelerometer, gyroscope, compass. A gravity other than the simulator's changes what the
+/// accelerometer feels along the world's vertical.
+pub fn imu(out: &mut Vec<u8>, sample: &ImuSample, header: &FrameHeader, gravity_mps2: f64) {
     let [x, y, z] = sample.angular_velocity_radps;
+    let up = header.world_from_sensor.isometry().rotation.inverse() * Vector3::z();
+    let force = Vector3::from(sample.specific_force_mps2) + up * (gravity_mps2 - GRAVITY_MPS2);
     msgpack::write(
         out,
         &list![
-            vector(axes::mirror(sample.specific_force_mps2)),
+            vector(axes::mirror(force.into())),
             vector([-x, y, -z]),
             sample.compass_rad as f32
         ],
