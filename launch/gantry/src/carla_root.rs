@@ -149,7 +149,7 @@ fn launch_text(args: &CarlaRootArgs) -> anyhow::Result<String> {
     Ok(format!(
         "# A server of {SCRIPT}: an empty town and the gateway, as CARLA is after its start. Arguments of
 # {SCRIPT} (ports, map, step, adapter, quality) win over what this file says. As with CARLA, each client runs its own
-# Traffic Manager; a process with cmd = ["gantry-drive", "--serve", "8000"] before the gateway makes it one for all.
+# Traffic Manager; a process `gantry-drive --serve 8000` before the gateway makes it one for all.
 version = 1
 
 [scenario]
