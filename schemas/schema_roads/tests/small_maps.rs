@@ -454,3 +454,77 @@ fn outlines_are_bounded_over_the_whole_map() {
         map.warnings()
     );
 }
+
+/// RoadRunner's files as CARLA reads them: `+` is for lanes with positive ids, headings count from
+/// the road's direction, and objects called `Speed_NN` are speed limits.
+#[test]
+fn signals_of_road_runner_face_the_traffic_of_the_lanes_that_they_name() {
+    let plan = geometry(0.0, 0.0, 0.0, 0.0, 100.0, "<line/>");
+    let mut road = RoadText::new(1, 100.0, &plan);
+    let signal = |id: u32, t: f64, orientation: &str, heading: f64, validity: &str| {
+        format!(
+            r#"<signal id="{id}" name="Sign_Stop" s="60" t="{t}" zOffset="2" hOffset="{heading}" dynamic="no" orientation="{orientation}" type="206" subtype="-1" country="OpenDRIVE" value="-1">{validity}</signal>"#
+        )
+    };
+    let lane = |id: i8| format!(r#"<validity fromLane="{id}" toLane="{id}"/>"#);
+    road.signals = format!(
+        r#"<objects><object id="9" name="Speed_30" s="20" t="-5" zOffset="0.1" hdg="0" orientation="-" type="-1"/></objects><signals>{}{}{}</signals>"#,
+        signal(1, -4.0, "-", 0.0, &lane(-1)),
+        signal(2, 4.0, "+", PI, &lane(1)),
+        signal(3, 4.0, "+", PI, &lane(0)),
+    );
+    let header = |text: String| {
+        text.replace(
+            r#"name="test">"#,
+            r#"name="test" vendor="VectorZero"><userData><vectorScene program="RoadRunner"/></userData>"#,
+        )
+    };
+    let map = RoadMap::parse(&header(document(&[road], ""))).unwrap();
+    let [limit, stop, other_way, nobody] =
+        ["9", "1", "2", "3"].map(|id| map.signals().iter().find(|signal| signal.id == id).unwrap());
+    assert_eq!(
+        (limit.kind, limit.value),
+        (SignalKind::SpeedLimit, Some(30.0))
+    );
+    let stops = |signal: &schema_roads::Signal| -> Vec<(i8, f64)> {
+        let stops = signal.stops.iter();
+        stops
+            .map(|stop| (stop.stop.lane.lane, stop.stop.s_m))
+            .collect()
+    };
+    // Lane −1 drives along s, lane 1 against it: 100 m − 60 m after its start.
+    assert_eq!(stops(limit), [(-1, 20.0)]);
+    assert_eq!(stops(stop), [(-1, 60.0)]);
+    assert_eq!(stops(other_way), [(1, 40.0)]);
+    assert_eq!(stops(nobody), []);
+    // Faces look against the traffic: towards −x for lane −1, towards +x for lane 1.
+    let face = |signal: &schema_roads::Signal| signal.pose.rotation * nalgebra::Vector3::x();
+    for (signal, x) in [(limit, -1.0), (stop, -1.0), (other_way, 1.0)] {
+        assert!((face(signal).x - x).abs() < 1e-9, "{}", signal.id);
+    }
+    assert!(map.objects().is_empty(), "a sign is no object too");
+}
+
+#[test]
+fn lights_of_a_junction_take_turns_by_controllers() {
+    let map = RoadMap::parse(&t_junction()).unwrap();
+    let groups = map.light_groups();
+    assert_eq!(groups.len(), 1);
+    assert_eq!(groups[0].junction, Some(5));
+    let ids: Vec<Vec<&str>> = groups[0]
+        .turns
+        .iter()
+        .map(|turn| {
+            turn.iter()
+                .map(|idx| map.signals()[*idx].id.as_str())
+                .collect()
+        })
+        .collect();
+    assert_eq!(ids, [["71"], ["72"]]);
+    // Without its controller a light has a turn of its own there, behind the others.
+    let text = t_junction().replace(r#"<control signalId="71" type="0"/>"#, "");
+    let map = RoadMap::parse(&text).unwrap();
+    let groups = map.light_groups();
+    assert_eq!((groups.len(), groups[0].turns.len()), (1, 2));
+    assert_eq!(map.signals()[groups[0].turns[1][0]].id, "71");
+}

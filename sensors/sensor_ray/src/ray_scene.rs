@@ -102,6 +102,24 @@ impl RayScene {
         fits
     }
 
+    /// Takes over streamed scenery of the same episode that holds other tiles; only those that came
+    /// are built. False, with nothing changed, if the instances are others.
+    #[must_use]
+    pub fn stream(&mut self, assets: &SceneAssets) -> bool {
+        let fits = assets.streamed
+            && assets.episode == self.episode
+            && assets.meshes.len() == self.scenery.meshes.len()
+            && assets.statics.len() == self.scenery.statics.len()
+            && self.hiding.is_hiding(&assets.hidden);
+        if fits {
+            let kept = std::mem::take(&mut self.scenery.tiles);
+            self.scenery = Scenery::with_kept(assets, self.for_gpu, kept);
+            self.hiding = Hiding::new(&assets.hidden);
+            self.serial = N_BUILT.fetch_add(1, Ordering::Relaxed);
+        }
+        fits
+    }
+
     /// Episode of the assets this was loaded from.
     pub fn episode(&self) -> u32 {
         self.episode

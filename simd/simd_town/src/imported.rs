@@ -28,6 +28,9 @@ pub use options::ImportOptions;
 /// Most points of all surfaces: about a thousand kilometres of streets.
 const MAX_POINTS: usize = 8_000_000;
 
+/// Width from which a map is large.
+const LARGE_M: f64 = 3000.0;
+
 /// The world of a map. `open_drive` is the text that `roads` was read from; the same text, seed and
 /// options give the same bytes.
 ///
@@ -62,12 +65,16 @@ pub fn import(
     surface::build(&mut builder, &sections);
     paint::build(&mut builder, &sections);
     ground::build(&mut builder);
+    if is_large(&sections) {
+        ground::backdrop(&mut builder);
+    }
     objects::build(&mut builder);
     signals::build(&mut builder, &sections);
     if options.roadside {
         roadside::build(&mut builder, &sections);
     }
     let mut parts = builder.finish();
+    parts.assets.streamed = is_large(&sections);
     if !options.visible {
         parts.assets.statics.clear();
     }
@@ -102,6 +109,17 @@ pub fn import(
         light_head: light_head(),
         collision: parts.collision,
         origin_m: origin.into(),
+    })
+}
+
+/// Whether a map is so wide that sensors get the scenery near them only.
+fn is_large(sections: &[SectionSurface]) -> bool {
+    let points = || sections.iter().flat_map(|section| &section.centre_m);
+    (0..2).any(|axis| {
+        let (low, high) = points().fold((f64::MAX, f64::MIN), |(low, high), p| {
+            (low.min(p[axis]), high.max(p[axis]))
+        });
+        high - low > LARGE_M
     })
 }
 

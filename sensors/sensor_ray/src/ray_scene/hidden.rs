@@ -64,6 +64,11 @@ impl Hiding {
         }
     }
 
+    /// Whether the hierarchies were built without just these objects.
+    pub fn is_hiding(&self, hidden: &BTreeSet<ObjectId>) -> bool {
+        self.never_there == *hidden && self.hidden == *hidden
+    }
+
     /// Whether the hierarchies hold every object that is to be shown.
     pub fn can_hide(&self, hidden: &BTreeSet<ObjectId>) -> bool {
         self.never_there.is_subset(hidden)

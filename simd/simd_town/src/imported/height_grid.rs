@@ -176,6 +176,43 @@ impl HeightGrid {
         Terrain::of_grid(self.grid.clone())
     }
 
+    /// Coarse cells in square pieces: the middle of a piece, and its quads, counter-clockwise from
+    /// above, nowhere higher than the grid near them.
+    pub fn coarse(&self, piece_m: f64, coarse_m: f64) -> Vec<(P2, Vec<[[f64; 3]; 4]>)> {
+        let step = (coarse_m / self.grid.cell_m).ceil().max(1.0) as usize;
+        let per_piece = (piece_m / self.grid.cell_m).ceil().max(1.0) as usize / step * step;
+        let per_piece = per_piece.max(step);
+        let (columns, rows) = (self.grid.columns, self.grid.rows);
+        // A corner is as low as the lowest of the cells round it.
+        let low = |column: usize, row: usize| {
+            let mut z = f64::INFINITY;
+            for r in row.saturating_sub(step)..=(row + step).min(rows - 1) {
+                for c in column.saturating_sub(step)..=(column + step).min(columns - 1) {
+                    z = z.min(self.grid.z_m[r * columns + c]);
+                }
+            }
+            let [x, y, _] = self.corner(column, row);
+            [x, y, z]
+        };
+        let ends = |from: usize, n: usize| (from + step).min(n - 1);
+        let mut pieces = Vec::new();
+        for row in (0..rows - 1).step_by(per_piece) {
+            for column in (0..columns - 1).step_by(per_piece) {
+                let mut quads = Vec::new();
+                for r in (row..(row + per_piece).min(rows - 1)).step_by(step) {
+                    for c in (column..(column + per_piece).min(columns - 1)).step_by(step) {
+                        let (c1, r1) = (ends(c, columns), ends(r, rows));
+                        quads.push([low(c, r), low(c1, r), low(c1, r1), low(c, r1)]);
+                    }
+                }
+                let half = 0.5 * per_piece as f64 * self.grid.cell_m;
+                let [x, y, _] = self.corner(column, row);
+                pieces.push((P2::new(x + half, y + half), quads));
+            }
+        }
+        pieces
+    }
+
     pub fn cells(&self, mut visit: impl FnMut([[f64; 3]; 3])) {
         for row in 1..self.grid.rows {
             for column in 1..self.grid.columns {

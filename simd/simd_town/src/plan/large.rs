@@ -72,18 +72,11 @@ impl Squares {
 const TOWN11: Squares = Squares(&["......", ".V..V.", "..TS..", "..CT..", ".VSS..", "......"]);
 /// Town12: a city with suburbs and the country round it.
 const TOWN12: Squares = Squares(&[
-    "........", ".V.SS.V.", ".STTTS..", ".STCCTS.", "..TCCTS.", ".VSTTS..", "..SSS.V.", ".V......",
+    ".......", ".V.S.V.", ".SSTS..", ".STCTS.", "..SCTS.", ".V.SS.V", ".......",
 ]);
 /// Town13: several towns side by side.
 const TOWN13: Squares = Squares(&[
-    "..V.....V.",
-    ".STS..V...",
-    "VTCTS..SS.",
-    ".STS..STTS",
-    "...V..STCT",
-    ".V..SS.STS",
-    ".SS.STS..V",
-    "VSTS.SS.V.",
+    "..V.....", ".STS..V.", "VTCS..S.", ".SS..STS", "..V..STC", ".V....SS", ".SS.V...", ".ST..V..",
 ]);
 
 /// The plan of a large town.

@@ -69,7 +69,8 @@ pub const ALL: Levels = 0..=2;
 /// Collects polygons by cell and level.
 #[derive(Default)]
 pub struct Chunks {
-    cells: BTreeMap<Key, [MeshBuilder; 3]>,
+    /// By the levels that a polygon belongs to, so that its corners are kept once for all of them.
+    cells: BTreeMap<Key, BTreeMap<(usize, usize), MeshBuilder>>,
     /// Height of the ground.
     pub terrain: Terrain,
 }
@@ -97,10 +98,10 @@ impl Chunks {
             .iter()
             .map(|c| std::array::from_fn(|i| (c[i] - centre[i]) as f32))
             .collect();
+        let of_levels = (*levels.start(), *levels.end());
         let builders = self.cells.entry(key).or_default();
-        for level in levels {
-            builders[level].polygon(surface, &local, uv_m);
-        }
+        let builder = builders.entry(of_levels).or_default();
+        builder.polygon(surface, &local, uv_m);
     }
 
     /// Adds a polygon that lies at given heights, counter-clockwise from above, to the cell of its
@@ -186,16 +187,26 @@ impl Chunks {
                 name: format!("{:?} {} {}", key.0, key.1, key.2).to_lowercase(),
                 ..Mesh::default()
             };
-            for (builder, until_m) in builders.into_iter().zip(key.0.until_m()) {
-                let level = builder.finish();
+            let mut parts = Vec::new();
+            for (levels, builder) in builders {
+                let part = builder.finish();
                 let base = whole.vertices.len() as u32;
+                whole.vertices.extend(part.vertices);
+                let indices: Vec<u32> = part.indices.iter().map(|i| i + base).collect();
+                parts.push((levels, indices));
+            }
+            for (level, until_m) in key.0.until_m().into_iter().enumerate() {
+                let first_idx = whole.indices.len() as u32;
+                for ((from, to), indices) in &parts {
+                    if (*from..=*to).contains(&level) {
+                        whole.indices.extend(indices);
+                    }
+                }
                 whole.lods.push(Lod {
-                    first_idx: whole.indices.len() as u32,
-                    n_indices: level.indices.len() as u32,
+                    first_idx,
+                    n_indices: whole.indices.len() as u32 - first_idx,
                     until_m,
                 });
-                whole.indices.extend(level.indices.iter().map(|i| i + base));
-                whole.vertices.extend(level.vertices);
             }
             bound(&mut whole);
             let mesh = assets.add_mesh(whole);
