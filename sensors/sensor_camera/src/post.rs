@@ -128,13 +128,17 @@ impl PostJob<'_> {
         self.optics.postprocess && self.optics.flare_intensity > 0.0
     }
 
-    /// Whether it needs no meter, no glow and no blur, so that it can be developed together with
-    /// other plain views.
+    /// Whether it needs no meter, glow, blur or longer program, so that it can be developed
+    /// together with other plain views.
     pub fn is_plain(&self) -> bool {
-        self.meter.is_none()
-            && !self.has_bloom()
-            && !self.has_flare()
-            && !self.optics.is_blurred()
+        self.meter.is_none() && !self.has_bloom() && !self.has_extras() && !self.optics.is_blurred()
+    }
+
+    /// Whether it needs the longer program: for a shaped film, ghosts, or a lens that bends.
+    fn has_extras(&self) -> bool {
+        self.has_flare()
+            || self.optics.film.curve == FilmCurve::Shaped
+            || self.optics.distortion().is_some()
     }
 }
 
@@ -164,6 +168,8 @@ const FLARE_SHARE: f32 = 0.2;
 pub(crate) struct PostPass {
     layout: wgpu::BindGroupLayout,
     main: wgpu::ComputePipeline,
+    /// The same for views with extras.
+    main_extras: wgpu::ComputePipeline,
     metering: wgpu::ComputePipeline,
     shrink: wgpu::ComputePipeline,
     shrink_bright: wgpu::ComputePipeline,
@@ -229,18 +235,24 @@ impl PostPass {
             immediate_size: 0,
         });
         let shader = gpu.shader("post", &post_wgsl());
-        let pipeline = |entry_point| {
+        let specialised = |entry_point, has_extras: bool| {
+            let constants = [("HAS_EXTRAS", f64::from(u8::from(has_extras)))];
             device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(entry_point),
                 layout: Some(&pipeline_layout),
                 module: &shader,
                 entry_point: Some(entry_point),
-                compilation_options: Default::default(),
+                compilation_options: wgpu::PipelineCompilationOptions {
+                    constants: &constants,
+                    ..Default::default()
+                },
                 cache: None,
             })
         };
+        let pipeline = |entry_point| specialised(entry_point, false);
         PostPass {
             main: pipeline("cs_main"),
+            main_extras: specialised("cs_main", true),
             metering: pipeline("cs_meter"),
             shrink: pipeline("cs_shrink"),
             shrink_bright: pipeline("cs_shrink_bright"),
@@ -393,7 +405,11 @@ impl PostPass {
         let [glow, ghosts] =
             [&glow, &ghosts].map(|image| image.as_ref().map_or(black, |image| &image.view));
         let images = [&color, glow, ghosts, no_glow];
-        run(&self.main, source, images, groups(size_px));
+        let main = match job.has_extras() {
+            true => &self.main_extras,
+            false => &self.main,
+        };
+        run(main, source, images, groups(size_px));
     }
 
     /// Bind group of the source, the meter, and the images for colour, glow, ghosts, and glow output.

@@ -12,7 +12,6 @@ fn a_lens_bends_and_blurs_as_its_attributes_say_and_rare_calls_do_what_they_prom
         "film",
         "ignored vehicles",
         "gravity",
-        "batch",
         "bones",
         "radio",
         "riders",

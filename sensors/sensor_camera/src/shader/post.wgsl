@@ -75,6 +75,10 @@ struct Meter {
 
 var<private> which: u32;
 
+// Whether there may be a shaped film, ghosts, or a lens that bends; cameras without them run the
+// shorter program.
+override HAS_EXTRAS: bool = true;
+
 const N_BINS: u32 = 128u;
 // Luminance of the lowest bin: 2^-18 of white; 5 bins a stop.
 const LOWEST: f32 = -18.0;
@@ -201,7 +205,7 @@ fn developed(radiance: vec3<f32>) -> vec3<f32> {
     if posts[which].has_film == 0.0 {
         return pow(min(rgb, vec3(1.0)), vec3(posts[which].gamma_exponent / 2.2));
     }
-    if posts[which].is_shaped != 0.0 {
+    if HAS_EXTRAS && posts[which].is_shaped != 0.0 {
         let tones = vec3(shaped(rgb.r), shaped(rgb.g), shaped(rgb.b));
         return pow(clamp(tones, vec3(0.0), vec3(1.0)), vec3(posts[which].gamma_exponent / 2.2));
     }
@@ -235,6 +239,9 @@ fn shaped(light: f32) -> f32 {
 
 // Where the lens shows what the image has at q, both from the middle: the inverse of the bend.
 fn unbent(q: vec2<f32>) -> vec2<f32> {
+    if !HAS_EXTRAS {
+        return q;
+    }
     let scaled = q * posts[which].distortion_size;
     let squared = dot(scaled, scaled);
     let a = posts[which].distortion_k * squared;
@@ -307,7 +314,7 @@ fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
             radiance_at(in_image * (1.0 - drift) + 0.5, factor).b,
         );
         radiance += textureSampleLevel(glow_map, smooth_sampler, in_image + 0.5, 0.0).rgb * (factor * posts[which].bloom);
-        if posts[which].flare != 0.0 {
+        if HAS_EXTRAS && posts[which].flare != 0.0 {
             radiance += ghosts_at(in_image);
         }
         rgb = developed(radiance);
