@@ -60,6 +60,7 @@ fn did(request: &Request, outcome: &Outcome) -> Did {
         "destroy_actor" => Did::Death,
         "spawn_actor" if is_vehicle() => Did::Birth,
         "apply_batch" if request.args.first().is_some_and(spawns_vehicle) => Did::Birth,
+        "apply_batch" => Did::Batch,
         _ => Did::Other,
     }
 }

@@ -22,9 +22,9 @@
 //! on, and the second call ends it.
 //!
 //! A manager in synchronous mode makes its passes within the script's own ticks and asks nothing
-//! between them. It is told apart by its calls: one that runs freely asks twice without a pass, or
-//! begins one without a cue. Every wait has an end, and one that ends by itself is the last until
-//! the manager is seen to run freely.
+//! between them. It is told apart by its calls: one that runs freely asks again and again without a
+//! pass, begins one without a cue, or works while the script cues a step. Every wait has an end, and
+//! one that ends by itself is the last until the manager is seen to run freely.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard};
@@ -36,12 +36,16 @@ use crate::lock::lock;
 
 /// Longest wait for the first pass of a new Traffic Manager.
 const FIRST_PASS: Duration = Duration::from_secs(1);
-/// Longest wait for a pass after a spawn, and for a manager to pause before a world is left.
+/// Longest wait for a manager that may have been switched to synchronous mode.
 const PASS: Duration = Duration::from_millis(250);
-/// A manager that began so many passes in turn after cues runs in synchronous mode.
-const MANY_CUED: u32 = 12;
+/// Longest wait for a manager that has just been seen to run freely, on a busy machine.
+const FREE_PASS: Duration = Duration::from_millis(1500);
+/// For how long a manager that was seen to run freely is taken to do so.
+const PROOF: Duration = Duration::from_secs(2);
+/// A manager that asks so often without a pass runs freely; scripts ask, too.
+const MANY_IDLE: u32 = 5;
 /// A manager that asked nothing for so long is not between two passes.
-const SILENT: Duration = Duration::from_millis(100);
+const SILENT: Duration = Duration::from_millis(400);
 /// Longest wait of a manager for the client's next world stream.
 const JOIN: Duration = Duration::from_secs(3);
 
@@ -60,6 +64,8 @@ pub enum Did {
     Settings,
     /// A pass has looked at its frame: `get_vehicle_light_states`.
     Pass,
+    /// A batch, with which most passes end.
+    Batch,
     /// The script cued a step.
     Cue,
     /// Anything else.
@@ -119,12 +125,14 @@ struct Client {
     asked: Option<Instant>,
     /// Whether the manager seems to run freely.
     is_free: bool,
-    /// Whether a pass looked at its frame since the last `get_episode_settings`.
-    has_looked: bool,
-    /// Whether the script cued a step since then.
+    /// When it was last seen to do so.
+    proven: Option<Instant>,
+    /// Whether a pass has looked at its frame and sent no batch yet.
+    is_working: bool,
+    /// Whether the script cued a step since the last `get_episode_settings`.
     was_cued: bool,
-    /// Passes in turn that began after a cue.
-    n_cued: u32,
+    /// Calls of `get_episode_settings` in turn without a pass.
+    n_idle: u32,
 }
 
 impl Client {
@@ -137,9 +145,10 @@ impl Client {
             n_settings: 0,
             asked: None,
             is_free: true,
-            has_looked: true,
+            proven: None,
+            is_working: false,
             was_cued: false,
-            n_cued: 0,
+            n_idle: 0,
         }
     }
 
@@ -160,17 +169,20 @@ impl Client {
     }
 
     fn runs_freely(&mut self) {
-        (self.is_free, self.n_cued) = (true, 0);
+        (self.is_free, self.proven) = (true, Some(Instant::now()));
+    }
+
+    /// How long to wait for a pass.
+    fn patience(&self) -> Duration {
+        let is_sure = self.proven.is_some_and(|at| at.elapsed() < PROOF);
+        if is_sure { FREE_PASS } else { PASS }
     }
 
     /// A pass has looked at its frame.
     fn look(&mut self, answer: Vec<u8>) -> Vec<u8> {
-        self.has_looked = true;
+        (self.is_working, self.n_idle) = (true, 0);
         if !self.was_cued {
             self.runs_freely();
-        } else {
-            self.n_cued = self.n_cued.saturating_add(1);
-            self.is_free &= self.n_cued < MANY_CUED;
         }
         let began_since = self.n_settings > 0;
         let (ready, waiting): (Vec<Held>, Vec<Held>) = std::mem::take(&mut self.script)
@@ -188,10 +200,11 @@ impl Client {
     fn settings(&mut self, moment: Moment, answer: Vec<u8>) -> Vec<u8> {
         self.asked = Some(Instant::now());
         self.n_settings += 1;
-        if !std::mem::take(&mut self.has_looked) {
+        self.n_idle = self.n_idle.saturating_add(1);
+        if self.n_idle >= MANY_IDLE && !self.was_cued {
             self.runs_freely();
         }
-        self.was_cued = false;
+        (self.is_working, self.was_cued) = (false, false);
         match self.change {
             // The second call since then comes after a whole pass.
             Change::None if self.n_settings > moment.n_managers => self.release(answer),
@@ -219,7 +232,7 @@ impl Client {
         if is_due(&self.script) {
             answers = self.release(answers);
             // The manager was silent: it waits for the script's next tick.
-            (self.is_free, self.n_cued) = (false, 0);
+            (self.is_free, self.proven) = (false, None);
             if self.change == Change::Leaving {
                 self.change = Change::Joining;
             }
@@ -277,16 +290,23 @@ impl HeldAnswers {
                 client.runs_freely();
                 client.hold(Need::AnyLook, answer, FIRST_PASS)
             }
-            Did::Birth if is_behind => client.hold(Need::Look, answer, PASS),
-            Did::Death if is_behind => client.hold(Need::End, answer, PASS),
+            Did::Birth if is_behind => client.hold(Need::Look, answer, client.patience()),
+            Did::Death if is_behind => client.hold(Need::End, answer, client.patience()),
             Did::Load => {
                 client.change = Change::Leaving;
                 client.hold(Need::End, answer, PASS)
             }
             Did::Settings => client.settings(moment, answer),
             Did::Pass => client.look(answer),
+            Did::Batch => {
+                client.is_working = false;
+                answer
+            }
             Did::Cue => {
                 client.was_cued = true;
+                if client.is_working {
+                    client.runs_freely();
+                }
                 answer
             }
             _ => answer,
@@ -420,17 +440,40 @@ mod tests {
     }
 
     #[test]
-    fn nobody_waits_for_a_manager_that_steps_with_the_script() {
-        let case = Case::new();
-        for _ in 0..MANY_CUED {
+    fn a_wait_for_a_manager_that_steps_with_the_script_is_the_last() {
+        let mut case = Case::new();
+        let cycle = |case: &Case| {
             case.call(Did::Settings, "s");
             case.call(Did::Cue, "c");
             case.call(Did::Pass, "p");
-        }
+            case.call(Did::Batch, "b");
+        };
+        cycle(&case);
+        assert_eq!(case.call(Did::Settings, "s"), "s");
+        assert_eq!(case.call(Did::Birth, "b"), "");
+        std::thread::sleep(PASS + Duration::from_millis(20));
+        case.held.sweep();
+        assert_eq!(case.arrived(1), "b");
+        cycle(&case);
         case.call(Did::Settings, "s");
         assert_eq!(case.call(Did::Birth, "b"), "b");
-        assert_eq!(case.call(Did::Settings, "s"), "s", "it runs freely now");
-        assert_eq!(case.call(Did::Birth, "b"), "");
+        for _ in 0..MANY_IDLE {
+            case.call(Did::Settings, "s");
+        }
+        assert_eq!(case.call(Did::Birth, "b"), "", "it runs freely now");
+    }
+
+    #[test]
+    fn a_manager_that_works_while_the_script_cues_runs_freely() {
+        let case = Case::new();
+        case.call(Did::Settings, "s");
+        lock(&case.held.0)
+            .values_mut()
+            .for_each(|client| client.is_free = false);
+        case.call(Did::Cue, "c");
+        case.call(Did::Pass, "p");
+        case.call(Did::Cue, "c");
+        assert_eq!(case.call(Did::Death, "d"), "");
     }
 
     #[test]
