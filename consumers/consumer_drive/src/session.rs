@@ -226,7 +226,8 @@ impl<'o> Session<'o> {
         }
         self.read_list(&world)?;
         let is_ready = self.prepare(&world)?;
-        if !is_ready && self.waits_for_map(&world) {
+        // Without a map nothing can be driven; in a world that stands still it is looked for again.
+        if !is_ready && (!self.desk.lockstep() || self.waits_for_map(&world)) {
             return Ok(());
         }
         self.join()?;
