@@ -9,6 +9,7 @@
 
 mod arguments;
 mod front;
+mod place;
 mod server;
 
 pub use front::{is_front, run as run_front};
@@ -17,19 +18,15 @@ pub use server::run as run_server;
 use std::io::Write as _;
 use std::net::IpAddr;
 use std::os::unix::fs::{OpenOptionsExt as _, symlink};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context as _, ensure};
 use launch_cli::{Exit, wrong_usage};
 
 use crate::cli::CarlaRootArgs;
+use place::{LAUNCH_FILE, PROGRAM, PROGRAM_FOLDER};
 
-/// The folder of the front's file below the made folder, as in a CARLA release.
-const PROGRAM_FOLDER: &str = "CarlaUE4/Binaries/Linux";
-/// Name of the front's file, by which programs find CARLA's processes and kill them.
-const PROGRAM: &str = "CarlaUE4-Linux-Shipping";
 const SCRIPT: &str = "CarlaUE4.sh";
-const LAUNCH_FILE: &str = "launch.toml";
 /// Release that the gateway speaks for; scripts read it from the file `VERSION`.
 const VERSION: &str = "0.9.16\n";
 /// A line of the script that tells a folder made here from an installed CARLA.
@@ -188,23 +185,9 @@ exec \"$program\" CarlaUE4 \"$@\"
     )
 }
 
-/// The made folder of a front that was called by this path.
-fn root_of(front: &Path) -> anyhow::Result<PathBuf> {
-    let root = std::path::absolute(front)?
-        .ancestors()
-        .nth(4)
-        .map(Path::to_owned)
-        .filter(|root| root.join(LAUNCH_FILE).is_file());
-    root.with_context(|| {
-        format!(
-            "there is no {LAUNCH_FILE} four folders above {}; start it by its whole path, or run `gantry carla-root DIR` again",
-            front.display()
-        )
-    })
-}
-
 #[cfg(test)]
 mod tests {
+    use super::place::root_of;
     use super::*;
     use launch_spec::Launch;
 

@@ -12,7 +12,7 @@ use anyhow::Context as _;
 use launch_cli::{CommonArgs, Exit};
 
 use super::arguments::{self, Wishes};
-use super::{LAUNCH_FILE, PROGRAM, root_of};
+use super::place::{LAUNCH_FILE, PROGRAM, root_of};
 
 /// The hidden word of the launcher behind the front.
 const WORD: &str = "carla-server";
