@@ -59,6 +59,8 @@ class Driver:
         self.vehicle, self.map = vehicle, world_map
         self.agent = BasicAgent(vehicle, target_speed=30, map_inst=world_map)
         self.agent.follow_speed_limits(True)
+        # CARLA's is_within_distance overlooks what is at an angle of exactly 0, straight ahead on a straight road.
+        self.agent.set_offset(0.05)
         self.go_on(side(name))
 
     def go_on(self, turn):
