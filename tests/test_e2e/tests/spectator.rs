@@ -1,17 +1,10 @@
-//! The spectator: rendered only for readers, moved by commands, alone in showing texts, and flown
-//! in a terminal.
+//! The spectator: rendered only for readers, moved by commands, and alone in showing texts.
 
-use std::fs::File;
-use std::io::{Read as _, Write as _};
-use std::process::{Command as Program, Stdio};
-use std::sync::{Arc, Mutex};
-
-use nix::pty::{Winsize, openpty};
-use nix::sys::termios::tcgetattr;
 use schema_bus::names::SPECTATOR_RGB;
 use schema_bus::{CommandClient, Frame, FrameReader};
+use schema_frames::document::PoseText;
 use schema_frames::{
-    ActorKind, Command, CommandReply, DebugDraw, DebugKind, DebugShape, FrameHeader, PoseText,
+    ActorKind, Command, CommandReply, DebugDraw, DebugKind, DebugShape, FrameHeader,
 };
 use schema_types::Pose;
 use test_e2e::carla::{run_script, start_gateway};
@@ -121,8 +114,10 @@ fn texts_and_shapes_on_the_screen_are_in_its_image_alone() {
     let mut camera = simulator.frames("post/view/rgb");
     let mut images = simulator.frames(SPECTATOR_RGB);
     let tick = simulator.step(1);
-    let seen = simulator.frame_of(&mut camera, tick);
-    let at = seen.header().world_from_sensor;
+    let at = simulator
+        .frame_of(&mut camera, tick)
+        .header()
+        .world_from_sensor;
     let (id, _) = spectator(&mut simulator);
     drop(simulator.frame_of(&mut images, tick));
     simulator.ask(set_pose(id, at));
@@ -341,65 +336,6 @@ fn a_client_of_carla_moves_it_and_writes_into_it() {
     drop((images, camera));
     gateway.stop().expect_code(0);
     daemon.stop().expect_code(0);
-}
-
-#[test]
-fn it_is_flown_in_a_terminal_which_is_given_back() {
-    let launch = LAUNCH.replace("mode = \"stepped\"\n", "");
-    let mut simulator = Simulator::start(Setup::text(launch));
-    let (_, before) = spectator(&mut simulator);
-    let size = Winsize {
-        ws_row: 24,
-        ws_col: 80,
-        ws_xpixel: 0,
-        ws_ypixel: 0,
-    };
-    let pair = openpty(Some(&size), None).unwrap();
-    let settings = tcgetattr(&pair.slave).unwrap();
-    let end = || Stdio::from(pair.slave.try_clone().unwrap());
-    let mut viewer = Program::new(binary_path("gantry-view"))
-        .args(["--fly=terminal", "--domain", simulator.domain()])
-        .env("TERM", "xterm-256color")
-        .stdin(end())
-        .stdout(end())
-        .stderr(end())
-        .spawn()
-        .unwrap();
-    let shown = Arc::new(Mutex::new(String::new()));
-    let (mut output, theirs) = (File::from(pair.master.try_clone().unwrap()), shown.clone());
-    std::thread::spawn(move || {
-        let mut bytes = [0; 4096];
-        while let Ok(n @ 1..) = output.read(&mut bytes) {
-            theirs
-                .lock()
-                .unwrap()
-                .push_str(&String::from_utf8_lossy(&bytes[..n]));
-        }
-    });
-    let says = |text: &str| shown.lock().unwrap().contains(text);
-    eventually("an image in the terminal", || {
-        (says("▀") && says("free")).then_some(())
-    });
-    let mut keys = File::from(pair.master);
-    eventually("the spectator has risen", || {
-        keys.write_all(b"q").unwrap();
-        let (_, now) = spectator(&mut simulator);
-        (now.translation_m[2] > before.translation_m[2] + 2.0).then_some(())
-    });
-    keys.write_all(b"n").unwrap();
-    eventually("it follows the ego", || {
-        says("behind vehicle.").then_some(())
-    });
-    keys.write_all(b"x").unwrap();
-    assert!(viewer.wait().unwrap().success());
-    eventually("the terminal's own screen", || {
-        says("images shown").then_some(())
-    });
-    assert_eq!(
-        tcgetattr(&pair.slave).unwrap().local_flags,
-        settings.local_flags
-    );
-    simulator.finish();
 }
 
 #[test]
