@@ -107,3 +107,58 @@ fn another_map_and_one_that_needs_more_room_are_uploaded_whole() {
     other.episode += 1;
     assert_eq!(renderer.load(&Arc::new(other)), n_whole);
 }
+
+/// Scenery that is streamed comes and goes in any order, and every picture is that of a renderer that
+/// has seen nothing else. Going on uploads the meshes that came, not those that stay.
+#[test]
+fn streamed_tiles_come_and_go_without_a_trace() {
+    use sensor_core::stream::{TILE_M, Tiles, tile_at};
+    let gpu = common::gpu();
+    let mut assets = SceneAssets {
+        episode: 1,
+        streamed: true,
+        ..SceneAssets::default()
+    };
+    // Eight rows of posts, one to a tile; the farther, the more posts.
+    for row in 0..8u32 {
+        let mut builder = MeshBuilder::new("row");
+        let surface = Surface::new(Class::POLES, Material::Metal, [200, 60, 30 * row as u8]);
+        for post in 0..(row + 1) * 40 {
+            let y = 4.0 * (post % 40) as f32 - 80.0;
+            builder.cuboid(surface, [0.1 * post as f32, y, 6.0], [0.5, 1.0, 6.0]);
+        }
+        let mesh = assets.add_mesh(builder.finish());
+        let x = TILE_M * f64::from(row) * 0.25 + 30.0;
+        assets
+            .statics
+            .push(common::fixed(mesh, common::pose(x, 0.0, 0.0, [0.0; 3])));
+    }
+    let tiles = Tiles::of(&mut assets).unwrap();
+    let with = |columns: &[i64]| {
+        let set = columns
+            .iter()
+            .map(|column| (*column, tile_at(0.0, 0.0).1))
+            .collect();
+        Arc::new(tiles.shown(&assets, &set))
+    };
+    let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
+    let n_whole = renderer.load(&with(&[0, 1, 2]));
+    let mut rng = fastrand::Rng::with_seed(3);
+    let mut seen = BTreeSet::new();
+    for _ in 0..12 {
+        let columns: Vec<i64> = (0..4).filter(|_| rng.bool()).collect();
+        let shown = with(&columns);
+        renderer.load(&shown);
+        let now = picture(&gpu, &mut renderer, &shown);
+        let fresh = picture(&gpu, &mut CameraRenderer::new(&gpu, Quality::Low), &shown);
+        assert!(now == fresh, "{columns:?}");
+        seen.insert(now);
+    }
+    assert!(seen.len() > 3, "{} pictures", seen.len());
+    renderer.load(&with(&[0, 1]));
+    let one_more = renderer.load(&with(&[0, 1, 2]));
+    assert!(
+        one_more > 0 && one_more < n_whole / 2,
+        "{one_more} of {n_whole} bytes"
+    );
+}

@@ -71,7 +71,7 @@ fn names_are_forgiving_and_unknown_ones_are_named() {
     );
     assert_eq!(
         error.to_string(),
-        "map \"Town99\" not found; generated towns are Town01, Town02, Town03, Town04, Town05, Town06, Town07, Town10HD"
+        "map \"Town99\" not found; generated towns are Town01, Town02, Town03, Town04, Town05, Town06, Town07, Town08, Town09, Town10HD, Town11, Town12, Town13, Town15"
     );
 }
 

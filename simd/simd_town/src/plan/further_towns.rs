@@ -41,11 +41,11 @@ pub fn rings(name: &str, seed: u64) -> Plan {
                 .collect()
         })
         .collect();
-    for (k, profile) in [HIGH_STREET, STREET, LANE, COUNTRY].into_iter().enumerate() {
+    for (k, profile) in [HIGH_STREET, LANE, LANE, COUNTRY].into_iter().enumerate() {
         ring(&mut s, &at[k], &headings, RADII_M[k], profile);
     }
     for i in 0..N {
-        let profile = if i % 3 == 0 { HIGH_STREET } else { LANE };
+        let profile = [HIGH_STREET, STREET, LANE, STREET][i % 4];
         s.chain(&[at[0][i], at[1][i], at[2][i]], profile);
         // Every second radial street goes on to the ring road.
         if i % 2 == 0 {
