@@ -16,7 +16,8 @@ use crate::feeds::relay::Relay;
 use crate::feeds::world_stream::WorldStream;
 use crate::state::known_world::World;
 use crate::wire::geolocation::geo_reference_deg;
-use crate::wire::sensor_message::{Context, Encoder, GRAVITY_MPS2};
+use crate::wire::sensor_message::records::GRAVITY_MPS2;
+use crate::wire::sensor_message::{Context, Encoder};
 use crate::wire::streams::{StreamMessage, actor_of, send};
 
 /// How often a stream without new frames checks its connection and its sensor.

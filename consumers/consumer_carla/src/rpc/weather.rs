@@ -6,7 +6,7 @@ use crate::gateway::Gateway;
 use crate::rpc::call::{Call, Calls};
 use crate::wire::msgpack::Value;
 use crate::wire::requests::{Answer, Failure, Outcome};
-use crate::wire::sensor_message::GRAVITY_MPS2;
+use crate::wire::sensor_message::records::GRAVITY_MPS2;
 use crate::wire::weather::{read_weather, weather_values};
 
 pub(crate) const CALLS: Calls = &[

@@ -22,9 +22,6 @@ pub struct Context {
     pub imu_gravity_mps2: f64,
 }
 
-/// Gravity that the simulator's IMUs measure, m/s².
-pub const GRAVITY_MPS2: f64 = 9.81;
-
 /// Writes the messages of one sensor and reuses its buffers.
 #[derive(Debug)]
 pub struct Encoder {

@@ -7,7 +7,9 @@ use crate::list;
 use crate::wire::axes;
 use crate::wire::geolocation::locate_deg;
 use crate::wire::msgpack::{self, Value};
-use crate::wire::sensor_message::GRAVITY_MPS2;
+
+/// Gravity that the simulator's IMUs measure, m/s².
+pub const GRAVITY_MPS2: f64 = 9.81;
 
 fn vector([x, y, z]: [f64; 3]) -> Value {
     list![x as f32, y as f32, z as f32]
