@@ -11,12 +11,10 @@
 use std::collections::BTreeSet;
 use std::net::{IpAddr, TcpListener};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
 
 use anyhow::Context as _;
 use consumer_rpc::fields::{Fields, Wrong};
 use consumer_rpc::message::{self, Request};
-use consumer_rpc::msgpack::Value;
 use consumer_rpc::place::Place;
 use consumer_rpc::server::{self, Peer, Service};
 use schema_bus::Bus;
@@ -30,10 +28,6 @@ use keep::Record;
 mod announce;
 mod keep;
 pub mod methods;
-
-/// How long a call waits until it counts. Clients wait 2 s for an answer, and a session that reads a
-/// large map may take longer; what was asked then counts a little later.
-const PATIENCE: Duration = Duration::from_millis(1500);
 
 /// What a Traffic Manager begins with: as CARLA's does, it leaves lamps alone and removes vehicles
 /// that cannot go on.
@@ -66,19 +60,6 @@ impl Manager {
             clients: Mutex::default(),
         }
     }
-
-    /// Changes the desk; returns when the change counts, or has waited long.
-    pub(crate) fn change(&self, change: impl FnOnce(&mut Desk) + Send + 'static) {
-        self.ask(change);
-    }
-
-    /// Asks the desk; `None` if it does not answer in time.
-    pub(crate) fn ask<R: Send + 'static>(
-        &self,
-        question: impl FnOnce(&mut Desk) -> R + Send + 'static,
-    ) -> Option<R> {
-        self.counter.ask(question, PATIENCE)
-    }
 }
 
 impl Service for Manager {
@@ -91,7 +72,7 @@ impl Service for Manager {
             return Ok(message::failure(request.id, &error));
         };
         let mut args = Fields::new("the arguments", &request.args);
-        Ok(match run(self, &mut args) {
+        Ok(match run(&self.counter, &mut args) {
             Ok(result) => message::success(request.id, result),
             Err(wrong) => {
                 tracing::warn!(method, error = %wrong, "refused a call");
@@ -107,14 +88,9 @@ impl Service for Manager {
         if clients.remove(&number) && clients.is_empty() {
             tracing::info!("the last client has gone; settings for all vehicles begin anew");
             drop(clients);
-            self.change(Desk::reset_common);
+            methods::change(&self.counter, Desk::reset_common);
         }
     }
-}
-
-/// Nothing, as methods without a result return it.
-pub(crate) fn nothing() -> Result<Value, Wrong> {
-    Ok(Value::Nil)
 }
 
 /// The session's side of a served Traffic Manager.
