@@ -77,6 +77,8 @@ impl Maker {
         top.insert("scenario".into(), self.described(scenario, "scenario"));
         let ego = closed(self.table("ego", "Ego", section("ego")));
         top.insert("ego".into(), self.described(ego, "ego"));
+        let spectator = closed(self.table("spectator", "Spectator", section("spectator")));
+        top.insert("spectator".into(), self.described(spectator, "spectator"));
         let rigs = named(NAME, self.rig());
         top.insert("rig".into(), self.described(rigs, "rigs"));
         let sensors = named(NAME, self.sensor());
