@@ -9,8 +9,12 @@ Printed for each: mean speed, the 95th percentile of jerk, contacts with vehicle
 """
 
 import argparse
+import datetime
 import json
+import os
+import pathlib
 import random
+import subprocess
 import sys
 
 import carla
@@ -118,6 +122,21 @@ def watch_contacts(world, groups):
     return sensors
 
 
+def machine():
+    """The machine, as the benches in Rust state it."""
+    cpu = [line for line in pathlib.Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
+    here = pathlib.Path(__file__).resolve().parent
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=here, capture_output=True, text=True, check=False)
+    return {
+        "cpu": cpu[0].split(":")[1].strip() if cpu else "",
+        "n_cores": os.cpu_count(),
+        "load_1min": f"{os.getloadavg()[0]:.0f}",
+        "date": datetime.date.today().isoformat(),
+        "commit": commit.stdout.strip(),
+        "command": "traffic_managers.py",
+    }
+
+
 def main():
     options = arguments()
     client = carla.Client(options.host, options.port)
@@ -149,7 +168,7 @@ def main():
         print(json.dumps(row))
     if options.json:
         with open(options.json, "w") as file:
-            json.dump({"bench": "traffic_managers", "rows": rows}, file, indent=2)
+            json.dump({"bench": "traffic_managers", "machine": machine(), "rows": rows}, file, indent=2)
             file.write("\n")
     settings.synchronous_mode, settings.fixed_delta_seconds = False, 0.0
     managers[1].shut_down()

@@ -1,20 +1,23 @@
 //! Measures how the fleet drives: on a town or an OpenDRIVE map, with the daemon's own physics, over
-//! simulated time. Prints one JSON line per run: the cost of a tick, collisions, red lights run,
-//! vehicles that stood for more than 90 s, mean speed and the 95th percentile of jerk.
+//! simulated time. Prints one line per run: collisions, red lights run, vehicles that stood for more
+//! than 90 s, mean speed, the 95th percentile of jerk, the cost of a tick, and a sum over the bits
+//! of all controls, by which two runs are compared.
 //!
-//! The last four are measured from positions and light states alone, not from what drivers think.
+//! The first five are measured from positions and light states alone, not from what drivers think.
 //!
 //! ```sh
-//! cargo run --release --example traffic_quality -- --map Town10HD --vehicles 100 --minutes 60
+//! cargo run --release --example traffic_quality -- --maps Town10HD,Town01 --vehicles 100 --minutes 60
 //! ```
 
 use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
 
 use clap::Parser;
 use consumer_drive::path::distance;
 use consumer_drive::{Fleet, Geometry, Settings, Traffic};
+use launch_cli::bench::BenchResult;
+use nix::time::{ClockId, clock_gettime};
 use schema_frames::{ActorList, ActorRecord, LightState};
 use schema_roads::{LanePosition, RoadMap, SignalKind};
 use schema_types::ActorId;
@@ -35,9 +38,14 @@ const CELL_M: f64 = 32.0;
 /// What to measure.
 #[derive(Debug, Parser)]
 struct Args {
-    /// Name of a built-in town, or an OpenDRIVE file
-    #[arg(long, default_value = "Town10HD")]
-    map: String,
+    /// Names of built-in towns, or OpenDRIVE files, with commas
+    #[arg(
+        long,
+        value_name = "MAP",
+        value_delimiter = ',',
+        default_value = "Town10HD"
+    )]
+    maps: Vec<String>,
     /// Vehicles
     #[arg(long, default_value_t = 100)]
     vehicles: usize,
@@ -53,6 +61,12 @@ struct Args {
     /// Prints what went wrong where
     #[arg(long)]
     verbose: bool,
+    /// Prints what this vehicle does in every tick
+    #[arg(long, value_name = "ID")]
+    trace: Option<u32>,
+    /// Writes the figures of all runs to this file
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
 }
 
 /// What happened to one vehicle.
@@ -68,6 +82,8 @@ struct Log {
 /// A stop line.
 struct Line {
     signal: String,
+    /// Index of the lane that it guards.
+    lane: u32,
     point: [f64; 2],
     along: [f64; 2],
 }
@@ -75,6 +91,8 @@ struct Line {
 #[derive(Default)]
 struct Sums {
     collisions: u32,
+    /// Contacts with what belongs to the map.
+    scenery: u32,
     red_lights: u32,
     stuck: u32,
     jerks: Vec<f32>,
@@ -82,35 +100,50 @@ struct Sums {
     hash: u64,
 }
 
-fn load(args: &Args) -> (MapData, Arc<RoadMap>) {
-    if args.map.ends_with(".xodr") {
-        let text = std::fs::read_to_string(&args.map).expect("the map can be read");
+/// Processor time of this thread: what other programs do does not count.
+fn cpu_micros() -> f64 {
+    let now = clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID).expect("every Linux has this clock");
+    now.tv_sec() as f64 * 1e6 + now.tv_nsec() as f64 * 1e-3
+}
+
+fn load(map: &str) -> (MapData, Arc<RoadMap>) {
+    if map.ends_with(".xodr") {
+        let text = std::fs::read_to_string(map).expect("the map can be read");
         let roads = RoadMap::parse(&text).expect("the map is OpenDRIVE");
         let options = ImportOptions {
             visible: false,
             ..ImportOptions::default()
         };
-        let town = import(&args.map, &text, &roads, 1, &options).expect("the map can be built");
+        let town = import(map, &text, &roads, 1, &options).expect("the map can be built");
         let roads = Arc::new(roads);
         (MapData::of_import(&town, roads.clone()), roads)
     } else {
-        let town = simd_town::Town::generate(&args.map, 1).expect("a town of that name");
+        let town = simd_town::Town::generate(map, 1).expect("a town of that name");
         let roads = Arc::new(RoadMap::parse(&town.open_drive).expect("towns are OpenDRIVE"));
         (MapData::of_town(&town, roads.clone()), roads)
     }
 }
 
-fn main() {
+fn main() -> anyhow::Result<()> {
     let args = Args::parse();
-    let (data, roads) = load(&args);
+    let mut result = BenchResult::new("traffic_quality", None);
+    for map in &args.maps {
+        run(&args, map, &mut result);
+    }
+    result.write(args.json.as_deref())
+}
+
+fn run(args: &Args, map: &str, result: &mut BenchResult) {
+    let (data, roads) = load(map);
     let mut world = World::new(WorldOptions {
         seed: args.seed,
         ..WorldOptions::default()
     });
     world.load(&data).expect("the map loads");
-    world
+    let placed = world
         .spawn_scenario(None, args.vehicles)
         .expect("vehicles find a place");
+    fill(&mut world, &roads, args.vehicles - placed.others.len());
     world.spawn_walkers(args.walkers);
     let actors = world.actor_list();
     let lines = lines(&roads);
@@ -135,9 +168,9 @@ fn main() {
         if tick % 20 == 1 {
             assign(&mut fleet, &traffic, &actors);
         }
-        let start = Instant::now();
+        let start = cpu_micros();
         let step = fleet.step(&traffic, &mut settings);
-        sums.ticks_micros.push(start.elapsed().as_secs_f64() * 1e6);
+        sums.ticks_micros.push(cpu_micros() - start);
         for record in step.controls {
             let bits = [
                 record.throttle_ratio,
@@ -157,6 +190,21 @@ fn main() {
                     .expect("the vehicle has lamps");
             }
         }
+        if let Some(mover) = args.trace.and_then(|id| traffic.mover(id)) {
+            let driver = fleet.drivers().get(&mover.id);
+            eprintln!(
+                "{:.2} {} foot {:?} line {:?} entries {:?}",
+                traffic.time_secs,
+                describe(&fleet, mover),
+                driver.map(|d| d.foot().arc_m + mover.front_m()),
+                driver.and_then(|d| d.light_line_m()),
+                driver.map(|d| d
+                    .entries()
+                    .iter()
+                    .map(|e| (e.line_m, e.arc_m))
+                    .collect::<Vec<_>>()),
+            );
+        }
         for (id, state) in &traffic.lights {
             if *state == LightState::Red {
                 red_since.entry(id.clone()).or_insert(traffic.time_secs);
@@ -175,7 +223,40 @@ fn main() {
             args.verbose,
         );
     }
-    report(&args, &fleet, &logs, sums);
+    report(args, map, logs.len(), &logs, sums, result);
+}
+
+/// Puts further vehicles on lanes outside junctions, where the spawn points are too few.
+fn fill(world: &mut World, roads: &RoadMap, n_wanted: usize) {
+    let lanes = roads
+        .lanes()
+        .iter()
+        .filter(|lane| lane.kind.is_drivable() && lane.junction.is_none());
+    let places: Vec<LanePosition> = lanes
+        .flat_map(|lane| {
+            let n = (lane.length_m / 14.0) as usize;
+            (0..n).map(move |i| LanePosition::new(lane.key, 7.0 + 14.0 * i as f64))
+        })
+        .collect();
+    let mut n_left = n_wanted;
+    // Spread over the whole map: a stride that has no divisor in common with any likely count.
+    for i in 0..places.len() {
+        if n_left == 0 {
+            return;
+        }
+        let Some(mut pose) = roads.pose(places[i * 7919 % places.len()]) else {
+            continue;
+        };
+        pose.translation.z += 0.3;
+        let place = world.spawn(
+            "vehicle.tesla.model3",
+            pose.into(),
+            None,
+            "autopilot",
+            &BTreeMap::new(),
+        );
+        n_left -= usize::from(place.is_ok());
+    }
 }
 
 fn assign(fleet: &mut Fleet, traffic: &Traffic, actors: &ActorList) {
@@ -207,8 +288,12 @@ fn lines(roads: &RoadMap) -> HashMap<[i32; 2], Vec<Line>> {
             };
             let point = [pose.translation.x, pose.translation.y];
             let yaw = pose.rotation.euler_angles().2;
+            let Some(lane) = roads.lane_idx(stop.lane) else {
+                continue;
+            };
             lines.entry(cell(point)).or_default().push(Line {
                 signal: signal.id.clone(),
+                lane: lane as u32,
                 point,
                 along: [yaw.cos(), yaw.sin()],
             });
@@ -251,13 +336,17 @@ fn watch(
                 .is_none_or(|at| now > at + ONE_COLLISION_SECS);
             log.touched_at_secs = Some(now);
             if is_new {
-                sums.collisions += 1;
+                let near = traffic
+                    .movers
+                    .iter()
+                    .filter(|other| other.id != mover.id && mover.overlaps(other, 0.5));
+                let near: Vec<String> = near.map(|other| describe(fleet, other)).collect();
+                if near.is_empty() {
+                    sums.scenery += 1;
+                } else {
+                    sums.collisions += 1;
+                }
                 if verbose {
-                    let near = traffic
-                        .movers
-                        .iter()
-                        .filter(|other| other.id != mover.id && mover.overlaps(other, 0.5));
-                    let near: Vec<String> = near.map(|other| describe(fleet, other)).collect();
                     eprintln!(
                         "{now:.1} collision {} with {near:?}",
                         describe(fleet, mover)
@@ -316,7 +405,10 @@ fn watch(
             let is_red = red_since
                 .get(&line.signal)
                 .is_some_and(|since| now > since + 0.2);
-            if crosses && heads > 0.7 && is_red {
+            let driver = fleet.drivers().get(&mover.id);
+            let goes_there =
+                driver.is_some_and(|d| d.path().legs().iter().any(|leg| leg.lane == line.lane));
+            if crosses && heads > 0.7 && is_red && goes_there {
                 sums.red_lights += 1;
                 if verbose {
                     eprintln!(
@@ -333,7 +425,7 @@ fn watch(
 fn describe(fleet: &Fleet, mover: &consumer_drive::Mover) -> String {
     let driver = fleet.drivers().get(&mover.id);
     format!(
-        "{} at ({:.1}, {:.1}) {:.1} m/s {:.1} m long, wait {:?}, blocked by {:?}, lane {:?}, zones {:?}",
+        "{} at ({:.1}, {:.1}) {:.1} m/s {:.1} m long, wait {:?}, blocked by {:?}, refused {:?}, lane {:?}, zones {:?}",
         mover.id,
         mover.position_m[0],
         mover.position_m[1],
@@ -341,37 +433,52 @@ fn describe(fleet: &Fleet, mover: &consumer_drive::Mover) -> String {
         2.0 * mover.half_m[0],
         driver.map(|d| d.wait()),
         driver.and_then(|d| d.blocked_by()),
+        driver.and_then(|d| d.refusal()),
         driver.and_then(|d| d.lane()).map(|lane| lane.to_string()),
         driver.map(|d| d.entries().iter().map(|e| e.zone).collect::<Vec<_>>()),
     )
 }
 
-fn report(args: &Args, fleet: &Fleet, logs: &BTreeMap<u32, Log>, mut sums: Sums) {
+fn report(
+    args: &Args,
+    map: &str,
+    n_vehicles: usize,
+    logs: &BTreeMap<u32, Log>,
+    mut sums: Sums,
+    result: &mut BenchResult,
+) {
+    let name = map.rsplit('/').next().unwrap_or(map);
     let driven_m: f64 = logs.values().map(|log| log.driven_m).sum();
-    let hours = args.minutes / 60.0 * logs.len() as f64;
+    let hours = args.minutes / 60.0 * n_vehicles as f64;
     sums.jerks.sort_by(f32::total_cmp);
     sums.ticks_micros.sort_by(f64::total_cmp);
-    let share = |list_len: usize, part: f64| ((list_len as f64 * part) as usize).min(list_len - 1);
     let ticks = &sums.ticks_micros;
-    println!(
-        "{{\"map\":\"{}\",\"vehicles\":{},\"driven\":{},\"minutes\":{},\"seed\":{},\"collisions\":{},\"red_lights\":{},\"stuck\":{},\"mean_kmh\":{:.2},\"km\":{:.1},\"jerk_p95_mps3\":{:.2},\"tick_us_mean\":{:.0},\"tick_us_p50\":{:.0},\"tick_us_p99\":{:.0},\"hash\":\"{:016x}\"}}",
-        args.map.rsplit('/').next().unwrap_or(&args.map),
-        logs.len(),
-        fleet.len(),
-        args.minutes,
-        args.seed,
-        sums.collisions,
-        sums.red_lights,
-        sums.stuck,
-        driven_m / 1000.0 / hours.max(1e-9),
-        driven_m / 1000.0,
-        sums.jerks
-            .get(share(sums.jerks.len().max(1), 0.95))
-            .copied()
-            .unwrap_or(0.0),
-        ticks.iter().sum::<f64>() / ticks.len().max(1) as f64,
-        ticks[share(ticks.len(), 0.5)],
-        ticks[share(ticks.len(), 0.99)],
-        sums.hash,
-    );
+    let share = |n: usize, part: f64| ((n as f64 * part) as usize).min(n.saturating_sub(1));
+    let tick = |part: f64| ticks.get(share(ticks.len(), part)).copied().unwrap_or(0.0);
+    let jerk = sums.jerks.get(share(sums.jerks.len(), 0.95));
+    let figures = [
+        ("vehicles", n_vehicles as f64),
+        ("walkers", args.walkers as f64),
+        ("simulated_min", args.minutes),
+        ("seed", args.seed as f64),
+        ("collisions", f64::from(sums.collisions)),
+        ("scenery_contacts", f64::from(sums.scenery)),
+        ("red_lights", f64::from(sums.red_lights)),
+        ("stuck", f64::from(sums.stuck)),
+        ("mean_kmh", driven_m / 1000.0 / hours.max(1e-9)),
+        ("driven_km", driven_m / 1000.0),
+        ("jerk_p95_mps3", jerk.copied().map_or(0.0, f64::from)),
+        (
+            "tick_ms_mean",
+            ticks.iter().sum::<f64>() / ticks.len().max(1) as f64 / 1e3,
+        ),
+        ("tick_ms_p50", tick(0.5) / 1e3),
+        ("tick_ms_p99", tick(0.99) / 1e3),
+    ];
+    let text: Vec<String> = figures
+        .iter()
+        .map(|(name, figure)| format!("{name} {figure:.3}"))
+        .collect();
+    println!("{name}: {}, controls {:016x}", text.join(", "), sums.hash);
+    result.row(name, &figures);
 }

@@ -38,6 +38,8 @@ pub(crate) const EXIT_FREE_M: f64 = 40.0;
 #[derive(Clone, Debug)]
 pub(crate) struct User {
     pub id: u32,
+    /// Number by which its patience differs, [`crate::Mover::number`].
+    pub number: u32,
     pub zone: u32,
     pub is_driven: bool,
     /// Lanes, and how far beyond the entry each begins, metres.
@@ -72,6 +74,10 @@ impl User {
             || self.speed_mps < 1.0
     }
 
+    fn can_stop_before(&self, at_m: f64) -> bool {
+        self.speed_mps * self.speed_mps < 2.0 * 8.0 * (at_m - self.front_m).max(0.05)
+    }
+
     /// Distance from which it asks, metres before the entry.
     fn asks_from_m(&self) -> f64 {
         8.0 + 1.6 * self.speed_mps + self.speed_mps * self.speed_mps / 4.0
@@ -99,6 +105,7 @@ impl User {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Passage {
     pub may_enter: bool,
+    pub refusal: Option<Refusal>,
     /// Where to stop inside, metres beyond the entry.
     pub line_m: Option<f64>,
     /// Gap and speed of a vehicle to fall in behind, metres and m/s.
@@ -114,7 +121,18 @@ struct Turn {
     waiting_secs: f64,
     /// How long it has stood at all.
     idle_secs: f64,
+    /// Why it was not granted in this tick.
+    refusal: Option<Refusal>,
     seen_tick: u64,
+}
+
+/// Why a vehicle may not enter yet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// There is no room for it behind the junction.
+    Exit,
+    /// This vehicle goes first.
+    Vehicle(u32),
 }
 
 /// All turns.
@@ -169,9 +187,11 @@ impl Crossings {
                 arrived_secs: None,
                 waiting_secs: 0.0,
                 idle_secs: 0.0,
+                refusal: None,
                 seen_tick: now.tick,
             });
             turn.seen_tick = now.tick;
+            turn.refusal = None;
             let stands = user.speed_mps.abs() < STANDING_MPS;
             turn.idle_secs = if stands {
                 turn.idle_secs + now.period_secs
@@ -230,11 +250,21 @@ impl Crossings {
         for idx in 0..waiting.len() {
             let user = waiting[idx].2;
             let asks = user.is_driven && !user.held && -user.front_m < user.asks_from_m();
-            if asks
-                && self.exit_is_free(user, group)
-                && self.may_go(net, user, group, &waiting[..idx])
-            {
-                self.give(user);
+            if !asks {
+                continue;
+            }
+            let refusal = if self.exit_is_free(user, group) {
+                self.refusal(net, user, group, &waiting[..idx])
+            } else {
+                Some(Refusal::Exit)
+            };
+            match refusal {
+                None => self.give(user),
+                Some(_) => {
+                    if let Some(turn) = self.turns.get_mut(&(user.id, user.zone)) {
+                        turn.refusal = refusal;
+                    }
+                }
             }
         }
     }
@@ -262,18 +292,18 @@ impl Crossings {
         user.room_m - taken > user.body_m + EXIT_GAP_M
     }
 
-    fn may_go(
+    fn refusal(
         &self,
         net: &mut Network,
         user: &User,
         group: &[User],
         earlier: &[(u8, f64, &User)],
-    ) -> bool {
+    ) -> Option<Refusal> {
         let waited = self
             .turn(user.id, user.zone)
             .map_or(0.0, |turn| turn.waiting_secs);
         // The id makes the patience differ, so that two that wait for each other do not both go.
-        let out_of_patience = waited > COURTESY_SECS + f64::from(user.id % 5) * 1.5;
+        let out_of_patience = waited > COURTESY_SECS + f64::from(user.number % 5) * 1.5;
         for other in group {
             if other.id == user.id {
                 continue;
@@ -304,7 +334,7 @@ impl Crossings {
                             > other.latest_secs(meet.theirs_m[1]) + GAP_SECS
                 };
                 if !is_clear {
-                    return false;
+                    return Some(Refusal::Vehicle(other.id));
                 }
             } else if !other.held && earlier.iter().any(|(_, _, it)| std::ptr::eq(*it, other)) {
                 if other.room_m < other.body_m + EXIT_GAP_M {
@@ -320,21 +350,29 @@ impl Crossings {
                     user.latest_secs(meet.mine_m[1]) + GAP_SECS < comes_secs
                 };
                 if !is_clear {
-                    return false;
+                    return Some(Refusal::Vehicle(other.id));
                 }
             }
         }
-        true
+        None
     }
 
     /// What `user` may do, and whom it lets pass.
     fn passage(&self, net: &mut Network, user: &User, group: &[User]) -> Passage {
-        let Some(mine) = self.turn(user.id, user.zone).and_then(|turn| turn.grant) else {
-            return Passage::default();
+        let turn = self.turn(user.id, user.zone);
+        let Some(mine) = turn.and_then(|turn| turn.grant) else {
+            return Passage {
+                refusal: turn.and_then(|turn| turn.refusal),
+                ..Passage::default()
+            };
         };
         let mut passage = Passage {
             may_enter: true,
             ..Passage::default()
+        };
+        let yield_at = |passage: &mut Passage, meet: &Meet| {
+            let line = meet.mine_m[0] - 0.5;
+            passage.line_m = Some(passage.line_m.map_or(line, |it: f64| it.min(line)));
         };
         for other in group {
             if other.id == user.id || !self.goes(other) {
@@ -342,12 +380,19 @@ impl Crossings {
             }
             let turn = self.turn(other.id, other.zone);
             let theirs = turn.and_then(|turn| turn.grant).unwrap_or(0);
-            if theirs > mine {
-                continue;
-            }
             let Some(meet) = meet(net, user, other) else {
                 continue;
             };
+            if theirs > mine {
+                // A later one that is there already cannot make way.
+                let is_there = other.front_m > meet.theirs_m[0]
+                    && other.front_m - other.body_m < meet.theirs_m[1];
+                if is_there && user.front_m < meet.mine_m[0] && user.can_stop_before(meet.mine_m[0])
+                {
+                    yield_at(&mut passage, &meet);
+                }
+                continue;
+            }
             if user.front_m > meet.mine_m[0] || other.front_m - other.body_m > meet.theirs_m[1] {
                 continue;
             }
@@ -365,8 +410,7 @@ impl Crossings {
                 || user.soonest_secs(meet.mine_m[0])
                     < other.latest_secs(meet.theirs_m[1]) + 0.5 * GAP_SECS
             {
-                let line = meet.mine_m[0] - 0.5;
-                passage.line_m = Some(passage.line_m.map_or(line, |it: f64| it.min(line)));
+                yield_at(&mut passage, &meet);
             }
         }
         passage

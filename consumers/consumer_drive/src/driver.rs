@@ -7,12 +7,13 @@ use schema_frames::{LightState, VehicleControl, VehicleControlRecord};
 use schema_roads::{LaneKey, SignalKind};
 use schema_types::noise::Noise;
 
-use crate::crossing::Passage;
+use crate::crossing::{Passage, Refusal};
 use crate::network::{Network, TURN_RAD};
 use crate::parameters::{RoadOption, Rules};
-use crate::path::{Foot, Guide, Path, Side, wrap};
+use crate::path::{Foot, Guide, Path, Side, distance, wrap};
 use crate::speed::{self, Pedals};
 use crate::steer::{Geometry, Steering};
+use crate::strangers::Strangers;
 use crate::traffic::{Grid, Mover, Traffic};
 use hindrance::Lookout;
 use rescue::{Rescue, Situation};
@@ -36,14 +37,23 @@ pub(crate) const STANDING_MPS: f64 = 0.3;
 const WAITING_M: f64 = 2.5;
 /// How long a driver stands at a stop sign, seconds.
 const STOP_SECS: f64 = 1.0;
+/// A stop line farther from the junction is not where turns are waited for, metres.
+const LINE_BEFORE_M: f64 = 12.0;
 /// Most junctions that are looked at ahead.
 const MAX_ENTRIES: usize = 3;
 /// Hardest braking for a light that has just turned yellow, m/s².
 const YELLOW_BRAKE_MPS2: f64 = 3.0;
 /// A vehicle that reaches the line sooner passes in the yellow, seconds.
 const YELLOW_SECS: f64 = 2.4;
+/// A driver that has stood at the end of a lane for so long looks beside it, seconds and metres.
+const DEAD_END_SECS: f64 = 4.0;
+const BESIDE_M: f64 = 4.6;
+/// Gap kept to a vehicle that is parked on the lane, so that there is room to go round it, metres.
+const PARKED_GAP_M: f64 = 11.0;
+/// A driver whose exit is full for so long takes another one, seconds.
+const EXIT_PATIENCE_SECS: f64 = 8.0;
 /// Greatest change of the wanted acceleration, m/s³: upwards, and downwards without need.
-const JERK_MPS3: [f64; 2] = [2.0, 4.0];
+const JERK_MPS3: [f64; 2] = [2.5, 4.0];
 /// Stream of the choices at junctions.
 const CHOICES: u64 = 0x64_72_69_76_65;
 
@@ -54,6 +64,8 @@ pub struct Entry {
     pub zone: u32,
     /// Path length at which it begins and at which it is left, metres.
     pub arc_m: [f64; 2],
+    /// Path length of the line at which to wait for one's turn, metres.
+    pub line_m: f64,
     /// Change of direction within, radians, positive to the left.
     pub turn_rad: f64,
     /// Whether a traffic light guards this way.
@@ -71,6 +83,7 @@ pub(crate) struct View<'t> {
     pub grid: &'t Grid,
     /// States by index of the signal.
     pub lights: &'t [LightState],
+    pub strangers: &'t Strangers,
     pub rules: Rules<'t>,
     pub seed: u64,
 }
@@ -107,6 +120,12 @@ pub struct Driver {
     places_left: Vec<[f64; 3]>,
     seed: u64,
     n_plans: u64,
+    /// Path length of the first stop line whose light says stop.
+    light_line_m: Option<f64>,
+    /// Lights ahead that say stop, and whether it passes them nevertheless.
+    lights: Vec<(u32, bool)>,
+    /// When it chose another way because its exit was full, seconds.
+    rerouted_at_secs: f64,
     /// Whether it moves without physics.
     pub(crate) glides: bool,
     /// How long it has stood at all, seconds.
@@ -117,7 +136,7 @@ impl Driver {
     /// A driver for `me` on the lane it stands on; `None` if no lane is near.
     pub(crate) fn new(net: &mut Network, me: &Mover, seed: u64) -> Option<Driver> {
         let (lane, s_m) = locate(net, me)?;
-        let choices = Noise::new(seed, u64::from(me.id), CHOICES);
+        let choices = Noise::new(seed, u64::from(me.number), CHOICES);
         let path = Path::new(net, lane, s_m, choices, 0, Guide::default());
         let wheelbase_m = if me.half_m[0] < 1.3 {
             1.2 * me.half_m[0]
@@ -149,6 +168,9 @@ impl Driver {
             places_left: Vec::new(),
             seed,
             n_plans: 0,
+            light_line_m: None,
+            lights: Vec::new(),
+            rerouted_at_secs: 0.0,
             glides: false,
             standing_secs: 0.0,
         };
@@ -257,13 +279,14 @@ impl Driver {
         me: &Mover,
         rules: Rules,
         seed: u64,
-    ) -> Option<()> {
+        time_secs: f64,
+    ) {
         let point = me.origin();
         let (foot, apart) = self
             .path
             .descend(point, self.path.point_idx(self.foot.arc_m));
         self.foot = foot;
-        let choices = Noise::new(seed, u64::from(self.id), CHOICES);
+        let choices = Noise::new(seed, u64::from(me.number), CHOICES);
         let lost = apart > 3.5 + self.swerve_width()
             || wrap(self.foot.heading_rad - me.yaw_rad).abs() > 1.9;
         if lost && let Some((lane, s_m)) = locate(net, me) {
@@ -274,6 +297,8 @@ impl Driver {
             self.steering.reset();
             self.foot = self.path.project(point, 0.0, 60.0);
         }
+        self.choose_free_exit(choices, me, time_secs);
+        self.leave_dead_end(net, me, choices);
         let is_new = rules.own.route != self.route_left
             || rules.own.custom_path_m.len() != self.places_left.len()
             || rules.own.custom_path_m != self.places_left
@@ -292,7 +317,64 @@ impl Driver {
         let until = self.foot.arc_m + HORIZON_M.max(6.0 * me.speed_mps);
         self.path.extend(net, self.foot.arc_m, until);
         self.find_entries(me);
-        Some(())
+    }
+
+    /// Takes another way out of a junction if the one it wants has been full for a while: vehicles
+    /// that wait for each other's roads in a circle would wait for ever.
+    fn choose_free_exit(&mut self, choices: Noise, me: &Mover, time_secs: f64) {
+        let patience = EXIT_PATIENCE_SECS + f64::from(self.id % 8);
+        let is_free_to_choose =
+            self.path.guide().route.is_empty() && self.path.guide().lanes.is_empty();
+        let first = self.entries.first().zip(self.passages.first());
+        if let Some((entry, passage)) = first
+            && passage.refusal == Some(Refusal::Exit)
+            && is_free_to_choose
+            && self.standing_secs > patience
+            && time_secs > self.rerouted_at_secs + patience
+            && self.foot.arc_m + me.front_m() < entry.arc_m[0]
+            && entry.legs[0] > 0
+        {
+            self.rerouted_at_secs = time_secs;
+            let before = self.path.legs()[entry.legs[0] - 1].arc_m;
+            let guide = Guide::default();
+            self.path
+                .replan(0.5 * (before[0] + before[1]), choices, guide);
+        }
+    }
+
+    /// At the end of a lane that leads nowhere: goes on along one beside it that does.
+    fn leave_dead_end(&mut self, net: &mut Network, me: &Mover, choices: Noise) {
+        if self.wait != Wait::End || self.standing_secs < DEAD_END_SECS {
+            return;
+        }
+        let map = net.map();
+        let at = map.nearest(me.position_m, |lane| {
+            lane.kind.is_drivable() && net.lane(lane.key).is_some_and(|idx| net.goes_on(idx))
+        });
+        let place = at.and_then(|at| {
+            let pose = map.pose(schema_roads::LanePosition::new(at.lane, at.s_m))?;
+            let aside_m = distance([pose.translation.x, pose.translation.y], me.origin());
+            let turn_rad = wrap(pose.rotation.euler_angles().2 - me.yaw_rad);
+            let is_beside = aside_m < BESIDE_M && turn_rad.abs() < 0.8;
+            is_beside.then_some((net.lane(at.lane)?, at.s_m))
+        });
+        if let Some((lane, s_m)) = place {
+            let (n, guide) = (self.path.n_choices() + 1, self.path.guide().clone());
+            self.path = Path::new(net, lane, s_m, choices, n, guide);
+            self.foot = self.path.project(me.origin(), 0.0, 60.0);
+            self.swerve_until_m = self.foot.arc_m + 20.0;
+            self.steering.reset();
+        }
+    }
+
+    /// Path length of the stop line of a light that holds it, metres.
+    pub fn light_line_m(&self) -> Option<f64> {
+        self.light_line_m
+    }
+
+    /// Why it may not enter the next junction yet.
+    pub fn refusal(&self) -> Option<Refusal> {
+        self.passages.first().and_then(|passage| passage.refusal)
     }
 
     fn swerve_width(&self) -> f64 {
@@ -323,7 +405,7 @@ impl Driver {
     /// Takes away what has been carried out of the route and the places, for the one who set them.
     pub(crate) fn note_progress(&mut self, me: &Mover) -> Option<(Vec<RoadOption>, Vec<[f64; 3]>)> {
         let near = |place: &[f64; 3]| {
-            crate::path::distance([place[0], place[1]], me.origin()) < 6.0 + 0.3 * me.speed_mps
+            distance([place[0], place[1]], me.origin()) < 6.0 + 0.3 * me.speed_mps
         };
         let passed = self.places_left.iter().take(3).rposition(near);
         let n_route = self.path.guide().route.len();
@@ -391,8 +473,19 @@ impl Driver {
             let sign = [SignalKind::Stop, SignalKind::Yield]
                 .into_iter()
                 .find(|kind| has(*kind));
+            let entry_m = legs[idx].arc_m[0];
+            let lines = guards().filter_map(|guard| {
+                let on = [Some(&legs[idx]), idx.checked_sub(1).map(|at| &legs[at])];
+                let leg = on
+                    .into_iter()
+                    .flatten()
+                    .find(|leg| leg.lane == guard.lane)?;
+                Some(leg.arc_at_m(guard.s_m)).filter(|arc| *arc > entry_m - LINE_BEFORE_M)
+            });
+            let line_m = lines.fold(entry_m, f64::min);
             self.entries.push(Entry {
                 zone,
+                line_m,
                 arc_m: [legs[idx].arc_m[0], legs[idx + n - 1].arc_m[1]],
                 turn_rad: legs[idx..idx + n].iter().map(|leg| leg.way.turn_rad).sum(),
                 has_light: has(SignalKind::TrafficLight),
@@ -413,9 +506,14 @@ impl Driver {
         };
         if self.rescue.is_reversing() {
             self.wanted_mps2 = 0.0;
-            return self
-                .rescue
-                .reverse(me, view.traffic, view.grid, self.foot, &mut self.steering);
+            return self.rescue.reverse(
+                me,
+                view.traffic,
+                view.grid,
+                self.foot,
+                &mut self.steering,
+                view.rules.updates_lights(),
+            );
         }
         let creeping = self.rescue.is_creeping();
         let front = self.foot.arc_m + me.front_m();
@@ -483,7 +581,7 @@ impl Driver {
         if end.is_dead_end {
             consider(speed::stop_before(v, end.arc_m - front), Wait::End);
         }
-        if let Some(line) = self.light_line(view, me, front) {
+        if let Some(line) = self.light_line_m {
             let line = self.waiting_line(line, front);
             consider(speed::stop_before(v, line - front), Wait::Light);
         }
@@ -495,7 +593,7 @@ impl Driver {
         for (entry, passage) in self.entries.iter().zip(&self.passages) {
             if !passage.may_enter {
                 if front < entry.arc_m[0] + 1.0 {
-                    let line = self.waiting_line(entry.arc_m[0], front);
+                    let line = self.waiting_line(entry.line_m, front);
                     consider(speed::stop_before(v, line - front), Wait::Turn);
                 }
                 break;
@@ -511,6 +609,11 @@ impl Driver {
         if let Some(obstacle) = self.obstacle {
             let gap = if creeping {
                 0.8
+            } else if view
+                .strangers
+                .is_parked(obstacle.id, view.traffic.time_secs)
+            {
+                gap.max(PARKED_GAP_M)
             } else if obstacle.is_vehicle {
                 gap
             } else {
@@ -548,7 +651,9 @@ impl Driver {
                 own.ignore_walkers_percent
             };
             let is_ignored = percent > 0.0
-                && 100.0 * Noise::new(view.seed, u64::from(me.id), second).uniform(other.id.into())
+                && 100.0
+                    * Noise::new(view.seed, u64::from(me.number), second)
+                        .uniform(other.number.into())
                     < percent;
             !is_ignored && !own.ignored.contains(&other.id)
         };
@@ -629,16 +734,20 @@ impl Driver {
         }
     }
 
-    /// Path length of the first stop line whose light says stop.
-    pub(crate) fn light_line(&self, view: View, me: &Mover, front: f64) -> Option<f64> {
-        let legs = self.path.legs();
-        let here = self.path.leg_at(front.min(self.foot.arc_m + me.front_m()));
-        // A vehicle inside a junction clears it whatever the light.
-        if legs[self.path.leg_at(self.foot.arc_m)].zone().is_some() && legs[here].zone().is_some() {
-            return None;
-        }
+    /// Finds the first stop line whose light says stop. Whether it passes in the yellow is decided
+    /// once, when it sees it.
+    pub(crate) fn see_lights(&mut self, view: View, me: &Mover) {
         let v = me.speed_mps;
+        let front = self.foot.arc_m + me.front_m();
+        let legs = self.path.legs();
+        // A vehicle inside a junction clears that one whatever its light.
+        let mut here = self.path.leg_at(front);
+        let zone = legs[self.path.leg_at(self.foot.arc_m)].zone();
+        while zone.is_some() && here < legs.len() && legs[here].zone() == zone {
+            here += 1;
+        }
         let mut line: Option<f64> = None;
+        let mut lights = Vec::new();
         for idx in here..legs.len() {
             let leg = &legs[idx];
             if leg.arc_m[0] > front + 20.0 + v * v / 3.0 + 2.0 * v {
@@ -659,18 +768,41 @@ impl Driver {
                 let Some(arc) = on.map(|l| l.arc_at_m(guard.s_m)) else {
                     continue;
                 };
-                let distance = arc - front;
-                let needed = speed::to_stop(v, distance.max(0.0));
-                let passes = match state {
-                    LightState::Yellow => needed < -YELLOW_BRAKE_MPS2 && distance < YELLOW_SECS * v,
-                    _ => needed < -9.0,
+                let left_m = arc - front;
+                if left_m < -3.0 {
+                    continue;
+                }
+                let needed = speed::to_stop(v, left_m.max(0.0));
+                let known = self
+                    .lights
+                    .iter()
+                    .find(|(signal, _)| *signal == guard.signal);
+                // Whoever has to wait for its turn before the line does not pass it.
+                let waits = self
+                    .entries
+                    .iter()
+                    .zip(&self.passages)
+                    .any(|(entry, passage)| {
+                        (arc - 1.0..arc + LINE_BEFORE_M).contains(&entry.arc_m[0])
+                            && !passage.may_enter
+                    });
+                let passes = match (known, state) {
+                    _ if waits && needed > -9.0 => false,
+                    (Some((_, passes)), LightState::Yellow) => *passes,
+                    (Some((_, passes)), _) => *passes && needed < -6.0,
+                    (None, LightState::Yellow) => {
+                        needed < -YELLOW_BRAKE_MPS2 && left_m < YELLOW_SECS * v
+                    }
+                    (None, _) => needed < -9.0,
                 };
-                if distance > -3.0 && !passes {
+                lights.push((guard.signal, passes));
+                if !passes {
                     line = Some(line.map_or(arc, |l| l.min(arc)));
                 }
             }
         }
-        line
+        self.lights = lights;
+        self.light_line_m = line;
     }
 
     /// Path length of the line of a stop sign at which it has not stood yet.
@@ -682,7 +814,7 @@ impl Driver {
         if entry.sign != Some(SignalKind::Stop) || entry.has_light || self.has_stopped(entry.zone) {
             return None;
         }
-        let (zone, line) = (entry.zone, entry.arc_m[0]);
+        let (zone, line) = (entry.zone, entry.line_m);
         let signal = u32::MAX - zone;
         if self.ignores(view.rules.own.ignore_signs_percent, signal, view) {
             return None;
@@ -701,8 +833,7 @@ impl Driver {
     }
 
     /// Whether a light or sign holds it before a junction.
-    pub(crate) fn is_held(&self, entry: &Entry, view: View, me: &Mover) -> bool {
-        let front = self.foot.arc_m + me.front_m();
+    pub(crate) fn is_held(&self, entry: &Entry, view: View) -> bool {
         let must_stop = entry.sign == Some(SignalKind::Stop)
             && !entry.has_light
             && !self.has_stopped(entry.zone)
@@ -713,15 +844,16 @@ impl Driver {
             );
         must_stop
             || self
-                .light_line(view, me, front)
+                .light_line_m
                 .is_some_and(|line| line < entry.arc_m[0] + 3.0)
     }
 
     fn ignores(&self, percent: f64, signal: u32, view: View) -> bool {
         // Drawn once per passage: the number of choices tells one from the next.
+        let number = view.traffic.mover(self.id).map_or(0, |me| me.number);
         percent > 0.0
             && 100.0
-                * Noise::new(view.seed, u64::from(self.id), u64::from(signal))
+                * Noise::new(view.seed, u64::from(number), u64::from(signal))
                     .uniform(self.path.n_choices())
                 < percent
     }

@@ -12,6 +12,7 @@ use crate::lanes::{LaneTable, OnLane};
 use crate::network::{Network, TURN_RAD};
 use crate::overtaking::{self, Around};
 use crate::parameters::{Action, RoadOption, Rules, Settings, VehicleParameters};
+use crate::path::Leg;
 use crate::steer::Geometry;
 use crate::strangers::Strangers;
 use crate::traffic::{Grid, Mover, Traffic};
@@ -131,13 +132,20 @@ impl Fleet {
             };
             action(option, shift.arc_m[0].max(driver.foot().arc_m))
         });
-        let turns = driver.entries().iter().map(|entry| {
-            let option = match entry.turn_rad {
+        let here_m = driver.foot().arc_m;
+        let ahead = path.legs().iter().filter(|leg| leg.arc_m[1] > here_m);
+        let legs: Vec<&Leg> = ahead.collect();
+        let junctions = legs
+            .chunk_by(|a, b| a.zone() == b.zone())
+            .filter(|group| group[0].zone().is_some());
+        let turns = junctions.map(|group| {
+            let turn_rad: f64 = group.iter().map(|leg| leg.way.turn_rad).sum();
+            let option = match turn_rad {
                 turn if turn > TURN_RAD => RoadOption::Left,
                 turn if turn < -TURN_RAD => RoadOption::Right,
                 _ => RoadOption::Straight,
             };
-            action(option, entry.arc_m[0].max(driver.foot().arc_m))
+            action(option, group[0].arc_m[0].max(here_m))
         });
         let mut actions: Vec<Action> = shift.into_iter().chain(turns).collect();
         actions.push(action(RoadOption::LaneFollow, path.end().arc_m));
@@ -156,7 +164,17 @@ impl Fleet {
         };
         for (id, driver) in &mut self.drivers {
             if let Some(me) = traffic.mover(*id) {
-                driver.localise(&mut self.net, me, rules(*id), self.seed);
+                let now = traffic.time_secs;
+                driver.localise(&mut self.net, me, rules(*id), self.seed, now);
+                let view = View {
+                    traffic,
+                    grid: &grid,
+                    lights: &self.lights,
+                    strangers: &self.strangers,
+                    rules: rules(*id),
+                    seed: self.seed,
+                };
+                driver.see_lights(view, me);
             }
         }
         let mut lanes = self.table(traffic);
@@ -197,6 +215,7 @@ impl Fleet {
                 traffic,
                 grid: &grid,
                 lights: &self.lights,
+                strangers: &self.strangers,
                 rules: Rules {
                     common: &settings.common,
                     own: settings.vehicles.get(id).unwrap_or(&self.plain),
@@ -251,11 +270,13 @@ impl Fleet {
                     s_m,
                     mover: mover_idx,
                 })),
-                None => entries.extend(strangers.place(net, mover).map(|(lane, s_m)| OnLane {
-                    lane,
-                    s_m,
-                    mover: mover_idx,
-                })),
+                None => entries.extend(strangers.place(net, mover, traffic.time_secs).map(
+                    |(lane, s_m)| OnLane {
+                        lane,
+                        s_m,
+                        mover: mover_idx,
+                    },
+                )),
             }
         }
         strangers.forget_absent(traffic, drivers);

@@ -4,9 +4,11 @@
 //! [`Fleet`] takes the [`Traffic`] of a tick and answers with one control record per vehicle that
 //! it drives. The same traffic and seed give the same records.
 //!
-//! Modules in reading order: [`traffic`] (what drivers see), [`path`] (the way ahead of one
-//! vehicle), [`steer`] and [`speed`] (its controllers), [`driver`] (one driver), [`fleet`] (all
-//! drivers, and whose turn it is at junctions).
+//! Modules in reading order: [`traffic`] (what drivers see), `network` (the lanes of the map),
+//! [`path`] (the way ahead of one vehicle), [`steer`] and [`speed`] (its controllers), [`driver`]
+//! (one driver), [`crossing`] (whose turn it is at junctions), `overtaking` (lane changes, ways
+//! round what stands), `upkeep` (driving without physics, respawn, removal), [`fleet`] (all
+//! drivers), [`parameters`] (what may be set).
 //!
 //! ```
 //! use consumer_drive::speed;
@@ -19,7 +21,7 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
-mod crossing;
+pub mod crossing;
 pub mod desk;
 pub mod driver;
 pub mod fleet;

@@ -92,7 +92,7 @@ pub(crate) struct Network {
     ways: Vec<Option<Arc<Way>>>,
     /// Zone by lane; `u32::MAX` outside junctions.
     zones: Vec<u32>,
-    /// Whether a lane leads anywhere.
+    /// Whether a lane leads on for ever.
     goes_on: Vec<bool>,
     meets: HashMap<(u32, u32, u8), Option<Meet>>,
     signals: HashMap<String, u32>,
@@ -109,11 +109,7 @@ impl Network {
         Network {
             ways: vec![None; map.lanes().len()],
             zones: zones(&map),
-            goes_on: map
-                .lanes()
-                .iter()
-                .map(|lane| !drivable(&map, map.successors(lane.key)).is_empty())
-                .collect(),
+            goes_on: goes_on(&map),
             meets: HashMap::new(),
             signals,
             map,
@@ -129,7 +125,7 @@ impl Network {
         self.signals.get(id).copied()
     }
 
-    /// Whether a lane has a drivable successor.
+    /// Whether a lane leads on for ever, rather than to the ends of roads only.
     pub fn goes_on(&self, lane: u32) -> bool {
         self.goes_on[lane as usize]
     }
@@ -227,6 +223,35 @@ fn drivable(map: &RoadMap, keys: &[LaneKey]) -> Vec<u32> {
         .collect()
 }
 
+/// Whether each lane leads on for ever: lanes without a successor do not, nor do those all of whose
+/// successors do not.
+fn goes_on(map: &RoadMap) -> Vec<bool> {
+    let lanes = map.lanes();
+    let next: Vec<Vec<u32>> = lanes
+        .iter()
+        .map(|lane| drivable(map, map.successors(lane.key)))
+        .collect();
+    let mut left: Vec<usize> = next.iter().map(Vec::len).collect();
+    let mut before: Vec<Vec<u32>> = vec![Vec::new(); lanes.len()];
+    for (lane, list) in next.iter().enumerate() {
+        for to in list {
+            before[*to as usize].push(lane as u32);
+        }
+    }
+    let mut ended: Vec<u32> = (0..lanes.len() as u32)
+        .filter(|lane| left[*lane as usize] == 0)
+        .collect();
+    while let Some(lane) = ended.pop() {
+        for from in &before[lane as usize] {
+            left[*from as usize] -= 1;
+            if left[*from as usize] == 0 {
+                ended.push(*from);
+            }
+        }
+    }
+    left.into_iter().map(|n| n > 0).collect()
+}
+
 fn points(map: &RoadMap, lane: &Lane) -> Vec<PathPoint> {
     let pieces = (lane.length_m / STEP_M).ceil().max(1.0) as usize;
     let mut points: Vec<PathPoint> = Vec::with_capacity(pieces + 1);
@@ -266,6 +291,12 @@ fn zones(map: &RoadMap) -> Vec<u32> {
         lane.junction.is_none()
             && lane.kind.is_drivable()
             && lane.length_m < ROOM_TO_WAIT_M
+            // A light between the two is obeyed.
+            && map.signal_stops(lane.key).next().is_none()
+            && map
+                .successors(lane.key)
+                .iter()
+                .all(|next| map.signal_stops(*next).next().is_none())
             && !map.successors(lane.key).is_empty()
             && !map.predecessors(lane.key).is_empty()
             && map

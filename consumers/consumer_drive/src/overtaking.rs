@@ -33,6 +33,8 @@ const SIGHT_M: f64 = 90.0;
 const URGENT_M: f64 = 150.0;
 /// A vehicle ahead that stands for so long without a queue before it is passed, seconds.
 const PASS_SECS: f64 = 7.0;
+/// Room to begin a way round, metres.
+const PASS_ROOM_M: f64 = 7.5;
 /// Stream of the chances of lane changes.
 const CHANCES: u64 = 0x6c61_6e65;
 
@@ -97,12 +99,16 @@ pub(crate) fn consider(
     };
     let wanted_by_route = driver.lane_wanted();
     let demanded = forced.or(wanted_by_route);
-    let is_urgent = demanded.is_some() || to_end < URGENT_M;
+    // A lane that leads to an end of the road only is left while there is one that goes on.
+    let is_dying = !net.goes_on(leg.lane);
+    let goes_on = |lane: Option<u32>, net: &Network| lane.is_some_and(|lane| net.goes_on(lane));
+    let must_leave = is_dying && (goes_on(leg.way.left, net) || goes_on(leg.way.right, net));
+    let is_urgent = demanded.is_some() || to_end < URGENT_M || must_leave;
     let room_m = if is_urgent { 2.0 } else { 20.0 };
     if length_m + room_m > to_junction.min(to_end) {
         return None;
     }
-    if demanded.is_none() && !rules.own.changes_lanes && to_end > URGENT_M {
+    if demanded.is_none() && !rules.own.changes_lanes && to_end > URGENT_M && !must_leave {
         return None;
     }
     if !is_urgent
@@ -112,7 +118,7 @@ pub(crate) fn consider(
         return None;
     }
     let chance =
-        Noise::new(around.seed, u64::from(me.id), CHANCES).uniform(beat(traffic.time_secs));
+        Noise::new(around.seed, u64::from(me.number), CHANCES).uniform(beat(traffic.time_secs));
     let s_m = leg.s_at_m(foot.arc_m);
     let mut best: Option<(f64, Side)> = None;
     for side in [Side::Right, Side::Left] {
@@ -132,7 +138,8 @@ pub(crate) fn consider(
         if !is_marked && forced.is_none() {
             continue;
         }
-        if !is_urgent && !net.goes_on(target) {
+        let is_needed = demanded == Some(side);
+        if !is_needed && !net.goes_on(target) && (must_leave || !is_dying) {
             continue;
         }
         let random = match side {
@@ -267,7 +274,11 @@ pub(crate) fn pass_standing(
     let Some((blocker, secs)) = driver.blocked_by() else {
         return false;
     };
-    if secs < PASS_SECS || foot.arc_m < driver.swerve_until_m || driver.path().shift().is_some() {
+    if !around.rules.own.changes_lanes
+        || secs < PASS_SECS
+        || foot.arc_m < driver.swerve_until_m
+        || driver.path().shift().is_some()
+    {
         return false;
     }
     let Some(other) = around.traffic.mover(blocker) else {
@@ -282,11 +293,16 @@ pub(crate) fn pass_standing(
         .path()
         .descend(other.middle(), driver.path().point_idx(front));
     let offset_m = their.offset_m + other.half_m[1] + me.half_m[1] + 0.7;
+    let gap_m = their.arc_m - other.half_m[0] - front;
+    if gap_m < PASS_ROOM_M {
+        return false;
+    }
     let between = [
-        their.arc_m - other.half_m[0] - me.rear_m() - 1.0,
-        their.arc_m + other.half_m[0] + me.rear_m() + 2.0,
+        their.arc_m - other.half_m[0] - me.front_m() - 0.5,
+        their.arc_m + other.half_m[0] + me.rear_m() + 1.5,
     ];
-    let length_m = 9.0;
+    // It begins where we are.
+    let length_m = (between[0] - foot.arc_m).clamp(1.0, 14.0);
     let until = between[1] + length_m;
     // Not into a junction, and not without room to begin.
     let near_junction = driver

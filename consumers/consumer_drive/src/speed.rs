@@ -2,7 +2,7 @@
 //! pedals for it.
 
 /// Acceleration wanted from standstill on a free road, m/s².
-const COMFORT_ACCEL_MPS2: f64 = 2.2;
+const COMFORT_ACCEL_MPS2: f64 = 2.7;
 /// Deceleration at which braking for something ahead begins, m/s².
 const COMFORT_BRAKE_MPS2: f64 = 2.0;
 /// Hardest braking, m/s².
@@ -39,7 +39,7 @@ pub fn ahead(speed_mps: f64, limit_mps: f64, distance_m: f64) -> f64 {
 pub fn stop_before(speed_mps: f64, distance_m: f64) -> f64 {
     let left = distance_m - LINE_GAP_M;
     if left < 0.4 && speed_mps < 1.5 {
-        return to_stop(speed_mps, left.max(0.15)).clamp(-MAX_BRAKE_MPS2, -0.5);
+        return to_stop(speed_mps, left.max(0.15)).clamp(-MAX_BRAKE_MPS2, -1.2);
     }
     ahead(speed_mps, 0.0, left)
 }
@@ -71,8 +71,12 @@ pub fn follow(speed_mps: f64, their_mps: f64, gap_m: f64, standing_gap_m: f64) -
     braking.clamp(-MAX_BRAKE_MPS2, COMFORT_ACCEL_MPS2)
 }
 
+/// A vehicle slower than this is braked against its idling engine, m/s, with this share of the
+/// brake.
+const CREEP_MPS: f64 = 1.2;
+const CREEP_BRAKE: f64 = 0.15;
 /// Sideways acceleration on bends, m/s².
-const BEND_MPS2: f64 = 2.4;
+const BEND_MPS2: f64 = 2.8;
 
 /// Largest speed on a bend, m/s.
 pub fn on_bend(curvature_per_m: f64) -> f64 {
@@ -104,6 +108,10 @@ impl Pedals {
             self.last_wanted_mps2 = 0.0;
             return (0.0, 0.6);
         }
+        // Who rolls backwards stops first.
+        if speed_mps < -0.4 || speed_mps < -0.1 && wanted_mps2 < 0.3 {
+            return (0.0, 0.8);
+        }
         // The vehicle responds with a delay. Comparing with a delayed command keeps the trim from
         // reacting to steps.
         let error = self.last_wanted_mps2 - self.accel_mps2;
@@ -115,11 +123,12 @@ impl Pedals {
         if force >= 0.0 && wanted_mps2 > -0.8 {
             ((force / FULL_THROTTLE_MPS2).clamp(0.0, 0.9), 0.0)
         } else {
-            // Rolling resistance and the engine provide the first few tenths of m/s² by themselves.
-            (
-                0.0,
-                (-(wanted_mps2 + 0.2) / FULL_BRAKE_MPS2).clamp(0.0, 1.0),
-            )
+            // Rolling resistance and the engine provide the first few tenths of m/s² by themselves,
+            // but an idling engine pushes a slow vehicle on.
+            let creeps = speed_mps < CREEP_MPS && wanted_mps2 < -0.3;
+            let least = if creeps { CREEP_BRAKE } else { 0.0 };
+            let brake = -(wanted_mps2 + 0.2) / FULL_BRAKE_MPS2;
+            (0.0, brake.clamp(least, 1.0))
         }
     }
 }

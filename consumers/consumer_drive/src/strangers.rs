@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::driver::{Driver, locate};
+use crate::driver::{Driver, STANDING_MPS, locate};
 use crate::network::Network;
 use crate::path::{distance, wrap};
 use crate::traffic::{Mover, Traffic};
@@ -11,6 +11,8 @@ use crate::traffic::{Mover, Traffic};
 const OFF_LANE_M: f64 = 1.6;
 /// A vehicle that stands nearer to a junction than this may be waiting there, metres.
 const QUEUE_M: f64 = 40.0;
+/// A vehicle that has stood for so long with nothing to wait for is parked, seconds.
+const PARKED_SECS: f64 = 2.0;
 
 #[derive(Clone, Copy, Debug)]
 struct Place {
@@ -19,6 +21,8 @@ struct Place {
     /// Nearest point of the lane.
     point: usize,
     to_junction_m: f64,
+    /// Since when it stands, seconds; `None` while it moves.
+    standing_since_secs: Option<f64>,
     /// Where the lane was searched in vain.
     lost_at_m: Option<[f64; 2]>,
 }
@@ -31,7 +35,7 @@ pub(crate) struct Strangers {
 
 impl Strangers {
     /// The lane a vehicle is on and the place there, for this tick.
-    pub fn place(&mut self, net: &mut Network, mover: &Mover) -> Option<(u32, f64)> {
+    pub fn place(&mut self, net: &mut Network, mover: &Mover, now_secs: f64) -> Option<(u32, f64)> {
         let known = self.places.get(&mover.id).copied();
         let followed = known
             .filter(|place| place.lost_at_m.is_none())
@@ -52,9 +56,16 @@ impl Strangers {
                     s_m: 0.0,
                     point: 0,
                     to_junction_m: f64::INFINITY,
+                    standing_since_secs: None,
                     lost_at_m: Some(mover.origin()),
                 },
             },
+        };
+        let since = known.and_then(|place| place.standing_since_secs);
+        let place = Place {
+            standing_since_secs: (mover.speed_mps.abs() < STANDING_MPS)
+                .then_some(since.unwrap_or(now_secs)),
+            ..place
         };
         self.places.insert(mover.id, place);
         place.lost_at_m.is_none().then_some((place.lane, place.s_m))
@@ -71,6 +82,15 @@ impl Strangers {
         self.places
             .get(&id)
             .is_some_and(|place| place.to_junction_m < QUEUE_M)
+    }
+
+    /// Whether it stands, and has for a while, where there is nothing to wait for.
+    pub fn is_parked(&self, id: u32, now_secs: f64) -> bool {
+        self.places.get(&id).is_some_and(|place| {
+            let stands = place.standing_since_secs;
+            stands.is_some_and(|since| now_secs > since + PARKED_SECS)
+                && place.to_junction_m >= QUEUE_M
+        })
     }
 
     /// Forgets vehicles that are gone or driven here.
@@ -102,6 +122,7 @@ fn found(net: &mut Network, lane: u32, s_m: f64) -> Place {
         } else {
             f64::INFINITY
         },
+        standing_since_secs: None,
         lost_at_m: None,
     }
 }

@@ -17,6 +17,9 @@ const STROLLING_MPS: f64 = 0.2;
 pub struct Mover {
     /// Actor id.
     pub id: u32,
+    /// Its place among the actors of the episode, by which choices are made: ids go on counting when
+    /// a map is loaded again, and the same vehicles must choose the same.
+    pub number: u32,
     /// Whether it is a vehicle.
     pub is_vehicle: bool,
     /// World position of its origin, metres.
@@ -297,6 +300,7 @@ fn mover(record: &ActorRecord, actors: &ActorList) -> Mover {
     let part = record.vehicle();
     Mover {
         id: record.id,
+        number: record.id - actors.actors.first().map_or(0, |first| first.id.min(record.id)),
         is_vehicle: part.is_some(),
         position_m: record.world_from_actor.translation_m,
         yaw_rad,

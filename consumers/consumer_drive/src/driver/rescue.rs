@@ -101,7 +101,8 @@ impl Rescue {
         self.stuck_secs += dt;
         // The id makes the patience differ, so that two vehicles that block each other do not back
         // off at the same time.
-        let patience = 2.0 * STUCK_SECS + f64::from(me.id % 7) + if pushing { 0.0 } else { 6.0 };
+        let patience =
+            2.0 * STUCK_SECS + f64::from(me.number % 7) + if pushing { 0.0 } else { 6.0 };
         if self.stuck_secs > patience && traffic.behind(me, 1.5, grid).is_none() {
             (self.reverse_left_secs, self.is_yielding) = (REVERSE_SECS, false);
             let side = obstacle.map_or(0.0, |o| o.side);
@@ -119,11 +120,14 @@ impl Rescue {
         grid: &Grid,
         foot: Foot,
         steering: &mut Steering,
+        updates_lights: bool,
     ) -> VehicleControlRecord {
         let dt = traffic.period_secs;
         self.reverse_left_secs -= dt;
-        let room_m = if self.is_yielding { 0.6 } else { 1.5 };
-        let clear = traffic.behind(me, room_m, grid).is_none() && me.speed_mps > -REVERSE_MPS;
+        // Room for braking and for somebody who backs off too.
+        let room_m = if self.is_yielding { 1.0 } else { 1.5 } + 1.2 * me.speed_mps.abs();
+        let is_free = traffic.behind(me, room_m, grid).is_none();
+        let clear = is_free && me.speed_mps > -REVERSE_MPS;
         let aside = if foot.offset_m > 0.0 { 0.4 } else { -0.4 };
         let steer = steering.hold(if self.is_yielding { 0.0 } else { aside }, dt);
         let control = VehicleControl {
@@ -131,14 +135,16 @@ impl Rescue {
             brake_ratio: if clear && self.reverse_left_secs > 0.4 {
                 0.0
             } else {
-                0.3
+                if is_free { 0.3 } else { 1.0 }
             },
             steer_ratio: steer as f32,
             reverse: true,
             ..VehicleControl::default()
         };
         let mut record = VehicleControlRecord::new(me.id, control);
-        record.lamps = LAMP_REVERSE;
+        if updates_lights {
+            record.lamps = LAMP_REVERSE;
+        }
         record
     }
 

@@ -45,6 +45,7 @@ pub(super) fn users<'r>(
                     traffic,
                     grid,
                     lights,
+                    strangers,
                     rules: rules(me.id),
                     seed,
                 };
@@ -79,6 +80,7 @@ fn own(
     let last = legs.last().map(|leg| leg.way.clone());
     User {
         id: me.id,
+        number: me.number,
         zone: entry.zone,
         is_driven: true,
         lanes: legs
@@ -113,7 +115,7 @@ fn own(
             legs.iter().any(|leg| leg.way.circulates),
             last.as_deref(),
         ),
-        held: driver.is_held(entry, view, me),
+        held: driver.is_held(entry, view),
         room_m,
     }
 }
@@ -257,6 +259,7 @@ fn stranger(
     let lit = is_lit(std::iter::once(&*way).chain(before.as_deref()), lights);
     Some(User {
         id: me.id,
+        number: me.number,
         zone,
         is_driven: false,
         lanes: vec![(lane, 0.0)],
