@@ -7,6 +7,7 @@
 
 pub mod helm;
 pub mod input;
+mod options;
 pub mod pilot;
 mod scale;
 pub mod screen;
@@ -16,11 +17,12 @@ pub mod window;
 use std::time::{Duration, Instant};
 
 use consumer_kit::{FollowedDocument, Follower, Take, WorldAt};
-use schema_bus::{Bus, BusOptions, names};
+use schema_bus::{Bus, names};
 use schema_frames::{ActorKind, ActorList};
 
 use helm::Helm;
 use input::Input;
+pub use options::Options;
 use pilot::Pilot;
 use screen::{Picture, Screen};
 
@@ -37,15 +39,6 @@ W A S D   fly forward, left, back, right (top view: move)   Q E   up, down   Shi
 mouse     drag to look around; arrow keys do the same       wheel speed, or distance and height
 N P       follow the next, the previous vehicle or walker   F     fly freely
 T         top view, also of who is followed                 Esc, X  end";
-
-/// Where to fly.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// First segment of the service names.
-    pub domain: String,
-    /// Where iceoryx2 keeps its files.
-    pub bus: BusOptions,
-}
 
 /// What a flight was.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -116,10 +109,13 @@ pub fn fly(
 
 /// The spectator among the actors of a tick.
 fn spectator_of(world: &WorldAt) -> Option<u32> {
-    let is_spectator = |record: &&schema_frames::ActorRecord| {
-        record.kind() == Some(ActorKind::Spectator)
-    };
-    world.records.iter().find(is_spectator).map(|record| record.id)
+    let is_spectator =
+        |record: &&schema_frames::ActorRecord| record.kind() == Some(ActorKind::Spectator);
+    world
+        .records
+        .iter()
+        .find(is_spectator)
+        .map(|record| record.id)
 }
 
 /// The line of text below the image.

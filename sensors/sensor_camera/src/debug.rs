@@ -8,15 +8,12 @@ use sensor_gpu::Gpu;
 use sensor_spec::Intrinsics;
 
 use crate::camera_motion::NEAR_M;
-use crate::overlay::{Pane, PixelQuad};
+use crate::overlay::{NEARER_RATIO, Pane, PixelQuad, in_front};
 use crate::target::{Target, TargetLayer};
 use crate::view::ViewSpec;
 
 /// Distance at which the overlay lies: nearer than anything that is drawn.
 const OVERLAY_M: f64 = 1e-3;
-
-/// Strokes are drawn nearer by this factor, so that a stroke on a road is not half hidden by it.
-const NEARER_RATIO: f64 = 1.002;
 
 /// A corner of a triangle, as `shader/debug.wgsl` takes it.
 #[repr(C)]
@@ -222,20 +219,6 @@ fn on_screen(quad: &PixelQuad, lens: &Intrinsics) -> [Corner; 6] {
         bgra,
     };
     [0, 1, 2, 0, 2, 3].map(|i| corner(quad.corners_px[i]))
-}
-
-/// The part of a stroke in front of the near plane.
-pub(crate) fn in_front(from: Vector3<f64>, to: Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
-    let least_m = NEAR_M * NEARER_RATIO * 1.01;
-    let cut = |inside: Vector3<f64>, outside: Vector3<f64>| {
-        inside + (outside - inside) * ((inside.z - least_m) / (inside.z - outside.z))
-    };
-    match (from.z >= least_m, to.z >= least_m) {
-        (true, true) => Some((from, to)),
-        (true, false) => Some((from, cut(from, to))),
-        (false, true) => Some((cut(to, from), to)),
-        (false, false) => None,
-    }
 }
 
 /// Same projection as in `geometry_listed.wgsl`: reversed z with the far plane at infinity.

@@ -7,9 +7,11 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use sensor_core::scene::{DebugStroke, Overlay};
 use sensor_spec::Intrinsics;
 
-use crate::debug::in_front;
+use crate::camera_motion::NEAR_M;
 use font::{GLYPH_PX, runs};
 
+/// Strokes are drawn nearer by this factor, so that a stroke on a road is not half hidden by it.
+pub(crate) const NEARER_RATIO: f64 = 1.002;
 /// Image height at which a dot of a glyph is one more pixel, pixels.
 const HEIGHT_PER_DOT_PX: u32 = 360;
 /// Most letters that are drawn in one image; what lies outside it does not count.
@@ -173,6 +175,23 @@ fn rectangle([x, y]: [f64; 2], [width, height]: [f64; 2]) -> [[f64; 2]; 4] {
         [x + width, y + height],
         [x, y + height],
     ]
+}
+
+/// The part of a stroke in front of the near plane.
+pub(crate) fn in_front(
+    from: Vector3<f64>,
+    to: Vector3<f64>,
+) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    let least_m = NEAR_M * NEARER_RATIO * 1.01;
+    let cut = |inside: Vector3<f64>, outside: Vector3<f64>| {
+        inside + (outside - inside) * ((inside.z - least_m) / (inside.z - outside.z))
+    };
+    match (from.z >= least_m, to.z >= least_m) {
+        (true, true) => Some((from, to)),
+        (true, false) => Some((from, cut(from, to))),
+        (false, true) => Some((cut(to, from), to)),
+        (false, false) => None,
+    }
 }
 
 #[cfg(test)]

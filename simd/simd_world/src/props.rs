@@ -1,7 +1,7 @@
 //! Props: objects that are put down and stand still, until their physics is switched on.
 
 mod model;
-mod motion;
+mod prop;
 
 use std::collections::BTreeMap;
 
@@ -16,18 +16,7 @@ use crate::actors::Actors;
 use crate::physics::{Physics, collider_tag};
 
 pub use model::{PropModel, prop_models};
-
-/// A prop in the world. A prop that is attached to another actor has no body.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Prop {
-    /// Index into [`prop_models`].
-    pub model_idx: u16,
-    pub body: Option<RigidBodyHandle>,
-    /// Whether the engine moves it.
-    pub is_simulated: bool,
-    /// What it weighs when the engine moves it.
-    mass_kg: f32,
-}
+pub(crate) use prop::Prop;
 
 /// All props by rising id.
 #[derive(Clone, Default, Serialize, Deserialize)]

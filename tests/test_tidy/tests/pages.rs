@@ -7,7 +7,7 @@ use test_tidy::{files, relative, repository};
 /// Longest line of a page in characters; tables and code blocks are exempt.
 const MAX_LINE_CHARS: usize = 400;
 /// `docs/glossary.md` stays short enough to be read at once.
-const MAX_GLOSSARY_WORDS: usize = 68;
+const MAX_GLOSSARY_WORDS: usize = 70;
 
 fn page(name: &str) -> String {
     std::fs::read_to_string(repository().join(name))

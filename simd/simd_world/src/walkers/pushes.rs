@@ -2,22 +2,10 @@
 
 use nalgebra::Vector3;
 use schema_frames::PhysicsAction;
-use serde::{Deserialize, Serialize};
 
 use super::impact::KNOCK_MPS;
 use super::walker::{Fall, Walker};
 use crate::pushes::Push;
-
-/// Pushes of a walker that last or are about to act.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Pushed {
-    /// Force during the coming tick, N.
-    pub force_n: [f64; 3],
-    /// Torque about the upright axis during the coming tick, N·m.
-    pub torque_nm: f64,
-    /// Turn that pushes gave it, rad/s; dies away.
-    pub radps: f64,
-}
 
 impl Walker {
     /// Carries out a switch.

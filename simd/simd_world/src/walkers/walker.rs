@@ -14,7 +14,6 @@ use simd_body::person::{N_PARTS, Posture, Skeleton};
 use super::control::{Lead, MAX_SPEED_MPS};
 use super::model::{WalkerModel, walker_models};
 use super::own_pose::OwnPose;
-use super::pushes::Pushed;
 use super::standing::{Standing, Walls, ground_below};
 use crate::physics::{GRAVITY_MPS2, Physics};
 
@@ -39,6 +38,17 @@ pub(crate) struct Fall {
     pub towards: [f64; 2],
     /// Angle from upright, radians.
     pub angle_rad: f64,
+}
+
+/// Pushes of a walker that last or are about to act.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Pushed {
+    /// Force during the coming tick, N.
+    pub force_n: [f64; 3],
+    /// Torque about the upright axis during the coming tick, N·m.
+    pub torque_nm: f64,
+    /// Turn that pushes gave it, rad/s; dies away.
+    pub radps: f64,
 }
 
 /// A walker's state.

@@ -1,17 +1,30 @@
-//! Props that the engine moves: they fall, tumble, and are pushed by vehicles and by commands.
+//! One prop. If the engine moves it, it falls, tumbles, and is pushed by vehicles and by commands.
 
 use nalgebra::Vector3;
 use rapier3d::math::Vector;
 use rapier3d::prelude::*;
 use schema_frames::PhysicsAction;
 use schema_types::Pose;
+use serde::{Deserialize, Serialize};
 
-use super::{Prop, prop_models};
+use super::model::prop_models;
 use crate::physics::{Physics, narrow, widen};
 use crate::pushes::Push;
 
 /// A prop this far below the map's origin has fallen out of the world, metres.
 const FALL_M: f32 = 500.0;
+
+/// A prop in the world. A prop that is attached to another actor has no body.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Prop {
+    /// Index into [`prop_models`].
+    pub model_idx: u16,
+    pub body: Option<RigidBodyHandle>,
+    /// Whether the engine moves it.
+    pub is_simulated: bool,
+    /// What it weighs when the engine moves it.
+    pub mass_kg: f32,
+}
 
 impl Prop {
     /// Its body, if the engine moves it.
