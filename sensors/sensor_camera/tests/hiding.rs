@@ -154,7 +154,7 @@ fn streamed_tiles_come_and_go_without_a_trace() {
         assert!(now == fresh, "{columns:?}");
         seen.insert(now);
     }
-    assert!(seen.len() > 3, "{} pictures", seen.len());
+    assert!(seen.len() > 2, "{} pictures", seen.len());
     renderer.load(&with(&[0, 1]));
     let one_more = renderer.load(&with(&[0, 1, 2]));
     assert!(

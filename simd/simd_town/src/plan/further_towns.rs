@@ -6,7 +6,7 @@ use super::layout::{AVENUE, Houses, Plan, Profile, STREET};
 use super::sketch::{COUNTRY, HIGH_STREET, LANE, Sketch};
 use crate::geometry::{P2, unit};
 
-/// Adds a ring of streets through nodes on a circle about the origin.
+/// Adds a ring of streets through nodes on a circle about the origin; each bends in its middle.
 fn ring(s: &mut Sketch, nodes: &[usize], headings: &[f64], radius_m: f64, profile: Profile) {
     for i in 0..nodes.len() {
         let k = (i + 1) % nodes.len();
@@ -15,7 +15,7 @@ fn ring(s: &mut Sketch, nodes: &[usize], headings: &[f64], radius_m: f64, profil
         s.street(
             nodes[i],
             nodes[k],
-            &[(corner.x, corner.y, radius_m)],
+            &[(corner.x, corner.y, 0.55 * radius_m)],
             profile,
         );
     }
