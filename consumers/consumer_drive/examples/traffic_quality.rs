@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Parser;
-use consumer_drive::path::distance;
+use consumer_drive::plane::distance;
 use consumer_drive::{Fleet, Geometry, Settings, Traffic};
 use launch_cli::bench::BenchResult;
 use nix::time::{ClockId, clock_gettime};

@@ -9,11 +9,10 @@
 use std::collections::BTreeMap;
 
 use crate::network::{Meet, Network, TURN_RAD};
+use crate::traffic::STANDING_MPS;
 
 /// Smallest room between two vehicles whose ways do not meet, metres.
 const CLEARANCE_M: f64 = 0.4;
-/// A vehicle slower than this stands, m/s.
-const STANDING_MPS: f64 = 0.3;
 /// A vehicle nearer to a junction than this has arrived there, metres.
 const ARRIVAL_M: f64 = 12.0;
 /// A vehicle that waits longer goes before those with the right of way, seconds.

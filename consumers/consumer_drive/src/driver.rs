@@ -10,11 +10,12 @@ use schema_types::noise::Noise;
 use crate::crossing::{Passage, Refusal};
 use crate::network::{Network, TURN_RAD};
 use crate::parameters::{RoadOption, Rules};
-use crate::path::{Foot, Guide, Path, Side, distance, wrap};
+use crate::path::{Foot, Guide, Path};
+use crate::plane::{Side, distance, wrap};
 use crate::speed::{self, Pedals};
 use crate::steer::{Geometry, Steering};
-use crate::strangers::Strangers;
-use crate::traffic::{Grid, Mover, Traffic};
+use crate::strangers::{Strangers, locate};
+use crate::traffic::{Grid, Mover, STANDING_MPS, Traffic};
 use hindrance::Lookout;
 use rescue::{Rescue, Situation};
 
@@ -30,8 +31,6 @@ pub use lamps::{
 
 /// Smallest distance for which a path is planned ahead, metres.
 const HORIZON_M: f64 = 90.0;
-/// A vehicle counts as standing below this, m/s.
-pub(crate) const STANDING_MPS: f64 = 0.3;
 /// How far before a junction a driver waits for its turn, metres; long vehicles that leave the
 /// junction swing out there.
 const WAITING_M: f64 = 2.5;
@@ -904,24 +903,4 @@ impl Driver {
                 None => 0,
             }
     }
-}
-
-/// The lane a vehicle drives on, by index, and the place there: the nearest one that runs its way.
-pub(crate) fn locate(net: &Network, me: &Mover) -> Option<(u32, f64)> {
-    let map = net.map();
-    let mut wrong: Vec<LaneKey> = Vec::new();
-    let mut fallback = None;
-    for _ in 0..8 {
-        let at = map.nearest(me.position_m, |lane| {
-            lane.kind.is_drivable() && !wrong.contains(&lane.key)
-        })?;
-        let heading = map.pose(at)?.rotation.euler_angles().2;
-        let place = Some((net.lane(at.lane)?, at.s_m));
-        if wrap(heading - me.yaw_rad).abs() < 0.8 {
-            return place;
-        }
-        fallback = fallback.or(place);
-        wrong.push(at.lane);
-    }
-    fallback
 }

@@ -7,7 +7,7 @@ use schema_frames::{Command, LightState, VehicleControlRecord};
 use schema_roads::RoadMap;
 
 use crate::crossing::{Crossings, Now};
-use crate::driver::{Driver, STANDING_MPS, View, Wait};
+use crate::driver::{Driver, View, Wait};
 use crate::lanes::{LaneTable, OnLane};
 use crate::network::{Network, TURN_RAD};
 use crate::overtaking::{self, Around};
@@ -15,7 +15,7 @@ use crate::parameters::{Action, RoadOption, Rules, Settings, VehicleParameters};
 use crate::path::Leg;
 use crate::steer::Geometry;
 use crate::strangers::Strangers;
-use crate::traffic::{Grid, Mover, Traffic};
+use crate::traffic::{Grid, Mover, STANDING_MPS, Traffic};
 use crate::upkeep::Upkeep;
 
 mod users;
@@ -127,8 +127,8 @@ impl Fleet {
         };
         let shift = path.shift().map(|shift| {
             let option = match shift.side {
-                crate::path::Side::Left => RoadOption::ChangeLaneLeft,
-                crate::path::Side::Right => RoadOption::ChangeLaneRight,
+                crate::plane::Side::Left => RoadOption::ChangeLaneLeft,
+                crate::plane::Side::Right => RoadOption::ChangeLaneRight,
             };
             action(option, shift.arc_m[0].max(driver.foot().arc_m))
         });
@@ -279,7 +279,7 @@ impl Fleet {
                 )),
             }
         }
-        strangers.forget_absent(traffic, drivers);
+        strangers.forget_absent(traffic, |id| drivers.contains_key(&id));
         LaneTable::new(entries)
     }
 

@@ -5,7 +5,7 @@
 //! it drives. The same traffic and seed give the same records.
 //!
 //! Modules in reading order: [`traffic`] (what drivers see), `network` (the lanes of the map),
-//! [`path`] (the way ahead of one vehicle), [`steer`] and [`speed`] (its controllers), [`driver`]
+//! [`plane`] (points, sides, distances), [`path`] (the way ahead of one vehicle), [`steer`] and [`speed`] (its controllers), [`driver`]
 //! (one driver), [`crossing`] (whose turn it is at junctions), `overtaking` (lane changes, ways
 //! round what stands), `upkeep` (driving without physics, respawn, removal), [`fleet`] (all
 //! drivers), [`parameters`] (what may be set).
@@ -30,6 +30,7 @@ mod network;
 mod overtaking;
 pub mod parameters;
 pub mod path;
+pub mod plane;
 pub mod requests;
 mod route;
 pub mod selection;

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use schema_roads::{Lane, LaneKey, LanePosition, RoadMap, SignalKind};
 
-use crate::path::{PathPoint, distance, wrap};
+use crate::plane::{PathPoint, distance, wrap};
 use crate::speed;
 
 /// Distance between points, metres.

@@ -9,7 +9,7 @@ use crate::driver::Driver;
 use crate::lanes::LaneTable;
 use crate::network::Network;
 use crate::parameters::Rules;
-use crate::path::Side;
+use crate::plane::Side;
 use crate::speed;
 use crate::traffic::{Grid, Mover, Traffic};
 use schema_types::noise::Noise;
@@ -284,7 +284,7 @@ pub(crate) fn pass_standing(
     let Some(other) = around.traffic.mover(blocker) else {
         return false;
     };
-    let is_along = crate::path::wrap(other.yaw_rad - foot.heading_rad).abs() < 0.5;
+    let is_along = crate::plane::wrap(other.yaw_rad - foot.heading_rad).abs() < 0.5;
     if !other.is_vehicle || !is_along || other.speed_mps.abs() > 0.2 || is_queueing(blocker) {
         return false;
     }

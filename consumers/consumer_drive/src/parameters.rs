@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use crate::path::Side;
+use crate::plane::Side;
 
 /// What holds for all vehicles.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,31 +7,13 @@ use schema_types::noise::Noise;
 
 use crate::network::{Network, TURN_RAD, Way};
 use crate::parameters::RoadOption;
+use crate::plane::{PathPoint, Side, distance, wrap};
 use crate::speed;
 
 /// Length that is kept behind the vehicle, metres.
 const KEPT_BEHIND_M: f64 = 30.0;
 /// Length of the run-up before the first place, metres.
 const RUN_UP_M: f64 = 8.0;
-
-/// A point of the path.
-#[derive(Clone, Copy, Debug)]
-pub struct PathPoint {
-    /// World position, metres.
-    pub position_m: [f64; 2],
-    /// World height, metres.
-    pub height_m: f64,
-    /// Direction, radians.
-    pub heading_rad: f64,
-    /// Curvature, 1/m, positive to the left.
-    pub curvature_per_m: f64,
-    /// Speed limit, m/s.
-    pub limit_mps: f64,
-    /// Speed that the bend allows, m/s.
-    pub bend_mps: f64,
-    /// Length of the path up to here, metres.
-    pub arc_m: f64,
-}
 
 /// A lane of the path.
 #[derive(Clone, Debug)]
@@ -82,25 +64,6 @@ impl Foot {
             Side::Left
         } else {
             Side::Right
-        }
-    }
-}
-
-/// A side of a path.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub enum Side {
-    /// To the left, in the direction of the path.
-    Left,
-    /// To the right.
-    Right,
-}
-
-impl Side {
-    /// 1 for left, −1 for right.
-    pub fn sign(self) -> f64 {
-        match self {
-            Side::Left => 1.0,
-            Side::Right => -1.0,
         }
     }
 }
@@ -603,16 +566,4 @@ fn foot_on(a: &PathPoint, b: &PathPoint, point: [f64; 2]) -> (Foot, [f64; 2]) {
         },
         at,
     )
-}
-
-/// Distance in the plane.
-pub fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
-    let d = [a[0] - b[0], a[1] - b[1]];
-    (d[0] * d[0] + d[1] * d[1]).sqrt()
-}
-
-/// An angle in (−π, π].
-pub fn wrap(angle_rad: f64) -> f64 {
-    let turns = (angle_rad / std::f64::consts::TAU).round();
-    angle_rad - turns * std::f64::consts::TAU
 }

@@ -5,7 +5,8 @@
 //! metre driven. κ = κ_path − 2ζ/ℓ·ψ − e/ℓ² gives a damped return over the length ℓ, whatever the
 //! speed.
 
-use crate::path::{Foot, Path, wrap};
+use crate::path::{Foot, Path};
+use crate::plane::wrap;
 use crate::traffic::Mover;
 
 /// Damping of the return to the path.

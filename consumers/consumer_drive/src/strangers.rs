@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use crate::driver::{Driver, STANDING_MPS, locate};
+use schema_roads::LaneKey;
+
 use crate::network::Network;
-use crate::path::{distance, wrap};
-use crate::traffic::{Mover, Traffic};
+use crate::plane::{distance, wrap};
+use crate::traffic::{Mover, STANDING_MPS, Traffic};
 
 /// Farthest from the middle of its lane before a vehicle's lane is searched anew, metres.
 const OFF_LANE_M: f64 = 1.6;
@@ -94,9 +95,9 @@ impl Strangers {
     }
 
     /// Forgets vehicles that are gone or driven here.
-    pub fn forget_absent(&mut self, traffic: &Traffic, drivers: &BTreeMap<u32, Driver>) {
+    pub fn forget_absent(&mut self, traffic: &Traffic, is_driven: impl Fn(u32) -> bool) {
         self.places
-            .retain(|id, _| traffic.mover(*id).is_some() && !drivers.contains_key(id));
+            .retain(|id, _| traffic.mover(*id).is_some() && !is_driven(*id));
     }
 }
 
@@ -157,4 +158,24 @@ fn follow(net: &mut Network, place: Place, mover: &Mover) -> Option<Place> {
     }
     let s_m = way.s_at(point.arc_m + along).clamp(0.0, way.span_m);
     Some(found(net, place.lane, s_m))
+}
+
+/// The lane a vehicle drives on, by index, and the place there: the nearest one that runs its way.
+pub(crate) fn locate(net: &Network, me: &Mover) -> Option<(u32, f64)> {
+    let map = net.map();
+    let mut wrong: Vec<LaneKey> = Vec::new();
+    let mut fallback = None;
+    for _ in 0..8 {
+        let at = map.nearest(me.position_m, |lane| {
+            lane.kind.is_drivable() && !wrong.contains(&lane.key)
+        })?;
+        let heading = map.pose(at)?.rotation.euler_angles().2;
+        let place = Some((net.lane(at.lane)?, at.s_m));
+        if wrap(heading - me.yaw_rad).abs() < 0.8 {
+            return place;
+        }
+        fallback = fallback.or(place);
+        wrong.push(at.lane);
+    }
+    fallback
 }

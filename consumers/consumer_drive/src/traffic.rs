@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use schema_frames::{ActorKind, ActorList, ActorRecord, LightState};
 
-use crate::path::distance;
+use crate::plane::distance;
+
+/// A vehicle counts as standing below this, m/s.
+pub(crate) const STANDING_MPS: f64 = 0.3;
 
 /// How far ahead the way of a walker is predicted, seconds, and in how many steps.
 const FORESIGHT_SECS: f64 = 2.5;
@@ -300,7 +303,11 @@ fn mover(record: &ActorRecord, actors: &ActorList) -> Mover {
     let part = record.vehicle();
     Mover {
         id: record.id,
-        number: record.id - actors.actors.first().map_or(0, |first| first.id.min(record.id)),
+        number: record.id
+            - actors
+                .actors
+                .first()
+                .map_or(0, |first| first.id.min(record.id)),
         is_vehicle: part.is_some(),
         position_m: record.world_from_actor.translation_m,
         yaw_rad,

@@ -11,7 +11,7 @@ use schema_types::noise::Noise;
 use crate::driver::{Driver, View, Wait};
 use crate::network::Network;
 use crate::parameters::Parameters;
-use crate::path::distance;
+use crate::plane::distance;
 use crate::traffic::{Grid, Mover, Traffic};
 
 /// A vehicle that stands for so long without a red light is removed, seconds.

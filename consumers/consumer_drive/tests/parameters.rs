@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use consumer_drive::path::{Side, distance};
+use consumer_drive::plane::{Side, distance};
 use consumer_drive::{Fleet, RoadOption, Settings, SpeedRule, Step, Traffic};
 use schema_frames::{ActorList, Command, LightState, PhysicsAction};
 use schema_roads::{LaneKey, LanePosition, RoadMap};
@@ -300,7 +300,7 @@ fn a_route_decides_the_turns() {
                     pose.rotation.euler_angles().2
                 };
                 let length = roads.lane(*key).unwrap().length_m;
-                consumer_drive::path::wrap(yaw(length) - yaw(0.0))
+                consumer_drive::plane::wrap(yaw(length) - yaw(0.0))
             };
             let all: Vec<f64> = roads.successors(lane.key).iter().map(turn).collect();
             all.iter().any(|t| *t > 1.0) && all.iter().any(|t| *t < -1.0)
@@ -323,7 +323,7 @@ fn a_route_decides_the_turns() {
         stage.steps(1200);
         let driver = &stage.fleet.drivers()[&id];
         assert!(stage.settings.vehicles[&id].route.is_empty());
-        let turned = consumer_drive::path::wrap(heading(&stage) - before);
+        let turned = consumer_drive::plane::wrap(heading(&stage) - before);
         // It may have turned again since; the first turn is what was planned.
         assert!(
             driver.path().n_choices() > 0 || (sign * turned) > 1.0,

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use consumer_drive::path::distance;
+use consumer_drive::plane::distance;
 use consumer_drive::{Fleet, Geometry, Settings, Traffic};
 use schema_frames::{ActorList, ActorRecord};
 use schema_roads::RoadMap;

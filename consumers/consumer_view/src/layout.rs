@@ -282,10 +282,7 @@ fn camera_grids(places: &BTreeSet<Place>) -> Vec<ContainerLike> {
         .iter()
         .filter(|place| place.modality.sensor_kind() == SensorKind::Camera)
     {
-        by_camera
-            .entry(place.camera())
-            .or_default()
-            .push(place);
+        by_camera.entry(place.camera()).or_default().push(place);
     }
     let grid = |(camera, places): (String, Vec<&Place>)| -> ContainerLike {
         let order = |modality| {

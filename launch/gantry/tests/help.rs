@@ -45,6 +45,7 @@ fn help_texts_are_those_that_were_reviewed() {
         ("gantry_map", &["map", "--help"]),
         ("gantry_map_check", &["map", "check", "--help"]),
         ("gantry_map_export", &["map", "export", "--help"]),
+        ("gantry_map_import", &["map", "import", "--help"]),
     ];
     let mut wrong = Vec::new();
     for (name, words) in cases {

@@ -167,7 +167,8 @@ pub fn decode(
         RECORDS => records::decode(header, bytes, out),
         EVENTS => events::decode(bytes, out),
         "jpeg" | "h264" => Err(CodecError(
-            "only a picture for people was kept of it (--jpeg or --video), not the frame".to_owned(),
+            "only a picture for people was kept of it (--jpeg or --video), not the frame"
+                .to_owned(),
         )),
         other => Err(CodecError(format!(
             "the codec {other:?} is not known to this version, which knows {}",

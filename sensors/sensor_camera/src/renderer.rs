@@ -195,10 +195,7 @@ impl CameraRenderer {
         });
         let mut lamps = LampLists::default();
         for active in active.iter_mut().filter(|active| active.set.is_lit()) {
-            active.lamps = lamps.add_view(
-                &active.lamps_in_view,
-                &jobs[active.job_idx].view.drawn,
-            );
+            active.lamps = lamps.add_view(&active.lamps_in_view, &jobs[active.job_idx].view.drawn);
         }
         gpu.time("targets", || {
             if computes {

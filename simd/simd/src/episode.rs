@@ -143,10 +143,7 @@ pub fn begin(
     let whole = Arc::new(assets);
     let stream = tiles.map(|tiles| SceneryStream::new(tiles, whole.clone()));
     Ok(Episode {
-        assets: stream
-            .as_ref()
-            .map_or(&whole, SceneryStream::shown)
-            .clone(),
+        assets: stream.as_ref().map_or(&whole, SceneryStream::shown).clone(),
         whole,
         stream,
         shown: world.scenery_revisions(),

@@ -1,6 +1,7 @@
 //! What keeps a driver from going on, and how it finds the first vehicle or walker on its path.
 
-use crate::path::{Foot, Path, Side};
+use crate::path::{Foot, Path};
+use crate::plane::Side;
 use crate::speed;
 use crate::traffic::{Grid, Mover, Traffic};
 

@@ -4,7 +4,8 @@ use schema_frames::{VehicleControl, VehicleControlRecord};
 
 use super::hindrance::{Obstacle, Wait};
 use super::lamps::LAMP_REVERSE;
-use crate::path::{Foot, Path, wrap};
+use crate::path::{Foot, Path};
+use crate::plane::wrap;
 use crate::steer::Steering;
 use crate::traffic::{Grid, Mover, Traffic};
 

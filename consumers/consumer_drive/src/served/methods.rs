@@ -12,7 +12,7 @@ use schema_frames::Command;
 
 use crate::desk::Desk;
 use crate::parameters::{RoadOption, SpeedRule, VehicleParameters};
-use crate::path::Side;
+use crate::plane::Side;
 use crate::requests::Counter;
 
 /// The function that serves a method.

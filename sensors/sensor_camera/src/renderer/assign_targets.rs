@@ -44,10 +44,7 @@ pub(super) fn assign_computed(
     let key = |active: &Active| {
         let view = &jobs[active.job_idx].view;
         (
-            (
-                [view.drawn.width_px, view.drawn.height_px],
-                view.kept,
-            ),
+            ([view.drawn.width_px, view.drawn.height_px], view.kept),
             active.set,
             active.lamps.n > 0,
         )
