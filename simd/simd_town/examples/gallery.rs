@@ -207,6 +207,7 @@ impl Studio {
                 dvs: DvsSpec::default(),
                 seed: 1,
                 sensor_id: 1,
+                shows_overlay: false,
             },
         );
         let mut town = Town::generate(name, 1)?;
