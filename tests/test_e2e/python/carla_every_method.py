@@ -20,6 +20,7 @@ UP = carla.Vector3D(0.0, 0.0, 1.0)
 # Failures that are right, with words of the sentence.
 RIGHT = {
     "get_ignored_vehicles": "No to_python (by-value) converter",  # A defect of the wheel, without a call.
+    "set_ignored_vehicles": "only cameras leave actors out",
     "request_file": "there is no file \"nothing\"",
 }
 # What is left to other tests, with the reason.

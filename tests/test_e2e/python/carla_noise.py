@@ -104,9 +104,17 @@ class Run:
         self.world.tick()
 
 
-def fresh_run(client, world, before=lambda world: None):
+def fresh_world(client, world):
+    """A new episode without the launch file's vehicle, which sinks onto its wheels in the radar's sight."""
     client.reload_world(False)
     world.tick()
+    for car in world.get_actors().filter("vehicle.*"):
+        car.destroy()
+    world.tick()
+
+
+def fresh_run(client, world, before=lambda world: None):
+    fresh_world(client, world)
     before(world)
     run = Run(world)
     seen = run.go()
@@ -147,8 +155,7 @@ def check_neighbours(client, world, first):
 
 def check_again(client, world, first):
     """A second run in one episode."""
-    client.reload_world(False)
-    world.tick()
+    fresh_world(client, world)
     for _ in range(2):
         run = Run(world)
         # Lamps of traffic lights have gone on since, which an event camera may see.
