@@ -1,6 +1,7 @@
 """`gantry.testing`: what it starts, hands out, reports and removes. Needs the simulator, `cargo build --release --workspace`."""
 
 import pathlib
+import signal
 import sys
 import tempfile
 import unittest
@@ -121,6 +122,20 @@ class Simulators(unittest.TestCase):
             warnings.simplefilter("error")
             with Simulator(text=WORLD) as simulator:
                 simulator.step()
+
+
+class Programs(unittest.TestCase):
+    def test_one_that_is_started_in_the_background_heeds_interrupts(self):
+        # As a shell does with `python -m pytest &`.
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            with Simulator(text=RIG) as simulator:
+                program = simulator.run(sys.executable, "-c", ECHO)
+                simulator.wait_readers("ego/front/semantic", 1)
+                program.stop(timeout=60.0)
+        finally:
+            signal.signal(signal.SIGINT, before)
+        self.assertEqual(program.exit_code, 0)
 
 
 class Sandboxes(unittest.TestCase):

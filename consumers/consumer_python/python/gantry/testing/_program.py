@@ -18,6 +18,11 @@ _LOOK_SECS = 0.005
 _FINE = {0, -signal.SIGINT, 128 + signal.SIGINT, -signal.SIGTERM, 128 + signal.SIGTERM}
 
 
+def _heed_interrupts() -> None:
+    """A shell lets what it starts in the background ignore Ctrl-C, which would go on to programs and keep them from ending."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 class Program:
     """A running process. `Simulator.run` makes it, and ends it with the simulator."""
 
@@ -36,6 +41,7 @@ class Program:
                 stderr=subprocess.STDOUT,
                 text=True,
                 errors="replace",
+                preexec_fn=_heed_interrupts if signal.getsignal(signal.SIGINT) == signal.SIG_IGN else None,
             )
         except OSError as cause:
             raise GantryError(f"{self.words[0]} cannot be started: {cause}") from cause
