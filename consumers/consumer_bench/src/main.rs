@@ -65,7 +65,7 @@ enum Bench {
     /// How long a chain of programs takes from the first visible pixel of an obstacle to its brake
     Reaction(consumer_perception::reaction::ReactionArgs),
     /// Latency and accuracy of programs that perceive, against exact truth
-    Perception(consumer_perception::cli::PerceptionArgs),
+    Perception(Box<consumer_perception::cli::PerceptionArgs>),
     /// What changed between two reports of the perception benchmark beyond noise
     Compare(consumer_perception::compare::CompareArgs),
     /// Tables and page of a report of the perception benchmark again

@@ -336,7 +336,6 @@ mod tests {
         };
         ActorList {
             actors: ids.iter().map(actor).collect(),
-            ..ActorList::default()
         }
     }
 

@@ -331,11 +331,11 @@ impl<'o> Session<'o> {
 
     /// Reads what the simulator says about itself.
     fn read_info(&mut self) -> anyhow::Result<()> {
-        if let Some(document) = heal(self.info.changed(&self.bus))?.flatten() {
-            if let Ok(info) = document.json::<WorldInfo>() {
-                self.info_episode = Some((document.header.epoch, info.episode));
-                self.desk.set_world(&info);
-            }
+        if let Some(document) = heal(self.info.changed(&self.bus))?.flatten()
+            && let Ok(info) = document.json::<WorldInfo>()
+        {
+            self.info_episode = Some((document.header.epoch, info.episode));
+            self.desk.set_world(&info);
         }
         Ok(())
     }

@@ -95,11 +95,7 @@ fn the_newest_frames_of_one_tick_come_together() {
     let mut reader = reader_bus.result_reader("pair/boxes").unwrap();
     out.send(&[], &frames.all()).unwrap();
     let answer = reader.next().unwrap().unwrap();
-    let topics: Vec<String> = answer
-        .inputs()
-        .iter()
-        .map(|input| input.topic().into())
-        .collect();
+    let topics: Vec<String> = answer.inputs().iter().map(|input| input.topic()).collect();
     assert_eq!(
         (answer.header().tick, topics),
         (4, vec!["ego/left/imu".into(), "ego/right/imu".into()])

@@ -211,7 +211,7 @@ impl<W: Write> Terminal<W> {
             let [upper, lower] = cell.map(|half| self.colour(half));
             queue!(self.out, SetColors(Colors::new(upper, lower)), Print('▀'))?;
             // The cursor does not go on from the last column.
-            next_at = ((idx as u32 + 1) % columns != 0).then_some(idx + 1);
+            next_at = (!(idx as u32 + 1).is_multiple_of(columns)).then_some(idx + 1);
         }
         queue!(self.out, ResetColor)?;
         self.out.flush()?;

@@ -137,7 +137,8 @@ fn is_gateway(process: &Process) -> bool {
 /// Gives a flag this value; an empty one is that of a switch.
 fn set_flag(cmd: &mut Vec<String>, flag: &str, value: String) {
     cmd.retain(|word| {
-        !(word == flag && value.is_empty()) && !word.starts_with(&format!("{flag}="))
+        let is_switch = word == flag && value.is_empty();
+        !(is_switch || word.starts_with(&format!("{flag}=")))
     });
     if let Some(at) = cmd.iter().position(|word| word == flag) {
         cmd.drain(at..(at + 2).min(cmd.len()));

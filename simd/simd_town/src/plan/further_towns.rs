@@ -71,11 +71,12 @@ pub fn hillside(name: &str, seed: u64) -> Plan {
         s.chain(row, [AVENUE, LANE, HIGH_STREET, LANE][r]);
     }
     for c in 0..xs.len() {
-        for r in 1..ys.len() {
+        for (below, pair) in rows.windows(2).enumerate() {
+            let r = below + 1;
             // Stairs take the place of every third street up the slope.
             if (c + 2 * r) % 3 != 0 || c == 0 || c + 1 == xs.len() {
                 s.chain(
-                    &[rows[r - 1][c], rows[r][c]],
+                    &[pair[0][c], pair[1][c]],
                     if c % 2 == 0 { LANE } else { STREET },
                 );
             }

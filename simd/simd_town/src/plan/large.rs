@@ -227,7 +227,7 @@ fn wind(sketch: &mut Sketch) {
             sketch.plan.nodes_m[street.to],
         );
         let straight = (b - a).norm();
-        if street.profile != COUNTRY || straight < 0.9 * SQUARE_M || straight > 1.1 * SQUARE_M {
+        if street.profile != COUNTRY || !(0.9 * SQUARE_M..=1.1 * SQUARE_M).contains(&straight) {
             continue;
         }
         let aside = left((b - a).normalize());

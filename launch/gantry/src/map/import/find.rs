@@ -167,9 +167,8 @@ fn chosen(name: String, files: Vec<(bool, PathBuf)>) -> Found {
             if is_same {
                 format!("the same map and loads as {name}{LAYERED}")
             } else {
-                format!(
-                    "another text of this town and left out; import it with --name to have both"
-                )
+                "another text of this town and left out; import it with --name to have both"
+                    .to_owned()
             }
         ));
     }
