@@ -60,7 +60,7 @@ impl Distortion {
             let extra = (most - 0.5).min(0.5 * (MAX_DRAWN_RATIO - 1.0)) * px as f64;
             // Two pixels more for interpolation. A margin that is whole but for rounding is whole.
             let margin = if extra > 0.0 {
-                (extra - 1e-6).ceil() as u32 + 2
+                (extra - 1e-3).ceil() as u32 + 2
             } else {
                 0
             };
