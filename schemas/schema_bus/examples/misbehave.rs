@@ -14,6 +14,7 @@ use iceoryx2::prelude::*;
 use schema_bus::{Bus, ResultTopic, mono_now, names};
 use schema_frames::command::{COMMAND_VERSION, CommandReply, REQUEST_MAGIC, RequestHeader};
 use schema_frames::control::{CONTROL_MAGIC, ControlHeader};
+use schema_frames::limits::{MAX_COMMANDS, MAX_CONTROL_RECORDS};
 use schema_frames::snapshot::SNAPSHOT_MAGIC;
 use schema_frames::{
     Command, CommandBatch, FrameHeader, Modality, ResultHeader, ResultType, SCHEMA_VERSION,
@@ -48,7 +49,7 @@ raw_headers! {
     RawRequest 64 "GantryRequestHeader";
 }
 
-const FAULTS: &str = "flood-vehicles, flood-requests, flood-acks, garbage-requests, garbage-vehicles, garbage-frames, garbage-snapshots, garbage-results, wild-controls, unknown-vehicle, acks-of-others, future-acks, hold-frames, die-in-loan, lockstep";
+const FAULTS: &str = "flood-vehicles, flood-long-vehicles, flood-requests, flood-long-requests, flood-acks, garbage-requests, garbage-vehicles, garbage-frames, garbage-snapshots, garbage-results, wild-controls, unknown-vehicle, acks-of-others, future-acks, hold-frames, die-in-loan, lockstep";
 
 fn main() -> Fault {
     let words: Vec<String> = std::env::args().skip(1).collect();
@@ -60,9 +61,11 @@ fn main() -> Fault {
     };
     let bus = Bus::open(domain, "misbehave")?;
     match fault {
-        "flood-vehicles" => flood_vehicles(&bus, word.parse()?),
-        "flood-requests" => requests(&bus, true),
-        "garbage-requests" => requests(&bus, false),
+        "flood-vehicles" => flood_vehicles(&bus, word.parse()?, 1),
+        "flood-long-vehicles" => flood_vehicles(&bus, word.parse()?, MAX_CONTROL_RECORDS),
+        "flood-requests" => requests(&bus, PING.to_vec(), true),
+        "flood-long-requests" => requests(&bus, long_request(), true),
+        "garbage-requests" => requests(&bus, PING.to_vec(), false),
         "flood-acks" => acks(&bus, false, |number, _| number as u32, |tick| tick),
         "acks-of-others" => {
             let other = word.parse()?;
@@ -92,13 +95,14 @@ fn scrambled(number: u64) -> u64 {
     x ^ (x >> 29)
 }
 
-/// Sends good controls as fast as the processor lets it.
-fn flood_vehicles(bus: &Bus, actor_id: u32) -> Fault {
+/// Sends good controls as fast as the processor lets it, so many records at a time.
+fn flood_vehicles(bus: &Bus, actor_id: u32, n_records: usize) -> Fault {
     let mut writer = bus.control_writer("flooder")?;
     let record = VehicleControlRecord::new(actor_id, VehicleControl::default());
+    let records = vec![record; n_records];
     at_work();
     loop {
-        writer.send(1, &[record])?;
+        writer.send(1, &records)?;
     }
 }
 
@@ -117,10 +121,21 @@ fn controls(bus: &Bus, actor_id: u32, steer_ratio: f32) -> Fault {
     }
 }
 
+/// A request that costs nothing.
+const PING: &[u8] = br#"{"v":1,"commands":[{"do":"ping"}]}"#;
+
+/// A request of as many commands as one may have, each with a long text.
+fn long_request() -> Vec<u8> {
+    let text = "x".repeat(500);
+    let command = format!(r#"{{"do":"load_map","map":"{text}"}}"#);
+    let all = vec![command; MAX_COMMANDS].join(",");
+    format!(r#"{{"v":1,"commands":[{all}]}}"#).into_bytes()
+}
+
 type Asking = Client<ipc::Service, [u8], RawRequest, [u8], ()>;
 
 /// Asks without waiting for answers, each request as soon as the one before is sent.
-fn requests(bus: &Bus, are_good: bool) -> Fault {
+fn requests(bus: &Bus, text: Vec<u8>, are_good: bool) -> Fault {
     let node = foreign_node()?;
     let name = full_name(bus, names::CONTROL_WORLD);
     let service = node
@@ -130,10 +145,9 @@ fn requests(bus: &Bus, are_good: bool) -> Fault {
         .open()?;
     let client: Asking = service
         .client_builder()
-        .initial_max_slice_len(4096)
+        .initial_max_slice_len(text.len())
         .create()?;
     let wake = bus.notifier(names::CONTROL_WAKE)?;
-    let text = br#"{"v":1,"commands":[{"do":"ping"}]}"#;
     at_work();
     for seq in 1.. {
         let mut header = RequestHeader {
@@ -143,7 +157,7 @@ fn requests(bus: &Bus, are_good: bool) -> Fault {
             payload_bytes: text.len() as u64,
             client: padded("flooder"),
         };
-        let mut payload = text.to_vec();
+        let mut payload = text.clone();
         if !are_good {
             match seq % 4 {
                 0 => header.magic = scrambled(seq) as u32,

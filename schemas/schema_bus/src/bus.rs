@@ -19,11 +19,16 @@ use crate::result_reader::ResultReader;
 use crate::result_service::ResultService;
 use crate::result_writer::ResultPublisher;
 use crate::service::is_published;
+use crate::shortage::guarded;
 use crate::snapshot::{SnapshotPublisher, SnapshotReader};
 use crate::topics::{TopicDetails, topics};
 use crate::watch::Watch;
 
-/// A process's place on the bus, from which it opens ports.
+/// Shared memory that a service or a port takes besides its segment, bytes: what its error names.
+const PORT_BYTES: u64 = 1 << 16;
+
+/// A process's place on the bus, from which it opens ports. Whatever it opens while `/dev/shm` is
+/// full is refused with [`BusError::Memory`].
 #[derive(Debug)]
 pub struct Bus {
     node: BusNode,
@@ -47,6 +52,15 @@ impl Bus {
         Ok(Bus {
             node: BusNode::open(domain, program, options)?,
         })
+    }
+
+    /// Opens something that takes shared memory of its own: an error if that is missing.
+    fn guarded<T>(
+        &self,
+        name: &str,
+        open: impl FnOnce() -> Result<T, BusError>,
+    ) -> Result<T, BusError> {
+        guarded(name, PORT_BYTES, open)
     }
 
     /// The domain.
@@ -96,7 +110,7 @@ impl Bus {
     /// # Errors
     /// [`BusError::Permission`], [`BusError::Service`].
     pub fn claim_world(&self) -> Result<Option<Claim>, BusError> {
-        Claim::take(&self.node)
+        self.guarded(names::CONTROL_OWNER, || Claim::take(&self.node))
     }
 
     /// All publish-subscribe topics of this domain by name.
@@ -104,7 +118,7 @@ impl Bus {
     /// # Errors
     /// [`BusError::Service`] if iceoryx2 cannot list.
     pub fn topics(&self) -> Result<Vec<TopicDetails>, BusError> {
-        topics(&self.node)
+        self.guarded("the list of topics", || topics(&self.node))
     }
 
     /// All services of this domain by name, with the processes that have them open. It opens no
@@ -113,7 +127,7 @@ impl Bus {
     /// # Errors
     /// [`BusError::Service`] if iceoryx2 cannot list.
     pub fn services(&self) -> Result<Vec<ServicePorts>, BusError> {
-        services(&self.node)
+        self.guarded("the list of services", || services(&self.node))
     }
 
     /// A look at the newest sample of every writer, without reading.
@@ -126,7 +140,7 @@ impl Bus {
     /// # Errors
     /// [`BusError::NoSuchTopic`], [`BusError::TooManyReaders`], [`BusError::Service`].
     pub fn any_reader(&self, topic: &str) -> Result<AnyReader, BusError> {
-        AnyReader::open(&self.node, topic)
+        self.guarded(topic, || AnyReader::open(&self.node, topic))
     }
 
     /// Opens an event for notifying, and makes it if it does not exist.
@@ -134,7 +148,7 @@ impl Bus {
     /// # Errors
     /// [`BusError`].
     pub fn notifier(&self, name: &str) -> Result<Notifier, BusError> {
-        Notifier::open(&self.node, name)
+        self.guarded(name, || Notifier::open(&self.node, name))
     }
 
     /// Opens an event for waiting, and makes it if it does not exist.
@@ -142,7 +156,7 @@ impl Bus {
     /// # Errors
     /// [`BusError`].
     pub fn listener(&self, name: &str) -> Result<Listener, BusError> {
-        Listener::open(&self.node, name)
+        self.guarded(name, || Listener::open(&self.node, name))
     }
 
     /// Makes the service of `topic` (`<rig>/<sensor>/<modality>`) without memory. Readers can find
@@ -152,7 +166,7 @@ impl Bus {
     /// [`BusError::Name`] if the last segment is not a modality, [`BusError::Capacity`] or
     /// [`BusError::SchemaSkew`] if readers keep an older service alive that does not fit.
     pub fn frame_service(&self, topic: &str, spec: FrameTopic) -> Result<FrameService, BusError> {
-        FrameService::make(&self.node, topic, spec)
+        self.guarded(topic, || FrameService::make(&self.node, topic, spec))
     }
 
     /// Makes the service of `topic` with its memory.
@@ -174,7 +188,7 @@ impl Bus {
     /// [`BusError::NoSuchTopic`] if no process has made it, [`BusError::SchemaSkew`],
     /// [`BusError::TooManyReaders`].
     pub fn frame_reader(&self, topic: &str) -> Result<FrameReader, BusError> {
-        FrameReader::open(&self.node, topic)
+        self.guarded(topic, || FrameReader::open(&self.node, topic))
     }
 
     /// Makes a topic of results without a writer, or joins it with the capacities that it has, and
@@ -188,7 +202,7 @@ impl Bus {
         topic: &str,
         spec: &ResultTopic,
     ) -> Result<ResultService, BusError> {
-        ResultService::make(&self.node, topic, spec)
+        self.guarded(topic, || ResultService::make(&self.node, topic, spec))
     }
 
     /// Opens a topic of results for writing, and makes it if it does not exist.
@@ -201,7 +215,7 @@ impl Bus {
         topic: &str,
         spec: &ResultTopic,
     ) -> Result<ResultPublisher, BusError> {
-        ResultPublisher::open(&self.node, topic, spec)
+        self.guarded(topic, || ResultPublisher::open(&self.node, topic, spec))
     }
 
     /// Opens a topic of results for reading.
@@ -210,7 +224,7 @@ impl Bus {
     /// [`BusError::NoSuchTopic`] if no process has made it, [`BusError::OtherKind`] if it carries
     /// something else, [`BusError::SchemaSkew`], [`BusError::TooManyReaders`].
     pub fn result_reader(&self, topic: &str) -> Result<ResultReader, BusError> {
-        ResultReader::open(&self.node, topic)
+        self.guarded(topic, || ResultReader::open(&self.node, topic))
     }
 
     /// Opens `world/snapshot` for writing, for up to `max_actors` records.
@@ -218,7 +232,9 @@ impl Bus {
     /// # Errors
     /// [`BusError`].
     pub fn snapshot_publisher(&self, max_actors: usize) -> Result<SnapshotPublisher, BusError> {
-        SnapshotPublisher::open(&self.node, max_actors)
+        self.guarded(names::WORLD_SNAPSHOT, || {
+            SnapshotPublisher::open(&self.node, max_actors)
+        })
     }
 
     /// Opens `world/snapshot` for reading. The newest snapshot arrives within one turn of the
@@ -227,7 +243,7 @@ impl Bus {
     /// # Errors
     /// [`BusError::NoSuchTopic`] if no daemon ran yet.
     pub fn snapshot_reader(&self) -> Result<SnapshotReader, BusError> {
-        SnapshotReader::open(&self.node)
+        self.guarded(names::WORLD_SNAPSHOT, || SnapshotReader::open(&self.node))
     }
 
     /// Opens a document for writing, e.g. [`crate::names::WORLD_INFO`].
@@ -235,7 +251,7 @@ impl Bus {
     /// # Errors
     /// [`BusError`].
     pub fn document_publisher(&self, name: &str) -> Result<DocumentPublisher, BusError> {
-        DocumentPublisher::open(&self.node, name)
+        self.guarded(name, || DocumentPublisher::open(&self.node, name))
     }
 
     /// Opens a document for reading. The newest text arrives within one turn of the daemon's loop.
@@ -243,7 +259,7 @@ impl Bus {
     /// # Errors
     /// [`BusError::NoSuchTopic`] if no process has made it yet.
     pub fn document_reader(&self, name: &str) -> Result<DocumentReader, BusError> {
-        DocumentReader::open(&self.node, name)
+        self.guarded(name, || DocumentReader::open(&self.node, name))
     }
 
     /// Opens `control/vehicles` for writing under a name. Of several controls for one actor the
@@ -252,7 +268,9 @@ impl Bus {
     /// # Errors
     /// [`BusError::TooManyWriters`] beyond 32 writers.
     pub fn control_writer(&self, name: &str) -> Result<ControlWriter, BusError> {
-        ControlWriter::open(&self.node, name)
+        self.guarded(names::CONTROL_VEHICLES, || {
+            ControlWriter::open(&self.node, name)
+        })
     }
 
     /// Opens `control/vehicles` for reading, as the daemon does.
@@ -260,7 +278,7 @@ impl Bus {
     /// # Errors
     /// [`BusError`].
     pub fn control_reader(&self) -> Result<ControlReader, BusError> {
-        ControlReader::open(&self.node)
+        self.guarded(names::CONTROL_VEHICLES, || ControlReader::open(&self.node))
     }
 
     /// Opens `control/ack` for writing, as the lockstep participant `name`.
@@ -268,7 +286,7 @@ impl Bus {
     /// # Errors
     /// [`BusError::TooManyWriters`] beyond 32 writers.
     pub fn ack_writer(&self, name: &str) -> Result<AckWriter, BusError> {
-        AckWriter::open(&self.node, name)
+        self.guarded(names::CONTROL_ACK, || AckWriter::open(&self.node, name))
     }
 
     /// Opens `control/ack` for reading, as the daemon does.
@@ -276,7 +294,7 @@ impl Bus {
     /// # Errors
     /// [`BusError`].
     pub fn ack_reader(&self) -> Result<AckReader, BusError> {
-        AckReader::open(&self.node)
+        self.guarded(names::CONTROL_ACK, || AckReader::open(&self.node))
     }
 
     /// Opens `control/world` as a client. Requests that meet between two ticks run by (name, seq).
@@ -284,7 +302,9 @@ impl Bus {
     /// # Errors
     /// [`BusError`].
     pub fn command_client(&self, name: &str) -> Result<CommandClient, BusError> {
-        CommandClient::open(&self.node, name)
+        self.guarded(names::CONTROL_WORLD, || {
+            CommandClient::open(&self.node, name)
+        })
     }
 
     /// Opens `control/world` as the server.
@@ -292,6 +312,6 @@ impl Bus {
     /// # Errors
     /// [`BusError`].
     pub fn command_server(&self) -> Result<CommandServer, BusError> {
-        CommandServer::open(&self.node)
+        self.guarded(names::CONTROL_WORLD, || CommandServer::open(&self.node))
     }
 }

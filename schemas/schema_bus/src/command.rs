@@ -3,6 +3,7 @@
 //! iceoryx2 wakes nobody for a request, so a client notifies `control/wake` and the server
 //! `control/replied`.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -14,6 +15,7 @@ use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::request_response::PortFactory;
 
 use schema_frames::command::{COMMAND_VERSION, REQUEST_MAGIC, RequestHeader};
+use schema_frames::limits::{self, MAX_COMMANDS};
 use schema_frames::{CommandBatch, CommandReply, ReplyBatch};
 
 use crate::complaints::Complaints;
@@ -28,6 +30,7 @@ use crate::origin::Origin;
 use crate::origins::Origins;
 use crate::qos;
 use crate::service::{check_schema, schema_attribute, settle};
+use crate::shortage::backed;
 use crate::wire::Wire;
 
 /// Bytes of a slot before the segment grows for the first time.
@@ -67,7 +70,7 @@ pub enum CommandError {
 
 fn command_service(node: &BusNode) -> Result<Commands, BusError> {
     let (full, name) = node.service_name(CONTROL_WORLD)?;
-    settle(|| {
+    settle(node, || {
         check_schema(
             node,
             &full,
@@ -163,6 +166,7 @@ impl CommandClient {
             .loan_slice_uninit(text.len())
             .map_err(|e| other_error("ask", full, &e))?;
         let mut request = loan.write_from_slice(text);
+        backed(full, request.payload().as_ptr(), text.len())?;
         self.seq += 1;
         request.user_header_mut().0 = RequestHeader {
             magic: REQUEST_MAGIC,
@@ -173,6 +177,7 @@ impl CommandClient {
         };
         // A wake-up for an earlier request that timed out must not count for this one.
         self.replied.drain()?;
+        let own = to(self.port.id().value(), self.seq);
         let pending = request.send().map_err(|e| other_error("ask", full, &e))?;
         self.wake.notify();
         loop {
@@ -180,7 +185,10 @@ impl CommandClient {
                 .receive()
                 .map_err(|e| other_error("ask", full, &e))?
             {
-                return Ok(answer.payload().to_vec());
+                if is_for(answer.payload(), &own) {
+                    return Ok(answer.payload().to_vec());
+                }
+                continue;
             }
             let waited = start.elapsed();
             if waited >= timeout || !go_on() {
@@ -199,7 +207,65 @@ pub struct CommandServer {
     origins: Origins,
     gaps: Gaps,
     complaints: Complaints,
+    /// Requests that were too many for one turn.
+    waiting: Vec<Waiting>,
+    /// Client whose turn it is when not all have one.
+    next_client: String,
     service: Commands,
+}
+
+/// A request that has not been read yet.
+#[derive(Debug)]
+struct Waiting {
+    client: String,
+    seq: u64,
+    /// The client's port.
+    port: u128,
+    origin: Arc<Origin>,
+    active: ActiveRequest<Service, [u8], Wire<RequestHeader>, [u8], ()>,
+}
+
+impl Waiting {
+    fn read(self) -> Request {
+        let header = self.active.user_header().0;
+        Request {
+            batch: parse(&header, self.active.payload()),
+            client: self.client,
+            seq: self.seq,
+            origin: self.origin,
+            active: self.active,
+        }
+    }
+}
+
+/// Which of the requests that wait, in the order of their clients, have their turn: of each client
+/// one and what more is short, of all together a bounded sum, beginning with `first`. Returns the
+/// client that was left out and comes first the next time, if one was.
+fn turn<'w>(waiting: &[(&'w str, u128, usize)], first: &str) -> (Vec<bool>, Option<&'w str>) {
+    let begin = waiting.partition_point(|(client, ..)| *client < first);
+    let mut is_taken = vec![false; waiting.len()];
+    let mut of_client: BTreeMap<u128, usize> = BTreeMap::new();
+    let (mut of_all, mut left_out) = (0usize, None);
+    for idx in (begin..waiting.len()).chain(0..begin) {
+        let (client, port, n_bytes) = waiting[idx];
+        // Also an empty one counts.
+        let n_bytes = n_bytes.max(1);
+        let own = of_client.entry(port).or_default();
+        let is_short = *own == 0 || own.saturating_add(n_bytes) <= qos::MAX_TURN_CLIENT_BYTES;
+        let has_room = of_all == 0 || of_all.saturating_add(n_bytes) <= qos::MAX_TURN_REQUEST_BYTES;
+        if is_short && has_room {
+            is_taken[idx] = true;
+            *own += n_bytes;
+            of_all += n_bytes;
+            continue;
+        }
+        // What comes after it must not overtake it.
+        if is_short && *own == 0 && left_out.is_none() {
+            left_out = Some(client);
+        }
+        *own = usize::MAX;
+    }
+    (is_taken, left_out)
 }
 
 /// A request that waits for its answer. If it is dropped unanswered, its client times out.
@@ -240,6 +306,8 @@ impl CommandServer {
             origins: Origins::default(),
             gaps: Gaps::default(),
             complaints: Complaints::default(),
+            waiting: Vec::new(),
+            next_client: String::new(),
             service,
         })
     }
@@ -249,6 +317,13 @@ impl CommandServer {
     /// # Errors
     /// [`BusError::Service`].
     pub fn take(&mut self) -> Result<Option<Request>, BusError> {
+        if !self.waiting.is_empty() {
+            return Ok(Some(self.waiting.remove(0).read()));
+        }
+        Ok(self.receive()?.map(Waiting::read))
+    }
+
+    fn receive(&mut self) -> Result<Option<Waiting>, BusError> {
         let full = self.service.name().as_str();
         let Some(active) = self
             .port
@@ -276,23 +351,49 @@ impl CommandServer {
                 qos::COMMAND_ACTIVE
             );
         }
-        Ok(Some(Request {
+        Ok(Some(Waiting {
             client,
             seq: header.seq,
+            port: active.origin().value(),
             origin,
-            batch: parse(&header, active.payload()),
             active,
         }))
     }
 
-    /// Takes the requests that wait, at most four of each client, sorted by (client, seq), which is
-    /// the order in which they run. The next call takes what is left. The first request of a
-    /// process that cannot be read is logged.
+    /// Takes requests that wait, sorted by (client, seq), which is the order in which they run: of
+    /// each client the oldest one and, of up to four, what fits into
+    /// [`qos::MAX_TURN_CLIENT_BYTES`]; of all clients together, in turns, what fits into
+    /// [`qos::MAX_TURN_REQUEST_BYTES`]. The next call takes what is left, and
+    /// [`CommandServer::is_behind`] says whether there is any. The first request of a process that
+    /// cannot be read is logged.
     ///
     /// # Errors
     /// As [`CommandServer::take`].
     pub fn take_all(&mut self) -> Result<Vec<Request>, BusError> {
-        let mut requests = round(|| self.take())?;
+        match round(|| self.receive()) {
+            Ok(arrived) => self.waiting.extend(arrived),
+            // All that can be held of those who ask is held already.
+            Err(BusError::BorrowLimit { .. }) if !self.waiting.is_empty() => {}
+            Err(error) => return Err(error),
+        }
+        self.waiting
+            .sort_by(|a, b| (&a.client, a.seq).cmp(&(&b.client, b.seq)));
+        let sizes: Vec<(&str, u128, usize)> = self
+            .waiting
+            .iter()
+            .map(|it| (it.client.as_str(), it.port, it.active.payload().len()))
+            .collect();
+        let (is_taken, left_out) = turn(&sizes, &self.next_client);
+        self.next_client = left_out.unwrap_or_default().to_owned();
+        let (mut taken, mut left) = (Vec::new(), Vec::new());
+        for (request, is_taken) in std::mem::take(&mut self.waiting).into_iter().zip(is_taken) {
+            match is_taken {
+                true => taken.push(request),
+                false => left.push(request),
+            }
+        }
+        self.waiting = left;
+        let requests: Vec<Request> = taken.into_iter().map(Waiting::read).collect();
         for request in &requests {
             if let Err(error) = &request.batch
                 && self.complaints.count(&request.origin, "garbage")
@@ -304,8 +405,13 @@ impl CommandServer {
                 );
             }
         }
-        requests.sort_by(|a, b| (&a.client, a.seq).cmp(&(&b.client, b.seq)));
         Ok(requests)
+    }
+
+    /// Whether requests wait that were too many for the last [`CommandServer::take_all`]; nobody
+    /// wakes the server for them again.
+    pub fn is_behind(&self) -> bool {
+        !self.waiting.is_empty()
     }
 
     /// Answers a request. It is no error if the client has gone. If the answer cannot be sent, a
@@ -333,12 +439,15 @@ impl CommandServer {
     fn send(&self, request: &Request, answer: &ReplyBatch) -> Result<(), BusError> {
         let full = self.service.name().as_str();
         let failed = |e: &dyn std::fmt::Debug| other_error("answer on", full, e);
-        let text = serde_json::to_vec(answer).map_err(|e| failed(&e))?;
+        let answer = serde_json::to_vec(answer).map_err(|e| failed(&e))?;
+        let text = addressed(&to(request.active.origin().value(), request.seq), &answer);
         let loan = request
             .active
             .loan_slice_uninit(text.len())
             .map_err(|e| failed(&e))?;
-        match loan.write_from_slice(&text).send() {
+        let response = loan.write_from_slice(&text);
+        backed(full, response.payload().as_ptr(), text.len())?;
+        match response.send() {
             Err(e) if request.active.is_connected() => return Err(failed(&e)),
             // Without an error, or to a client that has gone.
             _ => {}
@@ -356,6 +465,29 @@ impl CommandServer {
     pub fn n_clients(&self) -> usize {
         self.service.dynamic_config().number_of_clients()
     }
+}
+
+/// How an answer begins that is for this request of this client. iceoryx2 gives a new client the
+/// channels of one that has gone, with the answers that the other did not wait for.
+fn to(client_port: u128, seq: u64) -> String {
+    format!("{TO}{client_port:x}-{seq}\",")
+}
+
+/// Beginning of every answer that says for whom it is.
+const TO: &str = "{\"to\":\"";
+
+/// The answer with its address in front of its other keys.
+fn addressed(to: &str, answer: &[u8]) -> Vec<u8> {
+    match answer.strip_prefix(b"{") {
+        Some(keys) => [to.as_bytes(), keys].concat(),
+        None => answer.to_vec(),
+    }
+}
+
+/// Whether an answer is for who waits for one that begins with `own`. One without an address is
+/// taken.
+fn is_for(answer: &[u8], own: &str) -> bool {
+    !answer.starts_with(TO.as_bytes()) || answer.starts_with(own.as_bytes())
 }
 
 /// Parses a request; any bytes are safe to pass.
@@ -383,12 +515,18 @@ fn parse(header: &RequestHeader, payload: &[u8]) -> Result<CommandBatch, String>
             qos::MAX_COMMAND_BYTES
         ));
     }
-    let batch: CommandBatch =
-        serde_json::from_slice(bytes).map_err(|e| format!("request is not valid: {e}"))?;
+    let batch: CommandBatch = serde_json::from_slice(bytes)
+        .map_err(|e| limits::cut(format!("request is not valid: {e}")))?;
     if batch.v != COMMAND_VERSION {
         return Err(format!(
             "\"v\" is {}, the simulator speaks {COMMAND_VERSION}",
             batch.v
+        ));
+    }
+    if batch.commands.len() > MAX_COMMANDS {
+        return Err(format!(
+            "request has {} commands, at most {MAX_COMMANDS} are run; split it",
+            batch.commands.len()
         ));
     }
     Ok(batch)
@@ -415,5 +553,52 @@ mod tests {
         let text = br#"{"v":2,"commands":[]}"#;
         header.payload_bytes = text.len() as u64;
         assert!(parse(&header, text).unwrap_err().contains("\"v\" is 2"));
+        let many = vec![r#"{"do":"ping"}"#; MAX_COMMANDS + 1].join(",");
+        let text = format!(r#"{{"v":1,"commands":[{many}]}}"#);
+        header.payload_bytes = text.len() as u64;
+        let fault = parse(&header, text.as_bytes()).unwrap_err();
+        assert!(fault.contains("16385 commands, at most 16384"), "{fault}");
+        let long = format!(r#"{{"v":1,"commands":[],"{}":1}}"#, "x".repeat(1 << 20));
+        header.payload_bytes = long.len() as u64;
+        let fault = parse(&header, long.as_bytes()).unwrap_err();
+        assert!(
+            fault.len() <= limits::MAX_SENTENCE_BYTES,
+            "{} bytes",
+            fault.len()
+        );
+    }
+
+    #[test]
+    fn an_answer_is_taken_by_whom_it_is_for() {
+        let answer = ReplyBatch {
+            v: COMMAND_VERSION,
+            epoch: "9".into(),
+            tick: 4,
+            replies: vec![CommandReply::Done],
+        };
+        let bare = serde_json::to_vec(&answer).unwrap();
+        let text = addressed(&to(0xab, 1), &bare);
+        assert_eq!(serde_json::from_slice::<ReplyBatch>(&text).unwrap(), answer);
+        assert!(is_for(&text, &to(0xab, 1)) && is_for(&bare, &to(0xab, 1)));
+        assert!(!is_for(&text, &to(0xab, 12)) && !is_for(&text, &to(0xac, 1)));
+    }
+
+    #[test]
+    fn every_client_has_its_turn_and_no_turn_is_long() {
+        const SHARE: usize = qos::MAX_TURN_CLIENT_BYTES;
+        const ALL: usize = qos::MAX_TURN_REQUEST_BYTES;
+        let turn = |waiting: &[(&'static str, u128, usize)], first| turn(waiting, first);
+        assert_eq!(turn(&[], ""), (vec![], None));
+        // Small requests of one client run together; a long one is alone.
+        let (taken, left) = turn(&[("a", 1, 100), ("a", 1, 0), ("a", 1, 200)], "");
+        assert_eq!((taken, left), (vec![true; 3], None));
+        let (taken, _) = turn(&[("a", 1, ALL), ("a", 1, 1), ("b", 2, 0)], "");
+        assert_eq!(taken, [true, false, false]);
+        let (taken, _) = turn(&[("a", 1, SHARE), ("a", 1, 1), ("a", 1, 0)], "");
+        assert_eq!(taken, [true, false, false], "the third does not overtake");
+        // Two that do not fit into one turn take turns.
+        let two = [("a", 1, ALL), ("b", 2, ALL)];
+        assert_eq!(turn(&two, ""), (vec![true, false], Some("b")));
+        assert_eq!(turn(&two, "b"), (vec![false, true], Some("a")));
     }
 }

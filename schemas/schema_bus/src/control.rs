@@ -10,6 +10,7 @@ use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use schema_frames::control::{CONTROL_MAGIC, ControlHeader};
+use schema_frames::limits::MAX_CONTROL_RECORDS;
 use schema_frames::{AckRecord, SCHEMA_VERSION, VehicleControlRecord};
 
 use crate::complaints::Complaints;
@@ -25,16 +26,15 @@ use crate::origin::Origin;
 use crate::origins::{Origins, pid_of};
 use crate::qos;
 use crate::service::{Slices, check_schema, make, schema_attribute, settle};
+use crate::shortage::backed;
 use crate::wire::Wire;
 
 /// Records of a slot before the segment grows for the first time.
 const FIRST_SLOT_RECORDS: usize = 64;
-/// Most records of one sample that are read: one for each actor that a snapshot can carry.
-const MAX_RECORDS: usize = 4096;
 
 fn ack_service(node: &BusNode) -> Result<Acks, BusError> {
     let (full, name) = node.service_name(CONTROL_ACK)?;
-    settle(|| {
+    settle(node, || {
         check_schema(
             node,
             &full,
@@ -123,6 +123,7 @@ impl ControlWriter {
             .loan_slice_uninit(bytes.len())
             .map_err(|e| failed(&e))?;
         let mut sample = loan.write_from_slice(bytes);
+        backed(CONTROL_VEHICLES, sample.payload().as_ptr(), bytes.len())?;
         // The number is used up even if sending fails, so that a gap shows the loss.
         self.seq += 1;
         sample.user_header_mut().0 = ControlHeader {
@@ -177,8 +178,9 @@ impl ControlReader {
         })
     }
 
-    /// Takes the samples that wait, at most 64 of each writer, sorted by (writer, seq), so that
-    /// applying them in order lets the last one count. Samples that break the contract are dropped
+    /// Takes the samples that wait, at most 64 of each writer and about
+    /// [`qos::MAX_TURN_CONTROL_BYTES`] of all, sorted by (writer, seq), so that applying them in
+    /// order lets the last one count. The next call takes what is left. Samples that break the contract are dropped
     /// and counted; the first one of a process is logged, and so is the first time that a process
     /// sent more than can wait.
     ///
@@ -196,6 +198,7 @@ impl ControlReader {
         let mut batches = Vec::new();
         drain(
             &qos::CONTROL,
+            qos::MAX_TURN_CONTROL_BYTES,
             || receive(service, port),
             |sample| {
                 let id = sample.origin().value();
@@ -219,6 +222,7 @@ impl ControlReader {
                             records,
                             origin,
                         });
+                        sample.payload().len()
                     }
                     Err(fault) => {
                         if complaints.count(&origin, "garbage") {
@@ -226,6 +230,7 @@ impl ControlReader {
                                 "{origin} sent a sample on control/vehicles as {writer:?} that {fault}; it was dropped, further ones are only counted"
                             );
                         }
+                        0
                     }
                 }
             },
@@ -265,9 +270,9 @@ fn records_of(header: &ControlHeader, payload: &[u8]) -> Result<Vec<VehicleContr
         ));
     }
     let record_bytes = size_of::<VehicleControlRecord>();
-    if payload.len() > MAX_RECORDS * record_bytes {
+    if payload.len() > MAX_CONTROL_RECORDS * record_bytes {
         return Err(format!(
-            "has {} bytes, at most {MAX_RECORDS} records of {record_bytes} are read",
+            "has {} bytes, at most {MAX_CONTROL_RECORDS} records of {record_bytes} are read",
             payload.len()
         ));
     }
@@ -327,9 +332,12 @@ impl AckWriter {
             tick,
             reserved1: 0,
         };
-        self.port
-            .send_copy(Wire(record))
-            .map_err(|e| other_error("write to", CONTROL_ACK, &e))?;
+        let failed = |e: &dyn std::fmt::Debug| other_error("write to", CONTROL_ACK, e);
+        let loan = self.port.loan_uninit().map_err(|e| failed(&e))?;
+        let sample = loan.write_payload(Wire(record));
+        let payload = std::ptr::from_ref(sample.payload()).cast();
+        backed(CONTROL_ACK, payload, size_of::<AckRecord>())?;
+        sample.send().map_err(|e| failed(&e))?;
         self.wake.notify();
         Ok(())
     }
@@ -385,6 +393,7 @@ impl AckReader {
         let mut acks = Vec::new();
         drain(
             &qos::CONTROL,
+            usize::MAX,
             || {
                 port.receive()
                     .map_err(|e| receive_error(full, qos::CONTROL.borrowed, e))
@@ -402,6 +411,7 @@ impl AckReader {
                     tick,
                     origin: origins.of(sample.origin().value(), |see| list_writers(service, see)),
                 });
+                size_of::<AckRecord>()
             },
         )?;
         Ok(acks)
@@ -451,7 +461,7 @@ mod tests {
         };
         assert!(fault(&other, 0).unwrap().contains("schema 9"));
         assert!(fault(&good, 33).unwrap().contains("whole number"));
-        let too_long = (MAX_RECORDS + 1) * size_of::<VehicleControlRecord>();
-        assert!(fault(&good, too_long).unwrap().contains("at most 4096"));
+        let too_long = (MAX_CONTROL_RECORDS + 1) * size_of::<VehicleControlRecord>();
+        assert!(fault(&good, too_long).unwrap().contains("at most 16384"));
     }
 }

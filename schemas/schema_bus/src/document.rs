@@ -18,6 +18,7 @@ use crate::node::{BusNode, Service};
 use crate::origins::Origins;
 use crate::qos;
 use crate::service::{Slices, join, make};
+use crate::shortage::backed;
 use crate::wire::Wire;
 
 /// Bytes of a slot before the segment grows for the first time.
@@ -66,7 +67,8 @@ impl DocumentPublisher {
     /// Sends a new text that holds from the end of `tick` on. Returns its revision, counted from 1.
     ///
     /// # Errors
-    /// [`BusError::Service`].
+    /// [`BusError::Memory`] if `/dev/shm` has no room for it, [`BusError::Service`]. Nothing is sent
+    /// and no revision is used up then.
     pub fn send(&mut self, text: &str, epoch: u64, tick: u64) -> Result<u64, BusError> {
         self.send_revision(text, epoch, tick, self.revision + 1)
     }
@@ -83,13 +85,14 @@ impl DocumentPublisher {
         tick: u64,
         revision: u64,
     ) -> Result<u64, BusError> {
-        let failed =
-            |e: &dyn std::fmt::Debug| other_error("write to", self.service.name().as_str(), e);
+        let name = self.service.name().as_str();
+        let failed = |e: &dyn std::fmt::Debug| other_error("write to", name, e);
         let loan = self
             .port
             .loan_slice_uninit(text.len())
             .map_err(|e| failed(&e))?;
         let mut sample = loan.write_from_slice(text.as_bytes());
+        backed(name, sample.payload().as_ptr(), text.len())?;
         sample.user_header_mut().0 = DocumentHeader {
             magic: DOCUMENT_MAGIC,
             schema_version: SCHEMA_VERSION,

@@ -35,17 +35,20 @@ impl Gaps {
 }
 
 /// Takes at most `qos.buffer` samples of every writer, and as many of each. Gives each sample to
-/// `take`.
+/// `take`, which returns the bytes that it kept of it: after a round that brought them to
+/// `max_bytes` the rest stays where it waits.
 pub(crate) fn drain<S>(
     qos: &Qos,
+    max_bytes: usize,
     mut receive: impl FnMut() -> Result<Option<S>, BusError>,
-    mut take: impl FnMut(&S),
+    mut take: impl FnMut(&S) -> usize,
 ) -> Result<(), BusError> {
+    let mut n_bytes = 0;
     for _ in 0..qos.buffer.div_ceil(qos.borrowed) {
         let held = round(&mut receive)?;
-        held.iter().for_each(&mut take);
+        n_bytes += held.iter().map(&mut take).sum::<usize>();
         // No writer can have been passed over.
-        if held.len() < qos.borrowed {
+        if held.len() < qos.borrowed || n_bytes >= max_bytes {
             break;
         }
     }
@@ -97,8 +100,20 @@ mod tests {
             Ok(Some(Held(&n_held)))
         };
         let mut n_taken = 0;
-        drain(&CONTROL, receive, |_| n_taken += 1).unwrap();
+        let count = |_: &Held<'_>| {
+            n_taken += 1;
+            10
+        };
+        drain(&CONTROL, usize::MAX, receive, count).unwrap();
         assert_eq!((n_taken, n_held.get()), (CONTROL.buffer, 0));
+        // A round of four samples is the least that is taken, and 50 bytes need two.
+        let mut n_taken = 0;
+        let count = |_: &Held<'_>| {
+            n_taken += 1;
+            10
+        };
+        drain(&CONTROL, 50, receive, count).unwrap();
+        assert_eq!((n_taken, n_held.get()), (2 * CONTROL.borrowed, 0));
     }
 
     #[test]
@@ -123,7 +138,7 @@ mod tests {
             n_asked += 1;
             Ok(None::<u8>)
         };
-        drain(&CONTROL, receive, |_| panic!("nothing waits")).unwrap();
+        drain(&CONTROL, usize::MAX, receive, |_| panic!("nothing waits")).unwrap();
         assert_eq!(n_asked, 1);
     }
 }

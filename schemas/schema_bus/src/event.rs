@@ -3,6 +3,7 @@
 use std::os::fd::{AsFd, AsRawFd as _, BorrowedFd};
 use std::time::{Duration, Instant};
 
+use iceoryx2::port::listener::ListenerWaitError;
 use iceoryx2::prelude::*;
 
 use crate::error::BusError;
@@ -90,15 +91,17 @@ impl Listener {
         poll(&mut [self.pollfd()], timeout)
     }
 
-    /// Takes all pending notifications without waiting. Returns whether there were any.
+    /// Takes all pending notifications without waiting. Returns whether there were any; those that a
+    /// signal kept from being taken stay pending, and count as well.
     ///
     /// # Errors
     /// [`BusError::Service`].
     pub fn drain(&self) -> Result<bool, BusError> {
-        self.port
-            .try_wait(|_| {})
-            .map(|n| n > 0)
-            .map_err(|e| other_error("wait for", &self.name, &e))
+        match self.port.try_wait(|_| {}) {
+            Ok(n) => Ok(n > 0),
+            Err(ListenerWaitError::InterruptSignal) => Ok(true),
+            Err(e) => Err(other_error("wait for", &self.name, &e)),
+        }
     }
 
     fn pollfd(&self) -> libc::pollfd {

@@ -1,6 +1,7 @@
 //! Writing frames: a service without memory, a publisher with a segment, and loans that are filled
 //! in place.
 
+use std::fs::File;
 use std::sync::{Arc, OnceLock};
 
 use iceoryx2::port::publisher::Publisher;
@@ -15,8 +16,10 @@ use crate::iceoryx_error::{loan_error, other_error, writer_error};
 use crate::memory::{FrameTopic, check_shared_memory, shared_memory_free};
 use crate::node::{BusNode, Service};
 use crate::qos::Qos;
-use crate::segment::{Segment, mapping_of, prefault};
+use crate::reserve::{Need, Reserved};
+use crate::segment::{Segment, file_of, mapping_of, prefault};
 use crate::service::{Slices, make};
+use crate::shortage::{backed, guarded};
 use crate::wire::Wire;
 
 /// A frame topic that readers can find and that has no memory yet.
@@ -101,27 +104,58 @@ impl FrameService {
             need_bytes,
             free_bytes: short.free_bytes.unwrap_or(0),
         })?;
-        let publisher = self
-            .service
-            .publisher_builder()
-            .initial_max_slice_len(self.spec.max_payload_bytes.max(1))
-            .max_loaned_samples(self.spec.max_loans())
-            .allocation_strategy(strategy)
-            .create()
-            .map_err(|e| writer_error(&full, self.qos.publishers, need_bytes, e))?;
+        let (publisher, reserved) = guarded(&full, need_bytes, || {
+            let publisher = self
+                .service
+                .publisher_builder()
+                .initial_max_slice_len(self.spec.max_payload_bytes.max(1))
+                .max_loaned_samples(self.spec.max_loans())
+                .allocation_strategy(strategy)
+                .create()
+                .map_err(|e| writer_error(&full, self.qos.publishers, need_bytes, e))?;
+            let reserved = match strategy {
+                AllocationStrategy::Static => self.reserve(&full, &publisher)?,
+                _ => None,
+            };
+            Ok((publisher, reserved))
+        })?;
         Ok(FramePublisher {
             service: self,
             publisher,
+            reserved,
             segment: OnceLock::new(),
         })
     }
+
+    /// Reserves the pages that a first reader needs; `None` if the segment's file is not found.
+    fn reserve(&self, full: &str, publisher: &Port) -> Result<Option<Reserved>, BusError> {
+        let Ok(mut loan) = publisher.loan_slice_uninit(1) else {
+            return Ok(None);
+        };
+        let path = file_of(loan.payload_mut().as_ptr().cast());
+        let file = path.and_then(|path| File::options().read(true).write(true).open(path).ok());
+        file.map(|file| Reserved::new(full, file, &self.need()))
+            .transpose()
+    }
+
+    fn need(&self) -> Need {
+        Need {
+            qos: self.qos,
+            max_loans: self.spec.max_loans(),
+            max_payload_bytes: self.spec.max_payload_bytes,
+        }
+    }
 }
+
+type Port = Publisher<Service, [u8], Wire<FrameHeader>>;
 
 /// A frame topic with its memory.
 #[derive(Debug)]
 pub struct FramePublisher {
-    publisher: Publisher<Service, [u8], Wire<FrameHeader>>,
+    publisher: Port,
     service: FrameService,
+    /// Pages that are the segment's; `None` if it grows.
+    reserved: Option<Reserved>,
     segment: OnceLock<Segment>,
 }
 
@@ -168,8 +202,9 @@ impl FramePublisher {
         Ok(*self.segment.get_or_init(|| segment))
     }
 
-    /// Faults in the pages of the slots that the first reader and the writer will use. iceoryx2's
-    /// free list is last in, first out, so these slots stay the ones in use.
+    /// Faults in the pages of the slots that the first reader and the writer will use, so that no
+    /// frame pays for that. iceoryx2's free list is last in, first out, so these slots stay the ones
+    /// in use.
     ///
     /// # Errors
     /// As [`FramePublisher::segment`], and [`BusError::Memory`] if `/dev/shm` is full.
@@ -199,6 +234,12 @@ impl FramePublisher {
     /// [`LoanError::NoFreeSlot`] if all loans are in use, [`LoanError::TooLong`] beyond
     /// [`FramePublisher::max_payload_bytes`].
     pub fn loan(&self, len: usize) -> Result<FrameLoan, LoanError> {
+        if let Some(reserved) = &self.reserved
+            && let Err(error) = reserved.fit(self.topic(), &self.service.need(), self.n_readers())
+        {
+            // Frames go on in the slots that there are; one that has no page is not sent.
+            tracing::warn!(topic = self.topic(), %error, "a reader joined for which there is no room; frames may be lost");
+        }
         let mut sample = self.publisher.loan_slice_uninit(len).map_err(|e| {
             let (limit, loans) = (self.max_payload_bytes(), self.max_loans());
             loan_error(self.topic(), len, limit, loans, e)
@@ -279,8 +320,8 @@ impl FrameLoan {
     /// through the rig's event.
     ///
     /// # Errors
-    /// [`BusError::BadFrame`] if the header contradicts the loan, [`BusError::Service`] if iceoryx2
-    /// fails.
+    /// [`BusError::BadFrame`] if the header contradicts the loan, [`BusError::Memory`] if `/dev/shm`
+    /// had no page for the slot, [`BusError::Service`] if iceoryx2 fails.
     pub fn send(mut self) -> Result<usize, BusError> {
         let topic = self.topic.clone();
         let checked = self.header().check(self.len());
@@ -289,9 +330,37 @@ impl FrameLoan {
             writer: None,
             source,
         })?;
+        backed(&topic, self.sample.payload().as_ptr().cast(), self.len())?;
         self.header_mut().published_mono_nanos = mono_now().0;
         // SAFETY: every byte of the slot has a value, see `payload_mut`.
         let sample = unsafe { self.sample.assume_init() };
         sample.send().map_err(|e| other_error("send", &topic, &e))
+    }
+}
+
+/// A loan that a device writes to. Nobody reaches its payload until it is taken back; dropped, it
+/// goes back to its publisher, so it must outlive what the device does.
+#[derive(Debug)]
+pub struct DeviceLoan(FrameLoan);
+
+impl FrameLoan {
+    /// Hands the payload to a device.
+    pub fn lend(self) -> DeviceLoan {
+        DeviceLoan(self)
+    }
+}
+
+impl DeviceLoan {
+    /// As [`FrameLoan::offset_in_segment`].
+    pub fn offset_in_segment(&self) -> Option<usize> {
+        self.0.offset_in_segment()
+    }
+
+    /// The loan, to be sent.
+    ///
+    /// # Safety
+    /// The device has finished writing to it, and will not write to it again.
+    pub unsafe fn take_back(self) -> FrameLoan {
+        self.0
     }
 }

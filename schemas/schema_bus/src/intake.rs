@@ -84,6 +84,11 @@ pub(crate) struct Intake<A: Admission> {
 }
 
 impl<A: Admission> Intake<A> {
+    /// The service that it reads.
+    pub fn service(&self) -> &Slices<A::Header> {
+        &self.service
+    }
+
     pub fn open(service: Slices<A::Header>, admission: A) -> Result<Intake<A>, BusError> {
         Ok(Intake {
             port: subscribe(&service)?,

@@ -49,10 +49,13 @@ mod wire;
 mod declared;
 mod event;
 mod intake;
+mod leftovers;
 mod node;
 mod origin;
 mod origins;
+mod root;
 mod service;
+mod shortage;
 mod topics;
 
 // Looking at others without taking part.
@@ -64,6 +67,7 @@ mod watch;
 // Sensor frames.
 mod frame;
 mod reader;
+mod reserve;
 mod segment;
 
 // Results of users' programs.
@@ -94,7 +98,7 @@ pub use control::{Ack, AckReader, AckWriter, ControlBatch, ControlReader, Contro
 pub use document::{Document, DocumentPublisher, DocumentReader};
 pub use error::{BusError, LoanError};
 pub use event::{Listener, Notifier, Token, WaitSet};
-pub use frame::{FrameLoan, FramePublisher, FrameService};
+pub use frame::{DeviceLoan, FrameLoan, FramePublisher, FrameService};
 pub use intake::ReaderCounts;
 pub use introspect::{Exchange, Port, ServicePorts};
 pub use lockstep::{AckFault, Gate, Participant};
@@ -110,6 +114,7 @@ pub use result_reader::{ResultReader, ResultSample};
 pub use result_service::ResultService;
 pub use result_writer::{Answerable, Answered, ResultLoan, ResultPublisher};
 pub use segment::Segment;
+pub use shortage::MAX_MISSING_STRETCHES;
 pub use snapshot::{Snapshot, SnapshotPublisher, SnapshotReader};
 pub use topics::{TopicDetails, TopicKind};
 pub use watch::{Newest, Watch};

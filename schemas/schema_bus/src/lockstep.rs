@@ -17,9 +17,9 @@ pub struct Participant {
     say_after_nanos: u64,
 }
 
-/// How long the world waits for a participant until that is said the first time. Each further time
-/// takes twice as long, so that a debugger's hour is a dozen lines.
-const SAY_AFTER_NANOS: u64 = 5_000_000_000;
+/// How long the world waits for a participant until that is said, the first time and each further
+/// time.
+const SAY_EVERY_NANOS: u64 = 5_000_000_000;
 
 /// Why an acknowledgement does not count.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -102,7 +102,7 @@ impl Gate {
             number,
             name,
             acked_tick: last_tick,
-            say_after_nanos: SAY_AFTER_NANOS,
+            say_after_nanos: SAY_EVERY_NANOS,
         });
         number
     }
@@ -150,7 +150,10 @@ impl Gate {
         };
         let must = waited_nanos >= participant.say_after_nanos;
         if must {
-            participant.say_after_nanos = waited_nanos.saturating_mul(2);
+            participant.say_after_nanos = waited_nanos.saturating_add(SAY_EVERY_NANOS);
+        } else if waited_nanos < SAY_EVERY_NANOS {
+            // Another wait than that of which something was said.
+            participant.say_after_nanos = SAY_EVERY_NANOS;
         }
         must
     }
@@ -227,13 +230,16 @@ mod tests {
     }
 
     #[test]
-    fn a_long_wait_is_said_ever_more_rarely() {
+    fn a_long_wait_is_said_every_few_seconds() {
         let mut gate = Gate::new(StepMode::FreeRunning);
         let number = gate.join("planner".into(), 0);
-        let said: Vec<u64> = (0..=3600)
-            .filter(|secs| gate.must_say(number, secs * 1_000_000_000))
-            .collect();
-        assert_eq!(said, [5, 10, 20, 40, 80, 160, 320, 640, 1280, 2560]);
+        let mut said = |secs: std::ops::RangeInclusive<u64>| {
+            let is_said = |secs: &u64| gate.must_say(number, secs * 1_000_000_000);
+            secs.filter(is_said).collect::<Vec<u64>>()
+        };
+        assert_eq!(said(0..=21), [5, 10, 15, 20]);
+        // It went on for a while, and is waited for again.
+        assert_eq!(said(0..=12), [5, 10]);
         assert!(!gate.must_say(number + 1, u64::MAX));
     }
 }

@@ -145,7 +145,7 @@ impl Gate {
                 None => "is gone".to_owned(),
                 Some(_) if look.before_first => continue,
                 Some(process) if timed_out => {
-                    format!("is idle for longer than --lockstep-timeout ({process})")
+                    format!("is idle for longer than the lockstep time-out ({process})")
                 }
                 Some(process) => {
                     if self.must_say(participant.number, look.idle_nanos) {
@@ -174,7 +174,7 @@ fn say_wait(name: &str, process: &Origin, look: &Look) {
     tracing::warn!(
         name,
         tick = look.tick,
-        "the world waits for lockstep participant {name:?}, {process}{state}, for {} s; let it go on, end it, or start with --lockstep-timeout",
+        "the world waits for lockstep participant {name:?}, {process}{state}, for {} s; let it go on, end it, or set scenario.lockstep_timeout_s (--lockstep-timeout)",
         look.idle_nanos / 1_000_000_000
     );
 }

@@ -9,14 +9,22 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::Service as _;
 
 use crate::error::BusError;
+use crate::leftovers::Leftovers;
 use crate::names::{valid_domain, valid_topic};
+use crate::root::{SHM, own_place};
+use crate::shortage;
+
+/// Shared memory that iceoryx2's node takes, bytes; an upper bound.
+const NODE_BYTES: u64 = 1 << 16;
 
 /// Ports of this kind may move between threads; the price is an uncontended lock per call.
 pub(crate) type Service = ipc_threadsafe::Service;
 
 /// Where iceoryx2 keeps its files, for tests that must not meet other processes. By default this is
 /// what iceoryx2 itself would use: `config/iceoryx2.toml` in the working directory, then the
-/// user's, then the machine's configuration, then `/tmp/iceoryx2` and the prefix `iox2_`.
+/// user's, then the machine's configuration, then `/tmp/iceoryx2` and the prefix `iox2_`. If that
+/// folder, or what lies in `/dev/shm` with it, is another user's, it is `/tmp/iceoryx2-UID` and
+/// `iox2_UID_` instead.
 #[derive(Clone, Debug, Default)]
 pub struct BusOptions {
     /// Folder of iceoryx2's bookkeeping.
@@ -30,6 +38,7 @@ pub struct BusOptions {
 pub(crate) struct BusNode {
     node: Node<Service>,
     domain: String,
+    leftovers: Leftovers,
 }
 
 impl BusNode {
@@ -38,12 +47,13 @@ impl BusNode {
         // iceoryx2's warnings ("no config file was loaded", "dead node detected") would appear in
         // the output of every consumer.
         QUIET.call_once(|| set_log_level(LogLevel::Fatal));
+        shortage::install();
         if !valid_domain(domain) {
             return Err(BusError::Domain {
                 domain: domain.into(),
             });
         }
-        let config = options.config()?;
+        let config = options.config(program)?;
         let name: String = program
             .chars()
             .filter(|c| c.is_ascii_graphic())
@@ -54,16 +64,22 @@ impl BusNode {
             cause,
         };
         let name = NodeName::new(&name).map_err(|e| failed(format!("{e:?}")))?;
-        let node = NodeBuilder::new()
-            .name(&name)
-            .config(&config)
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create::<Service>()
-            .map_err(|e| failed(format!("{e:?}")))?;
-        Ok(BusNode {
+        let node = shortage::guarded("the bus", NODE_BYTES, || {
+            NodeBuilder::new()
+                .name(&name)
+                .config(&config)
+                .signal_handling_mode(SignalHandlingMode::Disabled)
+                .create::<Service>()
+                .map_err(|e| failed(format!("{e:?}")))
+        })?;
+        let node = BusNode {
             node,
             domain: domain.into(),
-        })
+            leftovers: Leftovers::default(),
+        };
+        // iceoryx2 has removed dead nodes where it could.
+        node.sweep();
+        Ok(node)
     }
 
     pub fn domain(&self) -> &str {
@@ -76,7 +92,15 @@ impl BusNode {
     }
 
     pub fn clean_dead_nodes(&self) -> u64 {
-        self.node.try_cleanup_dead_nodes().cleanups
+        let cleaned = self.node.try_cleanup_dead_nodes();
+        let has_dead = cleaned.failed_cleanups > 0;
+        self.leftovers.sweep(self.config(), has_dead);
+        cleaned.cleanups
+    }
+
+    /// Removes what iceoryx2's cleaning of dead nodes leaves, which keeps services from being made.
+    pub fn sweep(&self) {
+        self.leftovers.sweep(self.config(), true);
     }
 
     pub fn exists(&self, topic: &str) -> bool {
@@ -86,6 +110,18 @@ impl BusNode {
         // If iceoryx2 cannot tell, opening the topic will, with a sentence that says why.
         Service::does_exist(&name, self.config(), MessagingPattern::PublishSubscribe)
             .unwrap_or(true)
+    }
+
+    /// Whether one of these nodes is that of a living process.
+    pub fn is_any_alive(&self, nodes: &[u128]) -> bool {
+        let mut is_alive = false;
+        // A directory of nodes that cannot be read means that there is none.
+        let _ = Node::<Service>::list(self.config(), |state| {
+            is_alive |=
+                matches!(&state, NodeState::Alive(view) if nodes.contains(&view.id().value()));
+            CallbackProgression::Continue
+        });
+        is_alive
     }
 
     pub fn programs(&self) -> Vec<String> {
@@ -126,8 +162,27 @@ impl BusNode {
 }
 
 impl BusOptions {
-    fn config(&self) -> Result<Config, BusError> {
+    fn config(&self, program: &str) -> Result<Config, BusError> {
         let mut config = Config::global_config().clone();
+        let root = config.global.root_path();
+        let is_given =
+            self.iceoryx_root.is_some() || *root != *Config::default().global.root_path();
+        if !is_given {
+            let (root, prefix) = (root.to_string(), config.global.prefix.to_string());
+            let user = nix::unistd::geteuid().as_raw();
+            let own = own_place(Path::new(&root), &prefix, Path::new(SHM), user);
+            let own = own.map_err(|cause| BusError::Node {
+                program: program.into(),
+                cause,
+            })?;
+            if let Some(own) = own {
+                return BusOptions {
+                    iceoryx_root: Some(own.root),
+                    prefix: Some(self.prefix.clone().unwrap_or(own.prefix)),
+                }
+                .config(program);
+            }
+        }
         if let Some(root) = &self.iceoryx_root {
             let text = root.to_string_lossy();
             let bad = |_| BusError::Option {

@@ -60,9 +60,10 @@ pub const DOCUMENT: Qos = Qos {
     borrowed: 2,
     history: 1,
 };
-/// `control/vehicles` and `control/ack`.
+/// `control/vehicles` and `control/ack`. Besides the daemon, drivers that share the vehicles read
+/// each other's controls.
 pub const CONTROL: Qos = Qos {
-    readers: 4,
+    readers: 8,
     publishers: 32,
     buffer: 64,
     borrowed: 4,
@@ -102,6 +103,16 @@ pub(crate) const MAX_PASSED_OVER: usize = 256;
 
 /// Longest text of a request or an answer that is parsed, bytes.
 pub const MAX_COMMAND_BYTES: usize = 16 << 20;
+
+/// Longest requests that are taken in one turn of the daemon's loop, bytes together; one is always
+/// taken. The others wait for the next turn.
+pub const MAX_TURN_REQUEST_BYTES: usize = 16 << 20;
+
+/// Longest requests of one client that are taken in one turn, bytes together; one is always taken.
+pub const MAX_TURN_CLIENT_BYTES: usize = 64 << 10;
+
+/// Vehicle controls of all writers after which the rest waits for the next tick, bytes.
+pub const MAX_TURN_CONTROL_BYTES: usize = 16 << 20;
 
 impl Qos {
     /// The capacity for frames of `modality`.

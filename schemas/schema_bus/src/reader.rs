@@ -11,6 +11,7 @@ use crate::error::BusError;
 use crate::intake::{Admission, Intake, ReaderCounts, Received};
 use crate::node::BusNode;
 use crate::origin::Origin;
+use crate::reserve::reserve_as_reader;
 use crate::service::join;
 
 /// The reading end of a frame topic. It survives its writer: when the writer comes back, frames
@@ -60,9 +61,9 @@ impl FrameReader {
         let frames = Frames {
             topic: topic.into(),
         };
-        Ok(FrameReader {
-            intake: Intake::open(join::<FrameHeader>(node, topic)?, frames)?,
-        })
+        let intake = Intake::open(join::<FrameHeader>(node, topic)?, frames)?;
+        reserve_as_reader(node, intake.service())?;
+        Ok(FrameReader { intake })
     }
 
     /// Name without the domain.

@@ -42,7 +42,7 @@ impl ResultService {
         spec.about.check(spec.kind).map_err(fault)?;
         let wanted = spec.kind.name();
         let advice = "publish under another name, or stop all processes that have it open";
-        let slices = settle(|| {
+        let slices = settle(node, || {
             if let Some(declared) = declared(node, &full, &name)? {
                 declared.expect_result(&full, wanted, advice)?;
                 return open(node, &full, &name);

@@ -30,6 +30,7 @@ use crate::reader::Frame;
 use crate::result_reader::ResultSample;
 use crate::result_service::ResultService;
 use crate::service::Slices;
+use crate::shortage::backed;
 use crate::wire::Wire;
 
 /// Start of the port name of every writer of results; the network tunnel's port has another.
@@ -549,6 +550,8 @@ impl ResultLoan {
                 declared: end.kind.name(),
             }));
         }
+        let payload = self.sample.payload();
+        backed(&end.full, payload.as_ptr().cast(), payload.len())?;
         // SAFETY: every byte of the slot has a value, see `slot`.
         let sample = unsafe { self.sample.assume_init() };
         let n_readers = sample

@@ -1,4 +1,9 @@
-//! The memory behind a publisher: where its segment is mapped, and how its pages are faulted in.
+//! The memory behind a publisher: where its segment is mapped, how its pages are reserved, and how
+//! they are faulted in.
+
+use std::fs::File;
+use std::os::fd::AsRawFd as _;
+use std::path::PathBuf;
 
 /// The whole data segment of a publisher, as mapped into this process. Valid as long as the
 /// publisher.
@@ -27,6 +32,42 @@ pub(crate) fn mapping_of(ptr: *const u8) -> Option<Segment> {
         base: base as *mut u8,
         len: end - base,
     })
+}
+
+/// The file that is mapped at `ptr`.
+pub(crate) fn file_of(ptr: *const u8) -> Option<PathBuf> {
+    let maps = std::fs::read_to_string("/proc/self/maps").ok()?;
+    let line = maps.lines().find(|line| {
+        parse_range(line).is_some_and(|(base, end)| (base..end).contains(&(ptr as usize)))
+    })?;
+    line.find('/').map(|at| PathBuf::from(&line[at..]))
+}
+
+/// Reserves pages of a file in `/dev/shm`, which are then the file's until it is removed: no write
+/// to them can fail. Either all are reserved or, where they were not there before, none.
+///
+/// # Errors
+/// The kernel's error, `ENOSPC` if there is no room.
+pub(crate) fn reserve(file: &File, offset: u64, n_bytes: u64) -> std::io::Result<()> {
+    let too_long = |_| std::io::Error::from_raw_os_error(libc::EFBIG);
+    let offset = libc::off_t::try_from(offset).map_err(too_long)?;
+    let n_bytes = libc::off_t::try_from(n_bytes).map_err(too_long)?;
+    loop {
+        // SAFETY: the descriptor is open; the call only changes which pages the file has.
+        let done = unsafe {
+            libc::fallocate(file.as_raw_fd(), libc::FALLOC_FL_KEEP_SIZE, offset, n_bytes)
+        };
+        if done == 0 {
+            return Ok(());
+        }
+        let error = std::io::Error::last_os_error();
+        match error.raw_os_error() {
+            Some(libc::EINTR) => {}
+            // No tmpfs: the pages are faulted in later, under the guard of `shortage.rs`.
+            Some(libc::EOPNOTSUPP) => return Ok(()),
+            _ => return Err(error),
+        }
+    }
 }
 
 /// Start and end of a line such as `7f00-7f10 rw-s …`.

@@ -13,6 +13,7 @@ use crate::error::BusError;
 use crate::iceoryx_error::{Meaning, ServiceFailure as _, service_error};
 use crate::node::{BusNode, Service};
 use crate::qos::{EVENT_LISTENERS, EVENT_NOTIFIERS, MAX_NODES, Qos};
+use crate::shortage;
 use crate::topics::topics;
 use crate::wire::{OnBus, Wire};
 
@@ -32,7 +33,7 @@ pub(crate) fn make<H: OnBus>(
 ) -> Result<Slices<H>, BusError> {
     let (full, name) = node.service_name(topic)?;
     let advice = "stop all processes of this domain and start again";
-    settle(|| {
+    settle(node, || {
         check_schema(
             node,
             &full,
@@ -86,10 +87,20 @@ pub(crate) fn join<H: OnBus>(node: &BusNode, topic: &str) -> Result<Slices<H>, B
 /// Whether the service exists and has a publisher.
 pub(crate) fn is_published<H: OnBus>(node: &BusNode, topic: &str) -> Result<bool, BusError> {
     match join::<H>(node, topic) {
-        Ok(service) => Ok(service.dynamic_config().number_of_publishers() > 0),
+        Ok(service) => Ok(node.is_any_alive(&publishers(&service))),
         Err(BusError::NoSuchTopic { .. }) => Ok(false),
         Err(other) => Err(other),
     }
+}
+
+/// The nodes that have opened a service for writing, those of killed processes among them.
+fn publishers<H: OnBus>(service: &Slices<H>) -> Vec<u128> {
+    let mut nodes = Vec::new();
+    service.dynamic_config().list_publishers(|details| {
+        nodes.push(details.node_id.value());
+        CallbackProgression::Continue
+    });
+    nodes
 }
 
 /// Fails if the service carries another schema. Returns whether the service exists.
@@ -148,7 +159,7 @@ pub(crate) fn hint(node: &BusNode, wanted: &str) -> String {
 
 pub(crate) fn make_event(node: &BusNode, topic: &str) -> Result<(String, Events), BusError> {
     let (full, name) = node.service_name(topic)?;
-    let service = settle(|| {
+    let service = settle(node, || {
         node.iceoryx()
             .service_builder(&name)
             .event()
@@ -162,13 +173,23 @@ pub(crate) fn make_event(node: &BusNode, topic: &str) -> Result<(String, Events)
 }
 
 /// Tries again while another process makes or removes the service, which happens when a daemon
-/// restarts while its readers come and go.
-pub(crate) fn settle<T>(mut open: impl FnMut() -> Result<T, BusError>) -> Result<T, BusError> {
-    let deadline = Instant::now() + SETTLE;
+/// restarts while its readers come and go, or was killed while it made it. iceoryx2 itself waits for
+/// a service in the making, so the time counts from the first failure on.
+pub(crate) fn settle<T>(
+    node: &BusNode,
+    mut open: impl FnMut() -> Result<T, BusError>,
+) -> Result<T, BusError> {
+    let mut first_failed = None;
+    let n_missed = shortage::n_missed();
+    let is_short = || shortage::n_missed() != n_missed;
     loop {
         match open() {
-            Err(BusError::Service { .. }) if Instant::now() < deadline => {
-                std::thread::sleep(Duration::from_millis(10))
+            Err(BusError::Service { .. })
+                if first_failed.get_or_insert_with(Instant::now).elapsed() < SETTLE
+                    && !is_short() =>
+            {
+                node.sweep();
+                std::thread::sleep(Duration::from_millis(10));
             }
             done => return done,
         }

@@ -20,7 +20,12 @@ use crate::node::{BusNode, Service};
 use crate::origins::Origins;
 use crate::qos;
 use crate::service::{Slices, join, make};
+use crate::shortage::backed;
 use crate::wire::Wire;
+
+/// Records of a slot before the segment grows for the first time. It grows by doubling, so that a
+/// world pays for the actors that it has and not for the most that it may have.
+const FIRST_SLOT_RECORDS: usize = 256;
 
 /// Writes snapshots.
 #[derive(Debug)]
@@ -33,12 +38,12 @@ pub struct SnapshotPublisher {
 impl SnapshotPublisher {
     pub(crate) fn open(node: &BusNode, max_actors: usize) -> Result<SnapshotPublisher, BusError> {
         let service = make::<SnapshotHeader>(node, WORLD_SNAPSHOT, &qos::SNAPSHOT)?;
-        let len = max_actors.max(1) * size_of::<ActorRecord>();
+        let len = max_actors.clamp(1, FIRST_SLOT_RECORDS) * size_of::<ActorRecord>();
         let full = service.name().as_str().to_string();
         let port = service
             .publisher_builder()
             .initial_max_slice_len(len)
-            .allocation_strategy(AllocationStrategy::Static)
+            .allocation_strategy(AllocationStrategy::PowerOfTwo)
             .create()
             .map_err(|e| {
                 writer_error(
@@ -59,7 +64,8 @@ impl SnapshotPublisher {
     /// and time of publishing are set here.
     ///
     /// # Errors
-    /// [`BusError::TooLong`] if there are more than `max_actors`.
+    /// [`BusError::TooLong`] if there are more than `max_actors`, [`BusError::Memory`] if
+    /// `/dev/shm` has no room for them. Nothing is sent then, and the next one may be.
     pub fn send(
         &self,
         mut header: SnapshotHeader,
@@ -88,6 +94,7 @@ impl SnapshotPublisher {
             .loan_slice_uninit(bytes.len())
             .map_err(|e| failed(&e))?;
         let mut sample = loan.write_from_slice(bytes);
+        backed(WORLD_SNAPSHOT, sample.payload().as_ptr(), bytes.len())?;
         header.published_mono_nanos = mono_now().0;
         sample.user_header_mut().0 = header;
         sample.send().map(drop).map_err(|e| failed(&e))

@@ -159,6 +159,28 @@ fn age_order(sample: &Newest) -> (Option<u64>, u64) {
     (sample.published_mono_nanos, sample.seq)
 }
 
+/// The file of a writer whose segment does not grow; `None` if it grows, or is another user's.
+pub(crate) fn fixed_segment_file(node: &BusNode, port: u128) -> Option<File> {
+    let global = &node.config().global;
+    let (prefix, suffix) = (
+        global.prefix.to_string(),
+        global.service.data_segment_suffix.to_string(),
+    );
+    let folder = Path::new(SHARED_MEMORY);
+    let entries = std::fs::read_dir(folder).ok()?.flatten();
+    let is_its = |name: &str| {
+        let stem = name.strip_prefix(&prefix)?.strip_suffix(&suffix)?;
+        (!stem.contains("__")).then(|| port_of_file(stem))?
+    };
+    let mut names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let name = names.find(|name| is_its(name) == Some(port))?;
+    File::options()
+        .read(true)
+        .write(true)
+        .open(folder.join(name))
+        .ok()
+}
+
 /// Files of segments by the number of their port: `PREFIX…_NUMBER.data`, or `…_NUMBER__PART.data`
 /// for one that has grown.
 fn segment_files(folder: &Path, prefix: &str, suffix: &str) -> HashMap<u128, Vec<PathBuf>> {

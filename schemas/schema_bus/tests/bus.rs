@@ -561,6 +561,55 @@ fn a_command_goes_there_and_back_and_nobody_home_is_said_at_once() {
     assert_eq!(thread.join().unwrap().unwrap(), answer);
 }
 
+/// Answers that a client did not wait for may lie where the next client of its process looks.
+#[test]
+fn an_answer_never_reaches_the_client_after_its_own() {
+    let place = Place::new("late");
+    let (bus, clients) = (place.bus("simd"), place.bus("cli"));
+    let mut server = bus.command_server().unwrap();
+    let next = |server: &mut schema_bus::CommandServer| {
+        let deadline = Instant::now() + Duration::from_secs(10);
+        loop {
+            if let Some(request) = server.take().unwrap() {
+                return request;
+            }
+            assert!(Instant::now() < deadline);
+        }
+    };
+    let answer = |last_tick| ReplyBatch {
+        v: 1,
+        epoch: "9".into(),
+        tick: 4,
+        replies: vec![CommandReply::Stepping { last_tick }],
+    };
+    let batch = CommandBatch::new(vec![Order::Step { n: 3 }]);
+    for round in 0..20 {
+        let mut hasty = clients.command_client("cli").unwrap();
+        let timed_out = hasty.request(&batch, Duration::from_millis(1));
+        assert!(matches!(timed_out, Err(CommandError::Timeout { .. })));
+        let late = next(&mut server);
+        // Before or after the client has gone.
+        let after = round % 2 == 0;
+        let late = match after {
+            true => Some(late),
+            false => {
+                server.reply(late, &answer(1)).unwrap();
+                None
+            }
+        };
+        drop(hasty);
+        let mut client = clients.command_client("cli").unwrap();
+        let asked = batch.clone();
+        let thread = std::thread::spawn(move || client.request(&asked, Duration::from_secs(10)));
+        if let Some(late) = late {
+            server.reply(late, &answer(1)).unwrap();
+        }
+        let request = next(&mut server);
+        server.reply(request, &answer(2)).unwrap();
+        assert_eq!(thread.join().unwrap().unwrap(), answer(2), "round {round}");
+    }
+}
+
 #[test]
 fn topics_are_listed_with_their_ports() {
     let place = Place::new("topics");
@@ -735,4 +784,172 @@ fn a_publisher_killed_with_9_leaves_held_frames_valid_and_its_memory_is_reclaime
     };
     assert!(frame.iter().all(|byte| *byte == 99));
     assert_eq!(reader.counts().restarts, 1);
+}
+
+/// Files of iceoryx2's bookkeeping below a folder of the place.
+fn files_below(folder: &std::path::Path) -> Vec<std::path::PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let paths = entries.map(|entry| entry.path());
+    let (folders, mut files): (Vec<_>, Vec<_>) = paths.partition(|path| path.is_dir());
+    files.extend(folders.iter().flat_map(|folder| files_below(folder)));
+    files
+}
+
+/// Makes a file as iceoryx2 does before it gives it its content and its final permissions.
+fn put_in_the_making(path: &std::path::Path) {
+    use std::os::unix::fs::OpenOptionsExt as _;
+    let mut made = std::fs::OpenOptions::new();
+    made.write(true).create_new(true).mode(0o600);
+    made.open(path).unwrap();
+}
+
+/// The folder of a child's node, once it publishes.
+fn node_folder(place: &Place, child: u32) -> std::path::PathBuf {
+    let nodes = place.folder.path().join("iceoryx2/nodes");
+    let deadline = Instant::now() + Duration::from_secs(20);
+    loop {
+        let entries = std::fs::read_dir(&nodes).into_iter().flatten().flatten();
+        let mut folders = entries.map(|e| e.path()).filter(|path| path.is_dir());
+        let is_childs = |path: &std::path::PathBuf| {
+            let id: u128 = path.file_name().unwrap().to_str().unwrap().parse().unwrap();
+            id.to_ne_bytes()[8..12] == child.to_ne_bytes()
+        };
+        if let Some(found) = folders.find(is_childs) {
+            return found;
+        }
+        assert!(Instant::now() < deadline, "the child has no node");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+fn is_eventually(what: &str, mut holds: impl FnMut() -> bool) {
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while !holds() {
+        assert!(Instant::now() < deadline, "{what}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// Kills a child that publishes, puts what it could have left into its node's folder or beside it,
+/// and expects that whoever cleans removes all of it.
+fn a_node_is_removed_whole(name: &str, leave: impl Fn(&Place, &std::path::Path)) {
+    let place = Place::new(name);
+    let nodes = place.folder.path().join("iceoryx2/nodes");
+    let mut child = start_child(&place, "publish");
+    let bus = place.bus("reader");
+    is_eventually("the child publishes", || {
+        bus.frame_reader("ego/front/rgb").is_ok()
+    });
+    let folder = node_folder(&place, child.id());
+    child.kill().unwrap();
+    child.wait().unwrap();
+    leave(&place, &folder);
+    is_eventually("the node is removed", || {
+        bus.clean_dead_nodes();
+        let id = folder.file_name().unwrap().to_string_lossy();
+        let left = std::fs::read_dir(&nodes).unwrap().flatten();
+        left.into_iter()
+            .all(|entry| !entry.file_name().to_string_lossy().contains(&*id))
+    });
+    drop(bus);
+    assert_eq!(files_below(&nodes), Vec::<std::path::PathBuf>::new());
+}
+
+#[test]
+fn a_node_killed_while_it_made_a_tag_is_removed() {
+    let hash = "0123456789012345678901234567890123456789";
+    a_node_is_removed_whole("tag", |place, folder| {
+        put_in_the_making(&folder.join(format!("{}{hash}.service_tag", place.prefix)));
+        put_in_the_making(&folder.join(format!("{}17.port_tag", place.prefix)));
+    });
+    // Whoever met it first, and has another configuration, may have removed the node's details.
+    a_node_is_removed_whole("details", |place, folder| {
+        put_in_the_making(&folder.join(format!("{}{hash}.service_tag", place.prefix)));
+        place.bus("first").clean_dead_nodes();
+        let _ = std::fs::remove_file(folder.join(format!("{}node.details", place.prefix)));
+    });
+}
+
+#[test]
+fn a_node_killed_while_it_was_removed_is_removed() {
+    a_node_is_removed_whole("removal", |place, folder| {
+        let (nodes, id) = (folder.parent().unwrap(), folder.file_name().unwrap());
+        let state = format!("{}{}.node_monitor", place.prefix, id.to_string_lossy());
+        std::fs::remove_file(nodes.join(state)).unwrap();
+        // Its port is left to the service, whose next owner is told.
+        for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
+            if entry
+                .file_name()
+                .to_string_lossy()
+                .starts_with(&place.prefix)
+            {
+                let _ = std::fs::remove_file(entry.path());
+            }
+        }
+    });
+}
+
+#[test]
+fn a_node_killed_while_it_was_made_is_removed_and_one_that_starts_is_left() {
+    let place = Place::new("start");
+    let nodes = place.folder.path().join("iceoryx2/nodes");
+    let bus = place.bus("reader");
+    // Two nodes of which there is a folder alone: this process's own, and one of a process that
+    // has ended.
+    let mut ended = Command::new("true").spawn().unwrap();
+    let pids = [std::process::id(), ended.id()];
+    ended.wait().unwrap();
+    let long_ago = std::time::SystemTime::now() - Duration::from_secs(3600);
+    let [ours, gone] = pids.map(|pid| {
+        let mut id = [1; 16];
+        id[8..12].copy_from_slice(&pid.to_ne_bytes());
+        let folder = nodes.join(u128::from_ne_bytes(id).to_string());
+        std::fs::create_dir(&folder).unwrap();
+        put_in_the_making(&folder.join(format!("{}node.details", place.prefix)));
+        let times = std::fs::FileTimes::new().set_modified(long_ago);
+        std::fs::File::open(&folder)
+            .unwrap()
+            .set_times(times)
+            .unwrap();
+        folder
+    });
+    bus.clean_dead_nodes();
+    assert!(ours.exists(), "it may yet become a node");
+    assert!(!gone.exists(), "its process has ended");
+    // A folder that was made just now may belong to a process of another container.
+    std::fs::create_dir(&gone).unwrap();
+    bus.clean_dead_nodes();
+    assert!(gone.exists(), "it is too young");
+}
+
+#[test]
+fn a_service_whose_maker_was_killed_meanwhile_can_be_made() {
+    let place = Place::new("made");
+    let services = place.folder.path().join("iceoryx2/services");
+    let bus = place.bus("simd");
+    drop(bus.frame_publisher("ego/front/rgb", RGB).unwrap());
+    let publisher = bus.frame_publisher("ego/front/rgb", RGB).unwrap();
+    let files = files_below(&services);
+    drop(publisher);
+    assert_eq!(files_below(&services), Vec::<std::path::PathBuf>::new());
+    for file in &files {
+        put_in_the_making(file);
+    }
+    // It is made all the same, and by a program that starts it is not even met.
+    bus.frame_publisher("ego/front/rgb", RGB).unwrap();
+    assert_eq!(files_below(&services), Vec::<std::path::PathBuf>::new());
+    put_in_the_making(&files[0]);
+    drop(place.bus("next"));
+    assert_eq!(files_below(&services), Vec::<std::path::PathBuf>::new());
+    // A living node with the service's tag may be making it.
+    let name = files[0].file_name().unwrap().to_str().unwrap();
+    let tag = name.replace(".service", ".service_tag");
+    let tag = node_folder(&place, std::process::id()).join(tag);
+    put_in_the_making(&tag);
+    put_in_the_making(&files[0]);
+    drop(place.bus("next"));
+    assert_eq!(files_below(&services), vec![files[0].clone()]);
+    std::fs::remove_file(tag).unwrap();
+    drop(place.bus("next"));
+    assert_eq!(files_below(&services), Vec::<std::path::PathBuf>::new());
 }

@@ -77,6 +77,10 @@ impl CommandReply {
             CommandReply::Done => "done".into(),
             CommandReply::Saved { .. } => "saved".into(),
             CommandReply::Refused { .. } => "refused".into(),
+            // A new run has to know what topics to wait for.
+            spawned @ CommandReply::Spawned { .. } => {
+                serde_json::to_string(spawned).unwrap_or_default()
+            }
             other => short(serde_json::to_string(other).unwrap_or_default()),
         }
     }
@@ -127,6 +131,17 @@ mod tests {
             topics: vec!["free/s31/rgb".into()],
         };
         assert!(spawned.outcome().contains("31"));
+        let all_of_a_camera = CommandReply::Spawned {
+            actor_id: 31,
+            topics: (0..20)
+                .map(|n| format!("actor_12345/s12346/m{n}"))
+                .collect(),
+        };
+        assert!(
+            all_of_a_camera
+                .outcome()
+                .contains("actor_12345/s12346/m19")
+        );
         let refused = |error: &str| CommandReply::Refused {
             error: error.into(),
         };

@@ -1,7 +1,7 @@
 //! The 256 bytes in front of every sensor frame.
 
 use bytemuck::{Pod, Zeroable};
-use schema_types::Pose;
+use schema_types::{Distortion, Pose};
 
 use crate::modality::{Modality, SensorKind};
 use crate::version::SCHEMA_VERSION;
@@ -79,8 +79,11 @@ pub struct FrameHeader {
     pub ticks_in_flight: u32,
     /// 0: the payload is in this sample.
     pub payload_place: u32,
+    /// The lens's [`Distortion`] `[k, k_cubed, size x, size y]`: at p (−0.5 to 0.5) is what a pinhole
+    /// has at p · (1 + k r² + k_cubed r³), r being the length of p · size. All 0 for a pinhole.
+    pub lens: [f32; 4],
     /// Zero.
-    pub reserved1: [u8; 28],
+    pub reserved1: [u8; 12],
 }
 const _: () = assert!(size_of::<FrameHeader>() == 256 && align_of::<FrameHeader>() == 64);
 const _: () = assert!(std::mem::offset_of!(FrameHeader, world_from_sensor) == 80);
@@ -118,6 +121,11 @@ impl FrameHeader {
     /// Sets the shape of a list of `n_elements` and its payload size.
     pub fn set_list(&mut self, n_elements: u32) {
         self.set_image(n_elements, 1);
+    }
+
+    /// How the lens bends lines; `None` for a pinhole.
+    pub fn distortion(&self) -> Option<Distortion> {
+        Distortion::from_array(self.lens)
     }
 
     /// The modality; `None` for a number this version does not know.

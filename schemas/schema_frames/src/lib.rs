@@ -34,6 +34,9 @@ pub mod imu_gnss;
 pub mod lidar;
 pub mod radar;
 
+// How much of everything there may be.
+pub mod limits;
+
 // What the world publishes.
 pub mod document;
 pub mod snapshot;

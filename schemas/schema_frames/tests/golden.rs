@@ -311,6 +311,7 @@ fn frame(modality: Modality) -> Vec<u8> {
         rotation_xyzw: [0.0, 0.0, 0.6, 0.8],
     };
     header.intrinsics_px = [400.0, 401.0, 2.0, 1.0];
+    header.lens = [-0.25, 0.5, 1.0, 0.75];
     (
         header.range_limit_m,
         header.azimuth_rad,

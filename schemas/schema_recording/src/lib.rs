@@ -1,5 +1,5 @@
 //! Recordings: the bytes of an MCAP file as Gantry writes it, for every program that writes or reads
-//! one. `docs/recording.md` describes the same for people and other languages.
+//! one. `docs/how-to/recording.md` describes the same for people and other languages.
 //!
 //! Modules in reading order: [`messages`] (what a channel carries), [`mod@write`] (a file that
 //! grows), [`read`] (whole samples of a file of any length), [`pattern`] (which topics), [`walk`] (records

@@ -1,7 +1,7 @@
 //! What a channel of a recording can carry: Foxglove's messages, our own lossless ones and those of
 //! users, with their schemas.
 //!
-//! `docs/recording.md` describes the same for readers of files.
+//! `docs/how-to/recording.md` describes the same for readers of files.
 
 use foxglove::Encode;
 use foxglove::messages as fox;

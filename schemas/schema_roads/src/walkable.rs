@@ -8,14 +8,17 @@
 //! lie in and are merged into convex faces.
 
 mod arrange;
+pub mod detour;
 mod faces;
 mod mesh;
 mod outlines;
+pub mod pavements;
 
 use crate::map::RoadMap;
 
 pub use mesh::{Ground, WalkFace, WalkMesh};
 pub use outlines::CLEAR_M;
+pub use pavements::Pavements;
 
 impl RoadMap {
     /// The walkable mesh; empty for a map without pavements. `with_roads` adds the carriageways

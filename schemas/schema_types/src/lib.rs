@@ -26,6 +26,7 @@
 #![warn(missing_docs)]
 
 // Where and when.
+pub mod distortion;
 pub mod pose;
 pub mod space;
 pub mod time;
@@ -37,6 +38,7 @@ pub mod id;
 pub mod noise;
 
 pub use class::Class;
+pub use distortion::Distortion;
 pub use id::{ActorId, ObjectId};
 pub use pose::Pose;
 pub use time::{MonoTime, SimTime, Tick};

@@ -222,22 +222,28 @@ impl Streams {
     }
 
     fn write(&self, out: &mut Vec<u8>) {
-        out.extend_from_slice(&(self.steps.len() as u32).to_le_bytes());
-        let mut words = |words: &[u32]| {
-            if !words.is_empty() {
-                let at = out.len();
-                out.resize(at + 4 * words.len(), 0);
-                split(words, &mut out[at..], words.len(), 0);
-            }
-        };
-        words(&self.steps);
-        words(&self.counts);
-        words(&self.objects);
-        words(&self.first_nanos);
-        words(&self.second_waits);
-        words(&self.later_waits);
-        out.extend_from_slice(&self.classes);
-        out.extend_from_slice(&self.polarities.bytes);
+        let streams = [
+            &self.steps,
+            &self.counts,
+            &self.objects,
+            &self.first_nanos,
+            &self.second_waits,
+            &self.later_waits,
+        ];
+        let n_words: usize = streams.iter().map(|words| words.len()).sum();
+        let [classes, polarities] = [&self.classes, &self.polarities.bytes];
+        // What it holds from the last frame is written over, not filled with zeros first.
+        out.resize(4 + 4 * n_words + classes.len() + polarities.len(), 0);
+        let (head, mut rest) = out.split_at_mut(4);
+        head.copy_from_slice(&(self.steps.len() as u32).to_le_bytes());
+        for words in streams.into_iter().filter(|words| !words.is_empty()) {
+            let (place, behind) = rest.split_at_mut(4 * words.len());
+            split(words, place, words.len(), 0);
+            rest = behind;
+        }
+        let (place, rest) = rest.split_at_mut(classes.len());
+        place.copy_from_slice(classes);
+        rest.copy_from_slice(polarities);
     }
 }
 

@@ -5,13 +5,27 @@ use std::io::Cursor;
 use schema_frames::{FrameHeader, Modality};
 use schema_types::class::CLASSES;
 
+use super::deflate;
 use super::error::CodecError;
+
+/// Memory of the encoder, kept for the next picture.
+#[derive(Debug, Default)]
+pub(super) struct Rows {
+    /// Colours of a row and of the one above, behind one pixel of zeros.
+    now: Vec<u8>,
+    above: Vec<u8>,
+    /// What the filter leaves of all rows.
+    filtered: Vec<u8>,
+    /// Where the compressor writes.
+    room: Vec<u8>,
+}
 
 /// Replaces `coded` by a PNG file; `false` if the image cannot be one.
 pub(super) fn encode(
     header: &FrameHeader,
     modality: Modality,
     payload: &[u8],
+    rows: &mut Rows,
     coded: &mut Vec<u8>,
 ) -> bool {
     let element_bytes = if modality == Modality::Rgb { 4 } else { 1 };
@@ -27,38 +41,122 @@ pub(super) fn encode(
     }
     coded.clear();
     let written = if modality == Modality::Rgb {
-        colour(header, payload, coded)
+        if rows.opaque(payload, row_bytes) {
+            rows.write(header, coded);
+            return true;
+        }
+        translucent(header, payload, coded)
     } else {
         classes(header, payload, coded)
     };
     written.is_ok()
 }
 
-fn colour(
+/// Bytes of an opaque pixel.
+const RGB: usize = 3;
+
+impl Rows {
+    /// Filters an image of BGRA pixels, each as its difference from what its neighbours let expect;
+    /// `false` if some let shine through what is behind them.
+    fn opaque(&mut self, payload: &[u8], row_bytes: usize) -> bool {
+        let n_bytes = row_bytes / 4 * RGB;
+        for row in [&mut self.now, &mut self.above] {
+            row.clear();
+            row.resize(RGB + n_bytes, 0);
+        }
+        self.filtered
+            .resize((1 + n_bytes) * (payload.len() / row_bytes), 0);
+        let rows = self.filtered.chunks_exact_mut(1 + n_bytes);
+        for (out, row) in rows.zip(payload.chunks_exact(row_bytes)) {
+            let mut alpha = 255;
+            let (pixels, _) = row.as_chunks::<4>();
+            let (colours, _) = self.now[RGB..].as_chunks_mut::<RGB>();
+            for (rgb, [b, g, r, a]) in colours.iter_mut().zip(pixels) {
+                *rgb = [*r, *g, *b];
+                alpha &= a;
+            }
+            if alpha != 255 {
+                return false;
+            }
+            let (kind, out) = out.split_at_mut(1);
+            kind[0] = png::Filter::Paeth as u8;
+            let now = self.now.iter().zip(&self.now[RGB..]);
+            let above = self.above.iter().zip(&self.above[RGB..]);
+            for (out, ((left, here), (above_left, above))) in out.iter_mut().zip(now.zip(above)) {
+                *out = here.wrapping_sub(expected(*left, *above, *above_left));
+            }
+            std::mem::swap(&mut self.now, &mut self.above);
+        }
+        true
+    }
+
+    /// Replaces `coded` by the file of what was filtered.
+    fn write(&mut self, header: &FrameHeader, coded: &mut Vec<u8>) {
+        const SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
+        coded.clear();
+        coded.extend_from_slice(SIGNATURE);
+        chunk(coded, *b"IHDR", |coded| {
+            coded.extend_from_slice(&header.width.to_be_bytes());
+            coded.extend_from_slice(&header.height.to_be_bytes());
+            // Eight bits, colours, and the only ways of compressing, filtering and ordering.
+            coded.extend_from_slice(&[8, 2, 0, 0, 0]);
+        });
+        chunk(coded, *b"IDAT", |coded| {
+            deflate::zlib(&self.filtered, &mut self.room, coded);
+        });
+        chunk(coded, *b"IEND", |_| {});
+    }
+}
+
+/// Paeth's guess: which of the three lies next to left + above − above left.
+#[inline(always)]
+fn expected(left: u8, above: u8, above_left: u8) -> u8 {
+    let [a, b, c] = [left, above, above_left].map(i16::from);
+    let to_left = b.wrapping_sub(c).wrapping_abs();
+    let to_above = a.wrapping_sub(c).wrapping_abs();
+    let to_both = a
+        .wrapping_add(b)
+        .wrapping_sub(c)
+        .wrapping_sub(c)
+        .wrapping_abs();
+    let upper = if to_above <= to_both {
+        above
+    } else {
+        above_left
+    };
+    if to_left <= to_above && to_left <= to_both {
+        left
+    } else {
+        upper
+    }
+}
+
+/// Appends a part of a PNG file: length, kind, what `fill` appends, checksum.
+fn chunk(file: &mut Vec<u8>, kind: [u8; 4], fill: impl FnOnce(&mut Vec<u8>)) {
+    let at = file.len();
+    file.extend_from_slice(&[0; 4]);
+    file.extend_from_slice(&kind);
+    fill(file);
+    let n_bytes = (file.len() - at - 8) as u32;
+    file[at..at + 4].copy_from_slice(&n_bytes.to_be_bytes());
+    let crc = crc32fast::hash(&file[at + 4..]);
+    file.extend_from_slice(&crc.to_be_bytes());
+}
+
+fn translucent(
     header: &FrameHeader,
     payload: &[u8],
     coded: &mut Vec<u8>,
 ) -> Result<(), png::EncodingError> {
-    let opaque = payload.chunks_exact(4).all(|bgra| bgra[3] == 255);
     let mut encoder = png::Encoder::new(coded, header.width, header.height);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_compression(png::Compression::Fastest);
     encoder.set_filter(png::Filter::Paeth);
-    let pixels: Vec<u8> = if opaque {
-        encoder.set_color(png::ColorType::Rgb);
-        let mut pixels = vec![0; payload.len() / 4 * 3];
-        for (rgb, bgra) in pixels.chunks_exact_mut(3).zip(payload.chunks_exact(4)) {
-            rgb.copy_from_slice(&[bgra[2], bgra[1], bgra[0]]);
-        }
-        pixels
-    } else {
-        encoder.set_color(png::ColorType::Rgba);
-        let mut pixels = vec![0; payload.len()];
-        for (rgba, bgra) in pixels.chunks_exact_mut(4).zip(payload.chunks_exact(4)) {
-            rgba.copy_from_slice(&[bgra[2], bgra[1], bgra[0], bgra[3]]);
-        }
-        pixels
-    };
+    encoder.set_color(png::ColorType::Rgba);
+    let mut pixels = vec![0; payload.len()];
+    for (rgba, bgra) in pixels.chunks_exact_mut(4).zip(payload.chunks_exact(4)) {
+        rgba.copy_from_slice(&[bgra[2], bgra[1], bgra[0], bgra[3]]);
+    }
     encoder.write_header()?.write_image_data(&pixels)
 }
 
