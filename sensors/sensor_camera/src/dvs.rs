@@ -39,6 +39,7 @@
 //! assert!(made.n_events > 0);
 //! ```
 
+mod beginnings;
 mod block;
 mod camera;
 mod chance;
@@ -50,6 +51,7 @@ mod lanes;
 mod level_image;
 mod motion_field;
 mod sort;
+mod stage;
 mod tiles;
 mod window;
 

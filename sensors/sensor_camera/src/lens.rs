@@ -1,14 +1,15 @@
 //! Lens distortion: bends every finished image of a view alike, so that labels, depth, flow and
 //! colour fit each other.
 //!
-//! The view is drawn as a pinhole camera with margins ([`Distortion::drawn_by`]); afterwards each
+//! The view is drawn as a pinhole camera with margins ([`sensor_spec::drawn_by`]); afterwards each
 //! image is sampled where the lens looks. Views without distortion skip this pass.
 
 use std::collections::BTreeMap;
 
 use bytemuck::{Pod, Zeroable};
+use schema_types::Distortion;
 use sensor_gpu::Gpu;
-use sensor_spec::{Distortion, Intrinsics};
+use sensor_spec::Intrinsics;
 
 use crate::target::{Target, TargetLayer, TargetSet, Targets};
 

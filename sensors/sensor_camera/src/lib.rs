@@ -16,7 +16,7 @@
 //! |---|---|
 //! | `quality`, `uniform`, `vertex` | what Rust and WGSL agree on |
 //! | `camera_motion`, `assets`, `target` | poses, meshes on the GPU, render targets |
-//! | `visible`, `lamps`, `light`, `shadow` | what a view sees, and the light it is seen in |
+//! | `occlusion`, `visible`, `lamps`, `light`, `shadow` | what a view sees, and the light it is seen in |
 //! | `binding_layout`, `bindings` | bind groups that several passes share |
 //! | `geometry`, `raster`, `shade`, `blur`, `post`, `debug`, `lens` | the passes, each beside its shaders |
 //! | `overlay` | what the spectator alone sees: texts, lines on the screen |
@@ -64,6 +64,7 @@ mod target;
 
 mod lamps;
 mod light;
+mod occlusion;
 mod shadow;
 mod visible;
 
@@ -92,7 +93,7 @@ pub use lens::LensData;
 pub use post::PostData;
 pub use quality::Quality;
 pub use raster::{RasterDraw, RasterView, Rasteriser};
-pub use renderer::{CameraRenderer, RenderError};
+pub use renderer::{CameraRenderer, HeldImages, RenderError};
 pub use sensor_gpu::Place;
 pub use shader_sources::shader_sources;
 pub use uniform::{

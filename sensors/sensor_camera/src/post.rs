@@ -3,6 +3,8 @@
 //! Compute shaders work on the shaded radiance. Views with neutral optics and without edge
 //! smoothing skip them.
 
+use std::collections::BTreeMap;
+
 use bytemuck::{Pod, Zeroable};
 use sensor_gpu::Gpu;
 use sensor_spec::{ExposureMode, FilmCurve, Intrinsics, OpticsSpec};
@@ -131,15 +133,33 @@ impl PostJob<'_> {
     /// Whether it needs no meter, glow, blur or longer program, so that it can be developed
     /// together with other plain views.
     pub fn is_plain(&self) -> bool {
-        self.meter.is_none() && !self.has_bloom() && !self.has_extras() && !self.optics.is_blurred()
+        let only_smooths = Program {
+            smooths_edges: false,
+            ..self.program()
+        };
+        self.meter.is_none()
+            && !self.has_bloom()
+            && only_smooths == Program::default()
+            && !self.optics.is_blurred()
     }
 
-    /// Whether it needs the longer program: for a shaped film, ghosts, or a lens that bends.
-    fn has_extras(&self) -> bool {
-        self.has_flare()
-            || self.optics.film.curve == FilmCurve::Shaped
-            || self.optics.distortion().is_some()
+    fn program(&self) -> Program {
+        Program {
+            shaped_film: self.optics.film.curve == FilmCurve::Shaped,
+            ghosts: self.has_flare(),
+            lens: self.optics.distortion().is_some(),
+            smooths_edges: self.smooth_edges,
+        }
     }
+}
+
+/// What a development program can do. Software adapters spend time on whatever is in it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+struct Program {
+    shaped_film: bool,
+    ghosts: bool,
+    lens: bool,
+    smooths_edges: bool,
 }
 
 /// What development reads of a view beside radiance.
@@ -167,9 +187,12 @@ const FLARE_SHARE: f32 = 0.2;
 #[derive(Debug)]
 pub(crate) struct PostPass {
     layout: wgpu::BindGroupLayout,
+    pipeline_layout: wgpu::PipelineLayout,
+    shader: wgpu::ShaderModule,
+    /// For plain views.
     main: wgpu::ComputePipeline,
-    /// The same for views with extras.
-    main_extras: wgpu::ComputePipeline,
+    /// For all others, by what they need; made when the first view needs it.
+    programs: BTreeMap<Program, wgpu::ComputePipeline>,
     metering: wgpu::ComputePipeline,
     shrink: wgpu::ComputePipeline,
     shrink_bright: wgpu::ComputePipeline,
@@ -183,6 +206,35 @@ pub(crate) struct PostPass {
     /// the GPU serialise the views.
     spares: Vec<(wgpu::Buffer, Image)>,
     data: wgpu::Buffer,
+}
+
+/// A pipeline of `post.wgsl` that can do so much.
+fn program(
+    gpu: &Gpu,
+    layout: &wgpu::PipelineLayout,
+    shader: &wgpu::ShaderModule,
+    entry_point: &str,
+    can: Program,
+) -> wgpu::ComputePipeline {
+    let constants = [
+        ("HAS_SHAPED_FILM", can.shaped_film),
+        ("HAS_GHOSTS", can.ghosts),
+        ("HAS_LENS", can.lens),
+        ("SMOOTHS_EDGES", can.smooths_edges),
+    ]
+    .map(|(name, is_on)| (name, f64::from(u8::from(is_on))));
+    gpu.device()
+        .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(entry_point),
+            layout: Some(layout),
+            module: shader,
+            entry_point: Some(entry_point),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants: &constants,
+                ..Default::default()
+            },
+            cache: None,
+        })
 }
 
 /// Distance between two views' uniforms; Vulkan's largest required alignment is 256.
@@ -235,29 +287,21 @@ impl PostPass {
             immediate_size: 0,
         });
         let shader = gpu.shader("post", &post_wgsl());
-        let specialised = |entry_point, has_extras: bool| {
-            let constants = [("HAS_EXTRAS", f64::from(u8::from(has_extras)))];
-            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some(entry_point),
-                layout: Some(&pipeline_layout),
-                module: &shader,
-                entry_point: Some(entry_point),
-                compilation_options: wgpu::PipelineCompilationOptions {
-                    constants: &constants,
-                    ..Default::default()
-                },
-                cache: None,
-            })
+        let plain = Program {
+            smooths_edges: true,
+            ..Program::default()
         };
-        let pipeline = |entry_point| specialised(entry_point, false);
+        let pipeline = |entry_point| program(gpu, &pipeline_layout, &shader, entry_point, plain);
         PostPass {
             main: pipeline("cs_main"),
-            main_extras: specialised("cs_main", true),
+            programs: BTreeMap::new(),
             metering: pipeline("cs_meter"),
             shrink: pipeline("cs_shrink"),
             shrink_bright: pipeline("cs_shrink_bright"),
             blur: None,
             layout,
+            pipeline_layout,
+            shader,
             sampler: device.create_sampler(&wgpu::SamplerDescriptor {
                 mag_filter: wgpu::FilterMode::Linear,
                 min_filter: wgpu::FilterMode::Linear,
@@ -293,6 +337,12 @@ impl PostPass {
         }
         if jobs.iter().any(|job| job.optics.is_blurred()) {
             self.blur.get_or_insert_with(|| BlurPass::new(gpu));
+        }
+        for job in jobs.iter().filter(|job| !job.is_plain()) {
+            let can = job.program();
+            self.programs.entry(can).or_insert_with(|| {
+                program(gpu, &self.pipeline_layout, &self.shader, "cs_main", can)
+            });
         }
         while self.spares.len() < n_views {
             self.spares.push((
@@ -405,10 +455,8 @@ impl PostPass {
         let [glow, ghosts] =
             [&glow, &ghosts].map(|image| image.as_ref().map_or(black, |image| &image.view));
         let images = [&color, glow, ghosts, no_glow];
-        let main = match job.has_extras() {
-            true => &self.main_extras,
-            false => &self.main,
-        };
+        let main = self.programs.get(&job.program());
+        let main = main.expect("a view's program is made when its settings are uploaded");
         run(main, source, images, groups(size_px));
     }
 

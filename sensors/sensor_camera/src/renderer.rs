@@ -2,6 +2,7 @@
 //! limit.
 
 mod active;
+mod admit;
 mod assign_targets;
 mod bend;
 mod check;
@@ -16,11 +17,13 @@ mod tick;
 use std::sync::Arc;
 
 use nalgebra::Isometry3;
+use schema_frames::Modality;
 use schema_types::space::sensor_from_camera;
 use sensor_core::{Scene, SceneAssets};
-use sensor_gpu::{CopyBatch, Gpu};
+use sensor_gpu::{CopyBatch, Gpu, GpuError};
 
 use active::Active;
+pub use admit::HeldImages;
 pub use check::RenderError;
 use gpu_events::GpuEvents;
 use modality::targets_of;
@@ -40,7 +43,7 @@ use crate::raster::Rasteriser;
 use crate::shade::Shading;
 use crate::shadow::{MapLayout, ShadowMaps};
 use crate::target::{Target, TargetLayer, TargetPool, TargetSet};
-use crate::view::{Submission, ViewJob, leaders};
+use crate::view::{Submission, View, ViewJob, ViewSpec, leaders};
 use crate::visible::Drawn;
 
 /// Renders views. One per daemon.
@@ -57,6 +60,8 @@ pub struct CameraRenderer {
     events: GpuEvents,
     /// Reused allocations of earlier submissions.
     spare_drawn: Vec<Drawn>,
+    /// Most bytes of images of all views; `None` leaves it to the driver.
+    most_target_bytes: Option<u64>,
 }
 
 impl CameraRenderer {
@@ -69,10 +74,7 @@ impl CameraRenderer {
     /// anyway.
     pub fn with_rasteriser(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser) -> Self {
         let passes = Passes::new(gpu, quality, rasteriser);
-        let layout = match passes.shading() {
-            Shading::Drawn => MapLayout::BySize,
-            Shading::Computed => MapLayout::Together,
-        };
+        let layout = map_layout(&passes);
         CameraRenderer {
             gpu: gpu.clone(),
             quality,
@@ -84,7 +86,82 @@ impl CameraRenderer {
             pool: TargetPool::default(),
             events: GpuEvents::new(gpu),
             spare_drawn: Vec::new(),
+            most_target_bytes: None,
         }
+    }
+
+    /// Limits the memory of the images of all views together, which
+    /// [`CameraRenderer::admit`] compares with; by default the driver says what fits.
+    pub fn limit_target_bytes(&mut self, most_bytes: u64) {
+        self.most_target_bytes = Some(most_bytes);
+    }
+
+    /// Bytes that the images of a view take on the GPU if it makes these modalities.
+    pub fn target_bytes(&self, view: &View, modalities: &[Modality]) -> u64 {
+        let n_sets = if self.gpu.copies_beside() { 2 } else { 1 };
+        admit::target_bytes(view, self.targets_for(view, modalities), n_sets)
+    }
+
+    /// Whether the images of a view fit the GPU, beside those of other views that take `used_bytes`.
+    /// They are made for that, and take their memory until the answer is dropped.
+    ///
+    /// # Errors
+    /// [`GpuError::OutOfMemory`] if they do not fit, [`GpuError::Lost`].
+    pub fn admit(
+        &self,
+        view: &View,
+        modalities: &[Modality],
+        used_bytes: u64,
+    ) -> Result<HeldImages, GpuError> {
+        let needed_bytes = self.target_bytes(view, modalities);
+        if let Some(most_bytes) = self.most_target_bytes
+            && used_bytes.saturating_add(needed_bytes) > most_bytes
+        {
+            let mebibytes = |n: u64| n.div_ceil(1 << 20);
+            return Err(GpuError::OutOfMemory {
+                name: self.gpu.name().to_owned(),
+                what: format!(
+                    "{}, which need {} MiB: cameras have {} MiB in all, and others use {} MiB",
+                    admit::what([view.drawn.width_px, view.drawn.height_px]),
+                    mebibytes(needed_bytes),
+                    mebibytes(most_bytes),
+                    mebibytes(used_bytes),
+                ),
+            });
+        }
+        let set = self.targets_for(view, modalities);
+        admit::try_targets(&self.gpu, view, set, self.passes.shading().surfaces())
+    }
+
+    /// Forgets what a tick or a map that found no memory left behind. The next tick makes it anew.
+    pub fn recover(&mut self) {
+        self.assets = None;
+        self.pool = TargetPool::default();
+        self.light = None;
+        self.shadows = ShadowMaps::new(&self.gpu, self.quality, map_layout(&self.passes));
+    }
+
+    /// All targets that a view needs for these modalities.
+    fn targets_for(&self, view: &View, modalities: &[Modality]) -> TargetSet {
+        let asked = modalities.iter().map(|modality| targets_of(*modality));
+        let asked = asked.fold(TargetSet::default(), TargetSet::union);
+        self.completed(asked, &view.spec, SceneryLamps::AsBuilt)
+    }
+
+    /// The targets that are read to make those of `set`, too.
+    fn completed(&self, mut set: TargetSet, spec: &ViewSpec, lamps: SceneryLamps) -> TargetSet {
+        if set.contains(Target::Color)
+            && (self.quality == Quality::High || !spec.optics.is_neutral())
+        {
+            set = set.union(Target::Radiance.bit());
+        }
+        if set.contains(Target::Radiance) {
+            set = set.union(post::reads(&spec.optics));
+        }
+        if set.is_lit() {
+            set = set.union(self.passes.shading_reads(lamps));
+        }
+        set
     }
 
     /// Chooses whether event cameras work on the GPU or on the CPU; by default they use the GPU
@@ -274,18 +351,8 @@ impl CameraRenderer {
                 set.union(targets_of(output.modality))
             });
         }
-        for (job_idx, (job, mut set)) in jobs.iter_mut().zip(asked).enumerate() {
-            if set.contains(Target::Color)
-                && (self.quality == Quality::High || !job.view.spec.optics.is_neutral())
-            {
-                set = set.union(Target::Radiance.bit());
-            }
-            if set.contains(Target::Radiance) {
-                set = set.union(post::reads(&job.view.spec.optics));
-            }
-            if set.is_lit() {
-                set = set.union(self.passes.shading_reads(lamps));
-            }
+        for (job_idx, (job, asked)) in jobs.iter_mut().zip(asked).enumerate() {
+            let mut set = self.completed(asked, &job.view.spec, lamps);
             if set.contains(Target::Color) && is_drawn(scene, &job.view.spec) {
                 set = set.union(Target::Depth.bit());
             }
@@ -322,6 +389,14 @@ impl CameraRenderer {
         {
             self.light = Some(Light::new(&self.gpu, self.quality, &scene.weather));
         }
+    }
+}
+
+/// How shadow maps lie in their textures.
+fn map_layout(passes: &Passes) -> MapLayout {
+    match passes.shading() {
+        Shading::Drawn => MapLayout::BySize,
+        Shading::Computed => MapLayout::Together,
     }
 }
 

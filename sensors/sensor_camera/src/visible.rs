@@ -1,13 +1,14 @@
-//! What a view sees: culling, levels of detail, front-to-back order, and the matrices of visible
-//! instances.
+//! What a view sees: culling, levels of detail, what walls hide, front-to-back order, and the
+//! matrices of visible instances.
 
 use nalgebra::Isometry3;
 use schema_types::ActorId;
-use sensor_core::{Scene, stream};
+use sensor_core::{MeshId, Scene, stream};
 use sensor_spec::Intrinsics;
 
 use crate::assets::{GpuAssets, MeshDraw, Sphere, matrix_rows};
 use crate::camera_motion::{CameraMotion, Firing, NEAR_M, rows};
+use crate::occlusion::Blocks;
 use crate::uniform::InstanceData;
 
 /// One draw call: a mesh range, and the index of its instance in the view.
@@ -17,6 +18,9 @@ pub(crate) struct DrawCall {
     pub instance_idx: u32,
     distance_m: f64,
 }
+
+/// A view's lens, its firing before, and the actors that it does not show.
+pub(crate) type Seen<'v> = (Intrinsics, Option<&'v Firing>, &'v [ActorId]);
 
 /// What a view draws.
 #[derive(Clone, Debug, Default)]
@@ -30,6 +34,10 @@ pub(crate) struct Drawn {
     /// Index of the view's first instance in the list of all views.
     pub first_instance: u32,
     pub n_triangles: u32,
+    /// Static instances in view, nearest first: index, mesh, distance.
+    candidates: Vec<(u32, MeshDraw, f64)>,
+    /// How far one can see between walls.
+    blocks: Blocks,
 }
 
 impl Drawn {
@@ -37,6 +45,7 @@ impl Drawn {
         self.calls.clear();
         self.runs.clear();
         self.instances.clear();
+        self.candidates.clear();
         (self.first_instance, self.n_triangles) = (0, 0);
     }
 
@@ -72,6 +81,11 @@ impl Drawn {
         }
     }
 }
+
+/// Walls of scenery beyond this hide little, metres.
+const MAX_OCCLUDER_M: f64 = 150.0;
+/// Walls that are drawn as occluders in one view; no more of a scenery's are, once so many were.
+const MAX_OCCLUDERS: usize = 400;
 
 /// Triangles of a run.
 const RUN_TRIANGLES: u32 = 3000;
@@ -144,7 +158,7 @@ fn apply(rows: &[[f64; 4]; 3], [x, y, z]: [f64; 3]) -> [f64; 3] {
 }
 
 /// Product of two transforms: first `b`, then `a`.
-fn product(a: &[[f64; 4]; 3], b: &[[f64; 4]; 3]) -> [[f32; 4]; 3] {
+fn in_sequence(a: &[[f64; 4]; 3], b: &[[f64; 4]; 3]) -> [[f64; 4]; 3] {
     a.map(|row| {
         let mut out = [0.0, 0.0, 0.0, row[3]];
         for (factor, row) in row.iter().zip(b) {
@@ -152,20 +166,35 @@ fn product(a: &[[f64; 4]; 3], b: &[[f64; 4]; 3]) -> [[f32; 4]; 3] {
                 .zip(row)
                 .for_each(|(sum, x)| *sum += factor * x);
         }
-        out.map(|x| x as f32)
+        out
     })
 }
 
-/// Finds the visible instances of `scene`; `drawn` is reused to avoid allocations.
+/// The same as the GPU gets it.
+fn product(a: &[[f64; 4]; 3], b: &[[f64; 4]; 3]) -> [[f32; 4]; 3] {
+    in_sequence(a, b).map(|row| row.map(|x| x as f32))
+}
+
+/// Corners of a mesh's box in the camera's axes, metres.
+fn box_in_camera([low, high]: [[f32; 3]; 2], camera_from_mesh: &[[f32; 4]; 3]) -> [[f64; 3]; 8] {
+    let rows = camera_from_mesh.map(|row| row.map(f64::from));
+    std::array::from_fn(|i| {
+        let corner = |axis: usize| f64::from(if (i >> axis) & 1 == 0 { low } else { high }[axis]);
+        apply(&rows, [corner(0), corner(1), corner(2)])
+    })
+}
+
+/// Finds the visible instances of `scene`; `drawn` is reused to avoid allocations. With `by_walls`,
+/// what walls hide is left out, which changes no image.
 pub(crate) fn visible(
     scene: &Scene,
     assets: &GpuAssets,
-    lens: &Intrinsics,
+    (lens, previous, hidden): Seen<'_>,
     motion: &CameraMotion,
-    previous: Option<&Firing>,
-    hidden: &[ActorId],
+    by_walls: bool,
     drawn: &mut Drawn,
 ) {
+    let lens = &lens;
     drawn.clear();
     let frustum = Frustum::new(lens);
     let camera_from_world = matrix_rows(&motion.camera_from_world);
@@ -174,6 +203,8 @@ pub(crate) fn visible(
         ((x * x + y * y + z * z).sqrt() - radius_m).max(0.0)
     };
     let static_previous = rows(&(motion.previous_camera_from_world * motion.world_from_camera));
+    let mut blocks = std::mem::take(&mut drawn.blocks);
+    let mut candidates = std::mem::take(&mut drawn.candidates);
     for i in seen_spheres(&assets.still.spheres_m, &frustum, &camera_from_world) {
         let (instance, sphere) = (
             &assets.scene_assets.statics[i as usize],
@@ -186,11 +217,28 @@ pub(crate) fn visible(
         if assets.scene_assets.streamed && is_of_far_tile(sphere, &motion.world_from_camera) {
             continue;
         }
+        candidates.push((i, mesh, distance_m));
+    }
+    if by_walls {
+        blocks.clear(lens);
+        candidates.sort_unstable_by(|a, b| a.2.total_cmp(&b.2).then(a.0.cmp(&b.0)));
+        draw_walls(assets, &camera_from_world, &candidates, &mut blocks);
+    }
+    let is_hidden = |mesh: MeshId, camera_from_mesh: &[[f32; 4]; 3]| {
+        by_walls && blocks.hide(&box_in_camera(assets.box_m(mesh), camera_from_mesh))
+    };
+    for (i, mesh, distance_m) in &candidates {
+        let (i, mesh, distance_m) = (*i, *mesh, *distance_m);
+        let instance = &assets.scene_assets.statics[i as usize];
+        let camera_from_mesh = product(
+            &camera_from_world,
+            &assets.still.world_from_mesh[i as usize],
+        );
+        if is_hidden(instance.mesh, &camera_from_mesh) {
+            continue;
+        }
         let data = InstanceData {
-            camera_from_mesh: product(
-                &camera_from_world,
-                &assets.still.world_from_mesh[i as usize],
-            ),
+            camera_from_mesh,
             previous_from_camera: static_previous,
             world_from_mesh_xyzw: quaternion(&instance.world_from_mesh),
             object_id: instance.object.0,
@@ -216,6 +264,10 @@ pub(crate) fn visible(
         let Some(mesh) = assets.level(instance.mesh, distance_m) else {
             continue;
         };
+        let camera_from_mesh = product(&camera_from_world, &matrix_rows(&instance.world_from_mesh));
+        if is_hidden(instance.mesh, &camera_from_mesh) {
+            continue;
+        }
         let before = previous
             .and_then(|firing| firing.poses.get(instance.key()))
             .copied()
@@ -224,7 +276,7 @@ pub(crate) fn visible(
         let mesh_from_camera = instance.world_from_mesh.inverse() * motion.world_from_camera;
         let [r, g, b] = instance.tint_rgb;
         let data = InstanceData {
-            camera_from_mesh: product(&camera_from_world, &matrix_rows(&instance.world_from_mesh)),
+            camera_from_mesh,
             previous_from_camera: rows(
                 &(motion.previous_camera_from_world * before * mesh_from_camera),
             ),
@@ -236,7 +288,33 @@ pub(crate) fn visible(
         };
         drawn.add(mesh, distance_m, data);
     }
+    (drawn.blocks, drawn.candidates) = (blocks, candidates);
     drawn.sort();
+}
+
+/// Draws the walls of static instances, which come nearest first, into blocks.
+fn draw_walls(
+    assets: &GpuAssets,
+    camera_from_world: &[[f64; 4]; 3],
+    candidates: &[(u32, MeshDraw, f64)],
+    blocks: &mut Blocks,
+) {
+    let mut rest = MAX_OCCLUDERS;
+    for (i, _, distance_m) in candidates {
+        if rest == 0 || *distance_m > MAX_OCCLUDER_M {
+            break;
+        }
+        let mesh = assets.scene_assets.statics[*i as usize].mesh;
+        let occluders = assets.occluders(mesh, *distance_m);
+        if occluders.is_empty() {
+            continue;
+        }
+        let world_from_mesh = &assets.still.world_from_mesh[*i as usize];
+        let camera_from_mesh = in_sequence(camera_from_world, world_from_mesh);
+        for occluder in occluders {
+            rest = rest.saturating_sub(blocks.draw(occluder, &camera_from_mesh) as usize);
+        }
+    }
 }
 
 /// Whether scenery belongs to a tile that this camera does not see, though another sensor may have

@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 use schema_frames::Modality;
 use sensor_camera::{
-    CameraRenderer, Output, Place, Quality, Rasteriser, Submission, View, ViewJob, ViewSpec,
+    CameraRenderer, Output, Quality, Rasteriser, Submission, View, ViewJob, ViewSpec,
 };
 use sensor_core::{MeshId, Scene, SceneAssets};
 use sensor_gpu::{CopyPath, Gpu, GpuOptions, ShmTarget};
@@ -120,7 +120,7 @@ fn film(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser, n_in_flight: usize)
     let (base, len) = segment(step_bytes * n_in_flight);
     // SAFETY: the segment is leaked, and each range is looked at only when its submission was
     // waited for.
-    let target = Arc::new(unsafe { ShmTarget::import(gpu, base, len) });
+    let target = Arc::new(unsafe { ShmTarget::import(gpu, base, len, ()) });
     assert_eq!(target.cpu_copies(), 0);
     let mut hashes = Vec::new();
     let mut take = |(submission, offsets): (Submission<'static>, Vec<usize>)| {
@@ -153,11 +153,8 @@ fn film(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser, n_in_flight: usize)
             let mut outputs = Vec::new();
             for modality in asked(number, step) {
                 let capacity_bytes = view.payload_bytes(modality);
-                let place = Place::Shm {
-                    target: target.clone(),
-                    offset_bytes: next,
-                    capacity_bytes,
-                };
+                // SAFETY: ranges of a leaked segment that do not overlap, and are looked at after the wait.
+                let place = unsafe { target.place(next, capacity_bytes) };
                 outputs.push(Output { modality, place });
                 offsets.push(next);
                 next += capacity_bytes.next_multiple_of(64);
@@ -220,7 +217,7 @@ fn cameras_come_and_go_under_way() {
         let mut dice = fastrand::Rng::with_seed(5);
         let (base, len) = segment(2 * 4 * 29 * 130 * 100);
         // SAFETY: the segment is leaked and nobody looks at it.
-        let target = Arc::new(unsafe { ShmTarget::import(&gpu, base, len) });
+        let target = Arc::new(unsafe { ShmTarget::import(&gpu, base, len, ()) });
         let mut under_way: VecDeque<Submission<'static>> = VecDeque::new();
         for round in 1..=n_rounds {
             let lens = |dice: &mut fastrand::Rng| {
@@ -239,11 +236,8 @@ fn cameras_come_and_go_under_way() {
                         if dice.bool() {
                             outputs.push(Output {
                                 modality,
-                                place: Place::Shm {
-                                    target: target.clone(),
-                                    offset_bytes: next,
-                                    capacity_bytes,
-                                },
+                                // SAFETY: ranges of a leaked segment that do not overlap, and are looked at after the wait.
+                                place: unsafe { target.place(next, capacity_bytes) },
                             });
                             next += capacity_bytes.next_multiple_of(64);
                         }

@@ -86,7 +86,7 @@ fn view(optics: OpticsSpec) -> View {
     )
 }
 
-/// Light of an 8-bit level, by bisection of the film curve that docs/sensors.md names.
+/// Light of an 8-bit level, by bisection of the film curve that docs/reference/sensors.md names.
 fn light_of(level: f64) -> f64 {
     let (mut low, mut high) = (0.0, 20.0);
     for _ in 0..60 {

@@ -225,7 +225,7 @@ fn optics_without_distortion_touch_colour_alone() {
     }
 }
 
-/// The shaped film curve after the formula in docs/sensors.md, in its own words: logistic toe and
+/// The shaped film curve after the formula in docs/reference/sensors.md, in its own words: logistic toe and
 /// shoulder over log10, joined by a smooth step.
 fn film_oracle(film: &FilmSpec, light: f64) -> f64 {
     let [slope, toe, shoulder, black, white] = [

@@ -6,8 +6,8 @@
 //!
 //! Modules in reading order: [`scene`] (what sensors see in one tick), [`mesh`] (the triangles that
 //! cameras draw and rays hit), [`schedule`] (which sensors fire at a tick), [`imu`], [`gnss`],
-//! [`lane_marks`] (painted lines and who crosses them), [`vector_lanes`] and [`vector`] (vector
-//! instructions with the same results on every processor).
+//! [`lane_marks`] (painted lines and who crosses them), [`vector_lanes`] (vector instructions with
+//! the same results on every processor).
 //!
 //! ```
 //! use schema_types::SimTime;
@@ -28,7 +28,6 @@ pub mod mesh;
 pub mod scene;
 pub mod schedule;
 pub mod stream;
-pub mod vector;
 pub mod vector_lanes;
 
 pub use gnss::GeoReference;

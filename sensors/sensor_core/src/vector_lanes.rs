@@ -28,6 +28,19 @@ pub trait Lanes: Copy {
     fn max(self, other: Self) -> Self;
     /// The largest of the eight, none of which is NaN.
     fn largest(self) -> f32;
+    /// The smallest of the eight, none of which is NaN.
+    fn smallest(self) -> f32;
+    /// Integer parts of numbers from 0 to 2²²; other numbers give some numbers.
+    fn whole(self) -> Self;
+    /// `y · stride + x` of whole numbers from 0 to 2²²; other numbers give some integers.
+    fn places(x: Self, y: Self, stride: u32) -> [u32; 8];
+    /// Numbers at these places of `memory`, and the numbers behind them.
+    ///
+    /// # Panics
+    /// If a place is that of the last number or beyond it.
+    fn pairs(memory: &[f32], places: &[u32; 8]) -> [Self; 2];
+    /// The first and the second numbers of eight pairs.
+    fn unzip(pairs: &[[f32; 2]; 8]) -> [Self; 2];
     /// Where `self ≤ other`; false for NaN.
     fn le(self, other: Self) -> Self::Mask;
     /// Where `self < other`; false for NaN.
@@ -136,6 +149,34 @@ impl Lanes for Array {
             .fold(f32::NEG_INFINITY, |a, b| if a > *b { a } else { *b })
     }
     #[inline(always)]
+    fn smallest(self) -> f32 {
+        self.0
+            .iter()
+            .fold(f32::INFINITY, |a, b| if a < *b { a } else { *b })
+    }
+    #[inline(always)]
+    fn whole(self) -> Self {
+        each(|i| (self.0[i] as i32) as f32)
+    }
+    #[inline(always)]
+    fn places(x: Self, y: Self, stride: u32) -> [u32; 8] {
+        let whole = |x: f32| x as i32 as u32;
+        std::array::from_fn(|i| {
+            whole(y.0[i])
+                .wrapping_mul(stride)
+                .wrapping_add(whole(x.0[i]))
+        })
+    }
+    #[inline(always)]
+    fn pairs(memory: &[f32], places: &[u32; 8]) -> [Self; 2] {
+        let pairs = places.map(|at| [memory[at as usize], memory[at as usize + 1]]);
+        Self::unzip(&pairs)
+    }
+    #[inline(always)]
+    fn unzip(pairs: &[[f32; 2]; 8]) -> [Self; 2] {
+        [each(|i| pairs[i][0]), each(|i| pairs[i][1])]
+    }
+    #[inline(always)]
     fn le(self, other: Self) -> [bool; 8] {
         std::array::from_fn(|i| self.0[i] <= other.0[i])
     }
@@ -189,6 +230,35 @@ mod x86 {
     /// Only [`with_avx2`] names this type, so its methods run where AVX2 is.
     #[derive(Clone, Copy)]
     struct Avx(__m256);
+
+    /// The pairs at two places.
+    #[inline(always)]
+    fn two_pairs(memory: &[f32], a: u32, b: u32) -> __m128 {
+        let pair = |place: u32| -> &[f32; 2] {
+            let rest = memory.get(place as usize..).unwrap_or(&[]);
+            rest.first_chunk().expect("a number behind each place")
+        };
+        let (a, b) = (pair(a).as_ptr(), pair(b).as_ptr());
+        // SAFETY: each points to eight bytes; only methods of [`Avx`] call this, where AVX2 is.
+        unsafe {
+            let low = _mm_castpd_ps(_mm_load_sd(a.cast()));
+            _mm_movelh_ps(low, _mm_castpd_ps(_mm_load_sd(b.cast())))
+        }
+    }
+
+    /// First and second numbers of pairs, two in each of four.
+    #[inline(always)]
+    fn split(fours: [__m128; 4]) -> [Avx; 2] {
+        // SAFETY: only methods of [`Avx`] call this, where AVX2 is.
+        unsafe {
+            let near = _mm256_set_m128(fours[2], fours[0]);
+            let far = _mm256_set_m128(fours[3], fours[1]);
+            [
+                Avx(_mm256_shuffle_ps::<0b10_00_10_00>(near, far)),
+                Avx(_mm256_shuffle_ps::<0b11_01_11_01>(near, far)),
+            ]
+        }
+    }
 
     /// SAFETY of every block: AVX2 is there (see [`Avx`]); loads and stores go to whole arrays, at
     /// any alignment.
@@ -252,6 +322,57 @@ mod x86 {
                 );
                 let two = _mm_max_ps(four, _mm_movehl_ps(four, four));
                 _mm_cvtss_f32(_mm_max_ss(two, _mm_movehdup_ps(two)))
+            }
+        }
+        #[inline(always)]
+        fn smallest(self) -> f32 {
+            // SAFETY: see the head of this impl.
+            unsafe {
+                let four = _mm_min_ps(
+                    _mm256_castps256_ps128(self.0),
+                    _mm256_extractf128_ps::<1>(self.0),
+                );
+                let two = _mm_min_ps(four, _mm_movehl_ps(four, four));
+                _mm_cvtss_f32(_mm_min_ss(two, _mm_movehdup_ps(two)))
+            }
+        }
+        #[inline(always)]
+        fn whole(self) -> Self {
+            // SAFETY: see the head of this impl.
+            Avx(unsafe { _mm256_cvtepi32_ps(_mm256_cvttps_epi32(self.0)) })
+        }
+        #[inline(always)]
+        fn places(x: Self, y: Self, stride: u32) -> [u32; 8] {
+            let mut out = [0; 8];
+            // SAFETY: see the head of this impl.
+            unsafe {
+                let rows =
+                    _mm256_mullo_epi32(_mm256_cvttps_epi32(y.0), _mm256_set1_epi32(stride as i32));
+                let places = _mm256_add_epi32(rows, _mm256_cvttps_epi32(x.0));
+                _mm256_storeu_si256(out.as_mut_ptr().cast(), places);
+            }
+            out
+        }
+        #[inline(always)]
+        fn pairs(memory: &[f32], places: &[u32; 8]) -> [Self; 2] {
+            split([
+                two_pairs(memory, places[0], places[1]),
+                two_pairs(memory, places[2], places[3]),
+                two_pairs(memory, places[4], places[5]),
+                two_pairs(memory, places[6], places[7]),
+            ])
+        }
+        #[inline(always)]
+        fn unzip(pairs: &[[f32; 2]; 8]) -> [Self; 2] {
+            let numbers = pairs.as_ptr().cast::<f32>();
+            // SAFETY: see the head of this impl; these are the sixteen numbers of the array.
+            unsafe {
+                split([
+                    _mm_loadu_ps(numbers),
+                    _mm_loadu_ps(numbers.add(4)),
+                    _mm_loadu_ps(numbers.add(8)),
+                    _mm_loadu_ps(numbers.add(12)),
+                ])
             }
         }
         #[inline(always)]
@@ -363,6 +484,49 @@ mod tests {
                 "{a:?} {b:?}"
             );
         }
+    }
+
+    /// What reads memory, once, over numbers from 0 to 60.
+    struct Reading<'a>(&'a [f32], [[f32; 2]; 8]);
+
+    impl LaneWork for Reading<'_> {
+        type Out = ([f32; 8], [u32; 8], [[f32; 8]; 4], [f32; 2]);
+
+        #[inline(always)]
+        fn run<L: Lanes>(self) -> Self::Out {
+            let [x, y] = L::unzip(&self.1);
+            let (x, y) = (x.whole(), y.whole());
+            let places = L::places(x, y, 61);
+            let [a, b] = L::pairs(self.0, &places);
+            let rest = [a, b, x, y].map(L::store);
+            (x.sub(y).store(), places, rest, [x.smallest(), y.largest()])
+        }
+    }
+
+    #[test]
+    fn memory_is_read_alike_and_at_the_right_places() {
+        let mut rng = fastrand::Rng::with_seed(6);
+        let memory: Vec<f32> = (0..61 * 61 + 1).map(|_| rng.f32()).collect();
+        for _ in 0..200 {
+            let at: [[f32; 2]; 8] = std::array::from_fn(|_| [rng.f32() * 60.9, rng.f32() * 60.9]);
+            let found = in_lanes(Reading(&memory, at));
+            assert_eq!(found, in_arrays(Reading(&memory, at)), "{at:?}");
+            for (lane, [x, y]) in at.iter().enumerate() {
+                let place = y.floor() as usize * 61 + x.floor() as usize;
+                assert_eq!(found.1[lane] as usize, place);
+                assert_eq!(found.2[0][lane], memory[place]);
+                assert_eq!(found.2[1][lane], memory[place + 1]);
+            }
+            let smallest = at.iter().map(|[x, _]| x.floor()).fold(61.0, f32::min);
+            let largest = at.iter().map(|[_, y]| y.floor()).fold(-1.0, f32::max);
+            assert_eq!(found.3, [smallest, largest]);
+        }
+    }
+
+    #[test]
+    #[should_panic]
+    fn memory_that_ends_is_not_read_beyond() {
+        in_lanes(Reading(&[0.0; 100], [[39.5, 1.5]; 8]));
     }
 
     #[test]

@@ -8,4 +8,4 @@ mod raw;
 
 pub use batch::CopyBatch;
 pub use in_flight::{CopyOutcome, InFlight, Mapped, PaddedRows};
-pub use place::Place;
+pub use place::{Place, ShmPlace};

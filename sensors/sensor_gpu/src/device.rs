@@ -1,19 +1,23 @@
 //! Opening a Vulkan device: which adapter, which extensions, which limits.
 
 mod adapter;
+mod health;
 mod open;
 mod staging;
 
 use std::sync::Arc;
 
+use ash::vk;
+
 pub use adapter::AdapterInfo;
 use adapter::{choose, enumerate};
+use health::{Fault, Health};
 pub(crate) use open::ImportCaps;
 use staging::StagingPool;
 
 use crate::counters::Counters;
 use crate::error::GpuError;
-use crate::queue::{CopyPath, CopyQueue, DrawingQueue};
+use crate::queue::{CopyPath, CopyQueue, DrawingQueue, MAX_GPU_WAIT};
 use crate::timing::{Span, Timing};
 
 /// What to open.
@@ -52,18 +56,16 @@ struct Inner {
     counters: Counters,
     timing: Timing,
     staging: StagingPool,
+    health: Health,
     /// Present if copies have a queue of their own.
     copy_queue: Option<CopyQueue>,
 }
 
 impl Drop for Inner {
     fn drop(&mut self) {
+        self.health.close();
         // If waiting fails, semaphores may still be in use, and are left to the driver.
-        if self
-            .device
-            .poll(wgpu::PollType::wait_indefinitely())
-            .is_err()
-        {
+        if self.health.wait(&self.device, None).is_err() {
             return;
         }
         // wgpu's own fence may be signalled before the timelines of the same submission are, and a
@@ -101,11 +103,137 @@ impl Gpu {
     /// Waits until the device has finished everything that was submitted and freed what was
     /// dropped.
     pub fn wait_idle(&self) {
-        if let Err(error) = self.copy_queue().map_or(Ok(()), CopyQueue::wait_idle) {
+        if self.fault().is_none()
+            && let Err(error) = self.copy_queue().map_or(Ok(()), CopyQueue::wait_idle)
+        {
             tracing::warn!(%error, "the GPU's copies did not end");
         }
-        if let Err(error) = self.device().poll(wgpu::PollType::wait_indefinitely()) {
-            tracing::warn!(%error, "the GPU did not become idle");
+        if let Err(error) = self.wait_for(None) {
+            tracing::debug!(%error, "the GPU did not become idle");
+        }
+    }
+
+    /// Waits for a submission, or for all of them.
+    ///
+    /// # Errors
+    /// [`GpuError::Lost`], [`GpuError::Hung`] after [`MAX_GPU_WAIT`].
+    pub(crate) fn wait_for(
+        &self,
+        submission: Option<&wgpu::SubmissionIndex>,
+    ) -> Result<(), GpuError> {
+        let waited = self.0.health.wait(&self.0.device, submission);
+        waited.map_err(|fault| self.error_of(fault))
+    }
+
+    /// Whether a submission is done, without waiting.
+    pub(crate) fn is_done(&self, submission: Option<&wgpu::SubmissionIndex>) -> bool {
+        let now = wgpu::PollType::Wait {
+            submission_index: submission.cloned(),
+            timeout: Some(std::time::Duration::ZERO),
+        };
+        let polled = self.0.health.poll(&self.0.device, now);
+        !matches!(polled, Err(wgpu::PollError::Timeout))
+    }
+
+    /// Whether the device can still be used.
+    ///
+    /// # Errors
+    /// [`GpuError::Lost`], [`GpuError::Hung`].
+    pub fn check(&self) -> Result<(), GpuError> {
+        match self.0.health.fault() {
+            None => Ok(()),
+            Some(fault) => Err(self.error_of(fault)),
+        }
+    }
+
+    /// Whether the drawing queue took a submission: a device that is lost, and one that found no
+    /// memory for what the commands use, does not.
+    pub(crate) fn has_taken(&self, submission: &wgpu::SubmissionIndex) -> bool {
+        let now = wgpu::PollType::Wait {
+            submission_index: Some(submission.clone()),
+            timeout: Some(std::time::Duration::ZERO),
+        };
+        let polled = self.0.health.poll(&self.0.device, now);
+        !matches!(polled, Err(wgpu::PollError::WrongSubmissionIndex(..)))
+    }
+
+    /// Waits until the device does nothing any more, although single submissions cannot be waited
+    /// for because some were not taken; not at all if it hangs.
+    pub(crate) fn settle(&self) {
+        if self.is_hung() {
+            return;
+        }
+        // Nobody submits meanwhile; in this order, as everywhere.
+        let _turn = self.copy_queue().map(CopyQueue::turn);
+        let _drawing = self.drawing().lock();
+        // SAFETY: the guard only lends the device for the call below.
+        if let Some(hal) = unsafe { self.0.device.as_hal::<wgpu::hal::api::Vulkan>() } {
+            // SAFETY: both queues are locked. A device that is lost says so at once.
+            let _ = unsafe { hal.raw_device().device_wait_idle() };
+        }
+    }
+
+    /// Whether the device may still write to memory that it was given, although nothing that was
+    /// submitted can be waited for any more.
+    pub(crate) fn is_hung(&self) -> bool {
+        self.fault() == Some(Fault::Hung)
+    }
+
+    /// Ends the device as a driver's failure would, for tests of what follows.
+    pub fn lose(&self) {
+        self.0.device.destroy();
+        // wgpu reports the end when it is next polled.
+        let _ = self.0.health.poll(&self.0.device, wgpu::PollType::Poll);
+        let words = "it was ended by --lose-gpu-when".to_owned();
+        self.0.health.note(Fault::Lost(words));
+    }
+
+    /// Makes resources. If the device has no memory for them, or refuses them, what `make` returned
+    /// is dropped; the device goes on, which without this it would not.
+    ///
+    /// # Errors
+    /// [`GpuError::OutOfMemory`] with `what` was to be made, [`GpuError::Lost`].
+    pub fn try_to<T>(&self, what: &str, make: impl FnOnce() -> T) -> Result<T, GpuError> {
+        let device = &self.0.device;
+        let scopes = [
+            wgpu::ErrorFilter::Internal,
+            wgpu::ErrorFilter::Validation,
+            wgpu::ErrorFilter::OutOfMemory,
+        ]
+        .map(|filter| device.push_error_scope(filter));
+        let made = make();
+        let [internal, validation, memory] = scopes;
+        // The last that was opened is the first to be closed.
+        let [memory, validation, internal] = [
+            pollster::block_on(memory.pop()),
+            pollster::block_on(validation.pop()),
+            pollster::block_on(internal.pop()),
+        ];
+        self.check()?;
+        // What lacks memory is invalid, so other errors follow from it.
+        if memory.is_some() {
+            return Err(GpuError::OutOfMemory {
+                name: self.0.name.clone(),
+                what: what.to_owned(),
+            });
+        }
+        match validation.or(internal) {
+            None => Ok(made),
+            Some(error) => Err(self.lost(error)),
+        }
+    }
+
+    fn fault(&self) -> Option<Fault> {
+        self.0.health.fault()
+    }
+
+    fn error_of(&self, fault: Fault) -> GpuError {
+        match fault {
+            Fault::Lost(reason) => self.lost(reason),
+            Fault::Hung => GpuError::Hung {
+                name: self.0.name.clone(),
+                limit_secs: MAX_GPU_WAIT.as_secs(),
+            },
         }
     }
 
@@ -154,6 +282,7 @@ impl Gpu {
             "opened GPU"
         );
         Ok(Gpu(Arc::new(Inner {
+            health: Health::of(&device),
             timing: Timing::new(&device, &queue),
             drawing: DrawingQueue::new(queue, &device, &adapter),
             name: info.name,
@@ -298,6 +427,17 @@ impl Gpu {
 
     pub(crate) fn give_staging(&self, buffer: wgpu::Buffer) {
         self.0.staging.give(buffer);
+    }
+
+    /// The error of a wait of our own that the driver ended; [`vk::Result::TIMEOUT`] is a device
+    /// that hangs. The device cannot be used any more.
+    pub(crate) fn wait_failed(&self, error: vk::Result) -> GpuError {
+        let fault = match error {
+            vk::Result::TIMEOUT => Fault::Hung,
+            other => Fault::Lost(other.to_string()),
+        };
+        self.0.health.note(fault.clone());
+        self.error_of(self.fault().unwrap_or(fault))
     }
 
     pub(crate) fn lost(&self, reason: impl ToString) -> GpuError {

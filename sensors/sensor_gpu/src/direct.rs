@@ -11,7 +11,7 @@ use wgpu::wgt;
 use crate::device::Gpu;
 use crate::error::GpuError;
 use crate::memory::DirectTarget;
-use crate::queue::{AWAKE, Moment};
+use crate::queue::{AWAKE, Moment, wait_for};
 use crate::timing::Pending;
 
 /// A submission in flight whose shaders write to targets. Dropping it waits too.
@@ -79,18 +79,11 @@ impl Direct {
     /// Waits until the bytes are written; spins for the first half millisecond.
     ///
     /// # Errors
-    /// The device was lost.
+    /// [`GpuError::Lost`], [`GpuError::Hung`].
     pub fn wait_awake(mut self) -> Result<(), GpuError> {
         self.wait_for_semaphore()?;
         if let Some(pending) = self.pending.take() {
-            let wait = wgpu::PollType::Wait {
-                submission_index: Some(self.submission.clone()),
-                timeout: None,
-            };
-            self.gpu
-                .device()
-                .poll(wait)
-                .map_err(|error| self.gpu.lost(error))?;
+            self.gpu.wait_for(Some(&self.submission))?;
             self.gpu.timing().read_marks(&pending);
         }
         Ok(())
@@ -98,11 +91,16 @@ impl Direct {
 
     fn wait_for_semaphore(&mut self) -> Result<(), GpuError> {
         self.is_done = true;
+        // What a lost device was given may never be signalled.
+        if let Err(error) = self.gpu.check() {
+            self.gpu.settle();
+            return Err(error);
+        }
         // SAFETY: the guard only lends the device for the calls below.
         let hal = unsafe { self.gpu.device().as_hal::<Vulkan>() }
             .expect("the device was opened as Vulkan");
         let raw = hal.raw_device();
-        let lost = |error: vk::Result| self.gpu.lost(error);
+        let lost = |error: vk::Result| self.gpu.wait_failed(error);
         let begin = Instant::now();
         while !self.gpu.is_software() && begin.elapsed() < AWAKE {
             // SAFETY: the semaphore is of this device and lives as long as it.
@@ -113,12 +111,8 @@ impl Direct {
             }
             std::hint::spin_loop();
         }
-        let (semaphores, values) = ([self.done.semaphore], [self.done.value]);
-        let info = vk::SemaphoreWaitInfo::default()
-            .semaphores(&semaphores)
-            .values(&values);
         // SAFETY: as above.
-        unsafe { raw.wait_semaphores(&info, u64::MAX) }.map_err(lost)
+        unsafe { wait_for(raw, self.done) }.map_err(lost)
     }
 }
 

@@ -35,4 +35,24 @@ pub enum GpuError {
         /// The driver's message.
         reason: String,
     },
+    /// A submission did not end.
+    #[error(
+        "GPU {name:?} hangs: it did not finish a frame within {limit_secs} s; restart the daemon, and look at the driver's log if it happens again"
+    )]
+    Hung {
+        /// Adapter.
+        name: String,
+        /// The longest wait, seconds.
+        limit_secs: u64,
+    },
+    /// There is no memory on the device for what was asked.
+    #[error(
+        "GPU {name:?} has no memory for {what}; ask for smaller or fewer images, or end what else uses the GPU"
+    )]
+    OutOfMemory {
+        /// Adapter.
+        name: String,
+        /// What was to be made.
+        what: String,
+    },
 }

@@ -55,13 +55,13 @@ mod direct;
 
 mod prefix_sum;
 
-pub use copy::{CopyBatch, CopyOutcome, InFlight, Mapped, PaddedRows, Place};
+pub use copy::{CopyBatch, CopyOutcome, InFlight, Mapped, PaddedRows, Place, ShmPlace};
 pub use counters::{Counters, Counts};
 pub use device::{AdapterInfo, Gpu, GpuOptions};
 pub use direct::Direct;
 pub use error::GpuError;
 pub use memory::{DirectTarget, HostMemory, ImportError, ShmTarget};
 pub use prefix_sum::prefix_sum_wgsl;
-pub use queue::{CopyPath, Reads};
+pub use queue::{CopyPath, MAX_GPU_WAIT, Reads};
 pub use shared_texture::LayeredTexture;
 pub use timing::Span;

@@ -15,4 +15,5 @@ pub use family::CopyPath;
 pub(crate) use family::{Family, MAX_QUEUES, family_for};
 pub(crate) use raw_copy::{RawCopies, RawCopy};
 pub use reads::Reads;
-pub(crate) use timeline::{AWAKE, Moment};
+pub use timeline::MAX_GPU_WAIT;
+pub(crate) use timeline::{AWAKE, Moment, wait_for};

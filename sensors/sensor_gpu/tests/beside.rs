@@ -12,7 +12,7 @@
 use std::sync::Arc;
 
 use sensor_gpu::{
-    CopyBatch, CopyPath, Gpu, GpuOptions, InFlight, LayeredTexture, Place, Reads, ShmTarget,
+    CopyBatch, CopyPath, Gpu, GpuOptions, InFlight, LayeredTexture, Reads, ShmTarget,
 };
 
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
@@ -113,11 +113,8 @@ impl Painter {
                 ..Default::default()
             });
             let offset_bytes = offset_bytes + layer as usize * layer_bytes;
-            let place = Place::Shm {
-                target: target.clone(),
-                offset_bytes,
-                capacity_bytes: layer_bytes,
-            };
+            // SAFETY: ranges of a leaked segment that do not overlap, and are looked at after the wait.
+            let place = unsafe { target.place(offset_bytes, layer_bytes) };
             batch.shared_layer(&self.texture, layer, 4, place, &self.reads);
         }
         if is_apart {
@@ -144,7 +141,7 @@ fn a_texture_is_drawn_into_again_only_when_it_was_copied() {
         let (base, len) = segment(painter.frame_bytes() * N_IN_FLIGHT as usize);
         // SAFETY: the segment is leaked, and each range is looked at only when its submission was
         // waited for.
-        let target = Arc::new(unsafe { ShmTarget::import(&gpu, base, len) });
+        let target = Arc::new(unsafe { ShmTarget::import(&gpu, base, len, ()) });
         assert_eq!(target.cpu_copies(), 0);
         let offset = |frame: u32| (frame % N_IN_FLIGHT) as usize * painter.frame_bytes();
         let check = |(frame, flight): (u32, InFlight<'static>)| {
@@ -198,7 +195,7 @@ fn what_is_dropped_under_way_is_freed_when_its_copy_is_done() {
                 Painter::new(&gpu, [64 + 8 * (round % 23), 8 + round % 61], 1 + round % 3);
             let n_bytes = painter.frame_bytes();
             // SAFETY: the segment is leaked, and looked at only when everything was waited for.
-            let target = Arc::new(unsafe { ShmTarget::import(&gpu, base, len) });
+            let target = Arc::new(unsafe { ShmTarget::import(&gpu, base, len, ()) });
             let dropped = painter.paint(round, &target, 0);
             let kept = painter.paint(round + 1, &target, n_bytes);
             drop((painter, target));
@@ -236,15 +233,12 @@ fn copies_are_timed_wherever_they_are_made() {
         assert_eq!(is_shared, gpu.copies_beside());
         let (base, len) = segment(1 << 18);
         // SAFETY: the segment is leaked and not looked at.
-        let target = Arc::new(unsafe { ShmTarget::import(&gpu, base, len) });
+        let target = Arc::new(unsafe { ShmTarget::import(&gpu, base, len, ()) });
         let mut encoder = gpu.encoder("timed");
         gpu.mark(&mut encoder, "begin");
         let mut batch = CopyBatch::new();
-        let place = Place::Shm {
-            target,
-            offset_bytes: 0,
-            capacity_bytes: 1 << 18,
-        };
+        // SAFETY: ranges of a leaked segment that do not overlap, and are looked at after the wait.
+        let place = unsafe { target.place(0, 1 << 18) };
         batch.shared_layer(&texture, 0, 4, place, &Arc::default());
         batch.submit(&gpu, encoder).wait().unwrap();
         let spans = gpu.take_spans();

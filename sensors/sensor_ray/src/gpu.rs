@@ -268,7 +268,7 @@ fn lidars_of(group: Option<&Group>) -> Range<usize> {
 
 /// Whether a shader can write to a place.
 fn is_reachable(place: &Place<'_>) -> bool {
-    matches!(place, Place::Shm { target, .. } if target.storage().is_some())
+    matches!(place, Place::Shm(place) if place.target().storage().is_some())
 }
 
 /// Splits lidars into groups of `group_rays` or a little more, and sets where each lidar's points
@@ -283,23 +283,14 @@ fn groups(
     let mut n_rays = 0;
     for (i, (lidar, place)) in submission.lidars.iter_mut().zip(places).enumerate() {
         let target = match place {
-            Place::Shm {
-                target,
-                offset_bytes,
-                ..
-            } if writes_directly => {
-                let (n_bytes, end) = (lidar.n_bytes(), offset_bytes + lidar.n_bytes());
+            Place::Shm(place) if writes_directly => {
+                let n_bytes = lidar.n_bytes();
                 assert!(
                     n_bytes <= place.capacity_bytes(),
                     "{n_bytes} bytes do not fit {} bytes",
                     place.capacity_bytes()
                 );
-                assert!(
-                    offset_bytes.is_multiple_of(4) && end <= target.n_bytes(),
-                    "bytes {offset_bytes} to {end} of {}",
-                    target.n_bytes()
-                );
-                Some((target, offset_bytes / 4))
+                Some((place.target(), place.offset_bytes() / 4))
             }
             _ => None,
         };

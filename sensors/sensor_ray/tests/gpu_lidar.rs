@@ -276,9 +276,9 @@ fn target(gpu: &Gpu, n_bytes: usize, is_imported: bool) -> (Arc<ShmTarget>, &'st
     // SAFETY: the memory is leaked, and read only after scans are done.
     unsafe {
         let target = if is_imported {
-            ShmTarget::import(gpu, base, len)
+            ShmTarget::import(gpu, base, len, ())
         } else {
-            ShmTarget::staged(base, len)
+            ShmTarget::staged(base, len, ())
         };
         (Arc::new(target), std::slice::from_raw_parts(base, len))
     }
@@ -290,11 +290,8 @@ fn scan_to(
     lidars: &mut [Lidar],
     path: &SensorPath,
 ) -> Vec<ScanOutcome> {
-    let place = |i: usize| Place::Shm {
-        target: target.clone(),
-        offset_bytes: 384 + i * 300_000,
-        capacity_bytes: 290_000,
-    };
+    // SAFETY: ranges of a leaked segment that do not overlap, and are looked at after the wait.
+    let place = |i: usize| unsafe { target.place(384 + i * 300_000, 290_000) };
     let job = |(i, lidar)| ScanJob {
         lidar,
         path: *path,
@@ -432,11 +429,8 @@ fn lidars_with_memory_of_their_own_write_there_and_nowhere_else() {
         let mut lidars: Vec<_> = (0..n).map(|_| Lidar::new(spec.clone())).collect();
         let offset_bytes = 4 * rng.usize(1..500);
         let job = |(i, lidar): (usize, _)| {
-            let place = Place::Shm {
-                target: targets[i].0.clone(),
-                offset_bytes,
-                capacity_bytes,
-            };
+            // SAFETY: ranges of a leaked segment that do not overlap, and are looked at after the wait.
+            let place = unsafe { targets[i].0.place(offset_bytes, capacity_bytes) };
             ScanJob {
                 lidar,
                 path: paths[i],

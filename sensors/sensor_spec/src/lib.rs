@@ -42,7 +42,7 @@ mod sensor;
 pub use blur::{FocusSpec, MotionBlurSpec};
 pub use camera::{CameraSpec, SIDE_PX};
 pub use check::SpecError;
-pub use distortion::Distortion;
+pub use distortion::drawn_by;
 pub use dvs::{DvsMode, DvsSpec};
 pub use events::{CollisionSpec, LaneInvasionSpec, MAX_EVENTS_PER_TICK, ObstacleSpec};
 pub use film::{FilmCurve, FilmParts, FilmSpec};

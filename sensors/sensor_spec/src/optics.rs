@@ -1,11 +1,11 @@
 //! Settings of a camera's lens and of the way from light to colour. Distortion bends every image of
 //! a camera alike; all other settings act on colour alone.
 
+use schema_types::Distortion;
 use serde::{Deserialize, Serialize};
 
 use crate::blur::{FocusSpec, MotionBlurSpec};
 use crate::check::{SpecError, check_range};
-use crate::distortion::Distortion;
 use crate::film::{FilmCurve, FilmSpec};
 
 /// Lens and colour processing of a camera. The defaults leave an image as it is.
@@ -159,12 +159,8 @@ impl OpticsSpec {
 
     /// The bend of the lens; `None` if straight lines stay straight.
     pub fn distortion(&self) -> Option<Distortion> {
-        let bends = self.distortion_k != 0.0 || self.distortion_k_cubed != 0.0;
-        bends.then_some(Distortion {
-            k: self.distortion_k,
-            k_cubed: self.distortion_k_cubed,
-            size: self.distortion_size,
-        })
+        let [x, y] = self.distortion_size;
+        Distortion::from_array([self.distortion_k, self.distortion_k_cubed, x, y])
     }
 
     /// Whether motion is smeared.

@@ -11,6 +11,7 @@ use super::emitter::{Emitter, emitters_of};
 use super::free_ranges::FreeRanges;
 use super::mesh_draw::{MeshDraw, Sphere, Still};
 use super::switched::{self, StillLamp};
+use crate::occlusion::{Occluder, occluders_of};
 
 /// Where a mesh lies in the shared buffers.
 #[derive(Clone, Copy, Debug)]
@@ -51,6 +52,10 @@ pub(crate) struct GpuAssets {
     /// For each mesh the number of its first level of detail, and the levels of all meshes in one
     /// list, because culling looks up many.
     levels: (Vec<u32>, Vec<Level>),
+    /// Box of each mesh: least and greatest corner, mesh space, metres.
+    boxes_m: Vec<[[f32; 3]; 2]>,
+    /// Large polygons of each mesh's levels of detail.
+    occluders: Vec<Vec<Vec<Occluder>>>,
     /// Room in both buffers that no mesh has.
     room: Room,
 }
@@ -135,6 +140,16 @@ impl GpuAssets {
             switched: switched::upload(gpu, scene_assets),
             emitters,
             levels: levels_of(scene_assets, &ranges),
+            boxes_m: scene_assets
+                .meshes
+                .iter()
+                .map(|mesh| box_of(mesh))
+                .collect(),
+            occluders: scene_assets
+                .meshes
+                .iter()
+                .map(|mesh| occluders_of_levels(mesh))
+                .collect(),
             ranges,
             room,
         }
@@ -189,6 +204,7 @@ impl GpuAssets {
                 .write_buffer(&self.indices, 4 * self.ranges[i].first_idx as u64, bytes);
             n_bytes += bytes.len() as u64;
             self.emitters[i] = emitters_of(mesh);
+            self.occluders[i] = occluders_of_levels(mesh);
         }
         Some(self.shows(gpu, other, n_bytes))
     }
@@ -238,6 +254,8 @@ impl GpuAssets {
                 .write_buffer(&self.indices, 4 * u64::from(first_idx), indices);
             n_bytes += (vertices.len() + indices.len()) as u64;
             self.emitters[*i] = emitters_of(mesh);
+            self.boxes_m[*i] = box_of(mesh);
+            self.occluders[*i] = occluders_of_levels(mesh);
         }
         Some(n_bytes)
     }
@@ -270,6 +288,22 @@ impl GpuAssets {
             .map(|level| level.draw)
     }
 
+    /// Large polygons of the level that is drawn at this distance.
+    pub fn occluders(&self, mesh: MeshId, distance_m: f64) -> &[Occluder] {
+        let (firsts, levels) = &self.levels;
+        let first = firsts[mesh.0 as usize] as usize;
+        let of_mesh = &levels[first..firsts[mesh.0 as usize + 1] as usize];
+        of_mesh
+            .iter()
+            .position(|level| distance_m < level.until_m)
+            .map_or(&[], |level| &self.occluders[mesh.0 as usize][level])
+    }
+
+    /// Box of a mesh: least and greatest corner, mesh space, metres.
+    pub fn box_m(&self, mesh: MeshId) -> [[f32; 3]; 2] {
+        self.boxes_m[mesh.0 as usize]
+    }
+
     /// Lamps of a mesh.
     pub fn emitters(&self, mesh: MeshId) -> &[Emitter] {
         &self.emitters[mesh.0 as usize]
@@ -297,6 +331,23 @@ fn levels_of(assets: &SceneAssets, ranges: &[MeshRange]) -> (Vec<u32>, Vec<Level
         firsts.push(levels.len() as u32);
     }
     (firsts, levels)
+}
+
+/// Large polygons of the levels that are drawn.
+fn occluders_of_levels(mesh: &Mesh) -> Vec<Vec<Occluder>> {
+    let drawn = mesh.lods.iter().filter(|lod| lod.n_indices > 0);
+    drawn.map(|lod| occluders_of(mesh, lod)).collect()
+}
+
+fn box_of(mesh: &Mesh) -> [[f32; 3]; 2] {
+    let none = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+    mesh.vertices.iter().fold(none, |[low, high], vertex| {
+        let at = vertex.position_m;
+        [
+            [0, 1, 2].map(|axis| low[axis].min(at[axis])),
+            [0, 1, 2].map(|axis| high[axis].max(at[axis])),
+        ]
+    })
 }
 
 fn spheres_of(assets: &SceneAssets) -> Vec<Sphere> {

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 use schema_frames::DvsEvent;
-use sensor_core::vector::vectorised;
+use sensor_core::vector_lanes::in_lanes;
 use sensor_spec::{DvsMode, DvsSpec};
 
 use super::chance::Chance;
@@ -11,7 +11,9 @@ use super::images::{EventImages, float, word};
 use super::level_image::LevelImage;
 use super::motion_field::{MotionField, MotionMemory};
 use super::sort::Sorter;
-use super::window::{Row, Window};
+use super::stage::EVENTS;
+use super::tiles::TILE_PX;
+use super::window::{TileRow, Window};
 
 /// An event camera: makes events from rendered images. Needs no GPU.
 #[derive(Debug)]
@@ -70,6 +72,7 @@ impl EventCamera {
         window_nanos: u64,
         out: &mut [u8],
     ) -> EventsMade {
+        let _span = EVENTS.span();
         let mut now = self
             .spare
             .take()
@@ -203,33 +206,27 @@ impl EventCamera {
         };
         let rows = self
             .references
-            .par_chunks_mut(width)
-            .zip(&mut self.rows)
+            .par_chunks_mut(TILE_PX * width)
+            .zip(self.rows.par_chunks_mut(TILE_PX))
             .enumerate();
-        if self.silent_nanos.is_empty() {
-            rows.for_each(|(y, (references, events))| {
-                vectorised(Row {
-                    window: &window,
-                    y,
-                    references,
-                    silent_nanos: &mut [],
-                    images,
-                    events,
-                });
+        let follow = |ty, references, events, silent_nanos| {
+            let _span = EVENTS.span();
+            in_lanes(TileRow {
+                window: &window,
+                ty,
+                references,
+                silent_nanos,
+                images,
+                events,
             });
+        };
+        if self.silent_nanos.is_empty() {
+            rows.for_each(|(ty, (references, events))| follow(ty, references, events, &mut []));
         } else {
-            rows.zip(self.silent_nanos.par_chunks_mut(width)).for_each(
-                |((y, (references, events)), silent_nanos)| {
-                    vectorised(Row {
-                        window: &window,
-                        y,
-                        references,
-                        silent_nanos,
-                        images,
-                        events,
-                    });
-                },
-            );
+            rows.zip(self.silent_nanos.par_chunks_mut(TILE_PX * width))
+                .for_each(|((ty, (references, events)), silent_nanos)| {
+                    follow(ty, references, events, silent_nanos)
+                });
         }
     }
 }

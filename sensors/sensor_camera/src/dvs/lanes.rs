@@ -1,10 +1,7 @@
-//! Numbers of neighbouring pixels: plain arithmetic over arrays, which the compiler vectorises.
+//! Numbers of neighbouring pixels, followed together.
 
 /// Number of pixels that are followed together.
 pub(super) const LANES: usize = 8;
-
-/// One number per pixel of a block.
-pub(super) type Lanes = [f32; LANES];
 
 /// Natural logarithm of a positive finite number, to 2e-7 of it or of 1, in arithmetic that every
 /// CPU can vectorise.
@@ -15,29 +12,12 @@ pub(super) type Lanes = [f32; LANES];
 pub(super) fn ln(x: f32) -> f32 {
     const SQRT_HALF: i32 = 0x3f35_04f3;
     let bits = x.to_bits() as i32;
-    let exponent = (bits - SQRT_HALF) >> 23;
-    let m = f32::from_bits((bits - (exponent << 23)) as u32);
+    let exponent = bits.wrapping_sub(SQRT_HALF) >> 23;
+    let m = f32::from_bits(bits.wrapping_sub(exponent << 23) as u32);
     let s = (m - 1.0) / (m + 1.0);
     let s2 = s * s;
     let series = 1.0 + s2 * (1.0 / 3.0 + s2 * (1.0 / 5.0 + s2 * (1.0 / 7.0 + s2 * (1.0 / 9.0))));
     exponent as f32 * std::f32::consts::LN_2 + 2.0 * s * series
-}
-
-/// Adding this to a number from 0 to 2²² moves its integer part into the last bits.
-const WHOLE: f32 = 8_388_608.0;
-
-/// Integer part of a number from 0 to 2²², in arithmetic that every CPU can vectorise (unlike
-/// conversions).
-#[inline(always)]
-pub(super) fn floor(x: f32) -> f32 {
-    let nearest = (x + WHOLE) - WHOLE;
-    if nearest > x { nearest - 1.0 } else { nearest }
-}
-
-/// A whole number from 0 to 2²² as an integer.
-#[inline(always)]
-pub(super) fn integer(whole: f32) -> i32 {
-    ((whole + WHOLE).to_bits() & 0x7f_ffff) as i32
 }
 
 /// As `f32::max` without its handling of NaN, which would double the cost; a NaN in `a` gives `b`.

@@ -2,9 +2,12 @@
 
 use rayon::prelude::*;
 
+use sensor_core::vector_lanes::{LaneWork, Lanes, in_lanes};
+
+use super::beginnings::{begun, may_begin, scatter};
 use super::lanes::{larger, smaller};
 use super::level_image::LevelImage;
-use super::tiles::{Range, TILE_PX, row_ranges, tiles_of};
+use super::tiles::{Range, TILE_PX, tiles_of};
 
 /// Motion of the surfaces that may pass a pixel during the window, pixels per window.
 #[derive(Clone, Copy, Debug)]
@@ -15,7 +18,45 @@ pub(super) enum Path {
     /// changes evenly.
     Smooth { begin: [f32; 2], end: [f32; 2] },
     /// Several surfaces, of which the nearest is seen.
-    Several { motions: [[f32; 2]; 3], n: usize },
+    Several(Passers),
+}
+
+/// Motions of surfaces that may pass a pixel.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Passers {
+    motions: [[f32; 2]; 3],
+    /// Squares of the distances within which motions are the same surface's.
+    tolerances2: [f32; 3],
+    n: usize,
+}
+
+impl Passers {
+    /// Of up to three motions that differ.
+    fn of(all: [[f32; 2]; 3]) -> Passers {
+        let mut passers = Passers {
+            motions: [all[0]; 3],
+            tolerances2: [tolerance2(all[0]); 3],
+            n: 0,
+        };
+        for m in all {
+            let known = &passers.motions[..passers.n];
+            if !known
+                .iter()
+                .any(|known| is_within(m, *known, tolerance2(*known)))
+            {
+                passers.motions[passers.n] = m;
+                passers.tolerances2[passers.n] = tolerance2(m);
+                passers.n += 1;
+            }
+        }
+        passers
+    }
+
+    /// The speed of the fastest, pixels per window.
+    pub fn fastest_px(&self) -> f32 {
+        let motions = self.motions[..self.n].iter();
+        motions.map(|m| norm2(*m)).fold(0.0, f32::max).sqrt()
+    }
 }
 
 #[inline(always)]
@@ -31,10 +72,18 @@ fn smooth(a: [f32; 2], b: [f32; 2]) -> bool {
     norm2([a[0] - b[0], a[1] - b[1]]) <= tolerance * tolerance
 }
 
-/// Whether two motions are the same surface's: half a pixel and a tenth of the speed apart at most.
-fn alike(a: [f32; 2], b: [f32; 2]) -> bool {
-    let tolerance = 0.5 + 0.1 * norm2(b).sqrt();
-    norm2([a[0] - b[0], a[1] - b[1]]) <= tolerance * tolerance
+/// Square of the distance from a motion within which others are the same surface's: half a pixel
+/// and a tenth of the speed.
+#[inline(always)]
+fn tolerance2(m: [f32; 2]) -> f32 {
+    let tolerance = 0.5 + 0.1 * norm2(m).sqrt();
+    tolerance * tolerance
+}
+
+/// Whether the square of the distance of two motions is at most this.
+#[inline(always)]
+fn is_within(a: [f32; 2], b: [f32; 2], distance2: f32) -> bool {
+    norm2([a[0] - b[0], a[1] - b[1]]) <= distance2
 }
 
 /// Kind of motion in and through a tile.
@@ -62,12 +111,15 @@ pub(super) struct MotionField<'p> {
     tiles: [usize; 2],
     /// Motion of the surface that is at a pixel at the end.
     now: &'p [[f32; 2]],
-    /// Motion of the surface that was at a pixel at the beginning.
+    /// Motion of the surface that was at a pixel at the beginning. Only tiles where somebody asks
+    /// for it are filled.
     before: &'p [[f32; 2]],
     /// Fastest motion that passes each tile.
     passing: Vec<[f32; 2]>,
     /// Kind of motion of each tile.
     tile_motions: Vec<TileMotion>,
+    /// Bounding box of the motions at the beginning and at the end in each tile that is not slow.
+    ranges: Vec<Range>,
 }
 
 impl<'p> MotionField<'p> {
@@ -82,30 +134,52 @@ impl<'p> MotionField<'p> {
     ) -> MotionField<'p> {
         let size_px = now.size_px;
         let tiles = tiles_of(size_px);
+        let mut passing = vec![[0.0; 2]; tiles[0] * tiles[1]];
+        spread(now, tiles, &mut passing);
+        let kind = |tile: usize, range: &Range| tile_motion(range, passing[tile], step_px);
+        if now.motions.iter().all(|range| range.fastest2() < 0.25) {
+            // Nothing leaves its pixel; this is usual at a thousand firings per second.
+            let tile_motions = now.motions.iter().enumerate();
+            return MotionField {
+                size_px,
+                tiles,
+                now: &now.flow,
+                before: &now.flow,
+                tile_motions: tile_motions
+                    .map(|(tile, range)| kind(tile, range))
+                    .collect(),
+                ranges: now.motions.clone(),
+                passing,
+            };
+        }
+        let mut ranges = may_begin(previous, now, ratio, tiles);
+        let mut tile_motions: Vec<TileMotion> = ranges
+            .iter()
+            .enumerate()
+            .map(|(tile, range)| kind(tile, range))
+            .collect();
+        let asked = asked(tiles, &tile_motions, &ranges, &passing);
         let MotionMemory { before, nearest_m } = memory;
         before.resize(now.flow.len(), [0.0; 2]);
-        let mut passing = vec![[0.0; 2]; tiles[0] * tiles[1]];
-        let now_ranges = motion_ranges(&now.flow, size_px);
-        if now_ranges.iter().all(|range| range.fastest2() < 0.25) {
-            // Nothing leaves its pixel; this is usual at a thousand firings per second.
-            before.copy_from_slice(&now.flow);
-        } else {
-            before
-                .par_iter_mut()
-                .zip(&previous.flow)
-                .for_each(|(before, flow)| *before = flow.map(|f| f * ratio));
-            scatter(now, before, nearest_m);
-        }
-        spread(now, tiles, &now_ranges, &mut passing);
-        let before_ranges = motion_ranges(before, size_px);
-        let tile_motion = |tile: usize| {
-            tile_motion(
-                &now_ranges[tile].with(&before_ranges[tile]),
-                passing[tile],
-                step_px,
-            )
-        };
-        let tile_motions = (0..tiles[0] * tiles[1]).map(tile_motion).collect();
+        nearest_m.resize(now.flow.len(), f32::INFINITY);
+        scatter([previous, now], ratio, &asked, before, nearest_m);
+        // What may begin there was an estimate; these are the motions.
+        tile_motions
+            .par_chunks_mut(tiles[0])
+            .zip(ranges.par_chunks_mut(tiles[0]))
+            .zip(before.par_chunks(TILE_PX * size_px[0]))
+            .enumerate()
+            .for_each(|(ty, ((tile_motions, ranges), before))| {
+                in_lanes(Sharpened {
+                    first: ty * tiles[0],
+                    width: size_px[0],
+                    now: &now.motions,
+                    before,
+                    kind: &kind,
+                    tile_motions,
+                    ranges,
+                })
+            });
         MotionField {
             size_px,
             tiles,
@@ -113,13 +187,37 @@ impl<'p> MotionField<'p> {
             before,
             passing,
             tile_motions,
+            ranges,
         }
     }
 
-    /// Kind of motion of the eight pixels from `(x, y)` on; x is a multiple of eight.
+    /// Bounding box of everything that the paths of a tile's pixels touch, in the image at the
+    /// beginning and in the image at the end.
     #[inline(always)]
-    pub fn tile_motion(&self, x: usize, y: usize) -> TileMotion {
-        self.tile_motions[y / TILE_PX * self.tiles[0] + x / TILE_PX]
+    pub fn reach(&self, tx: usize, ty: usize) -> [[[f32; 2]; 2]; 2] {
+        let tile = ty * self.tiles[0] + tx;
+        let range = self.ranges[tile].with(&Range::of(self.passing[tile]));
+        let begin = [(tx * TILE_PX) as f32, (ty * TILE_PX) as f32];
+        let end = begin.map(|begin| begin + TILE_PX as f32);
+        let (low, high) = (
+            range.low.map(|m| smaller(m, 0.0)),
+            range.high.map(|m| larger(m, 0.0)),
+        );
+        let moved = |by: [[f32; 2]; 2]| {
+            [0, 1].map(|corner: usize| {
+                [0, 1].map(|axis: usize| [begin, end][corner][axis] + by[corner][axis])
+            })
+        };
+        [
+            moved([high.map(|m| -m), low.map(|m| -m)]),
+            moved([low, high]),
+        ]
+    }
+
+    /// Kind of motion of a tile.
+    #[inline(always)]
+    pub fn tile_motion(&self, tx: usize, ty: usize) -> TileMotion {
+        self.tile_motions[ty * self.tiles[0] + tx]
     }
 
     /// Motions at the beginning and at the end of `n` pixels from `(x, y)` on.
@@ -143,24 +241,17 @@ impl<'p> MotionField<'p> {
                 Path::Smooth { begin, end }
             };
         }
-        let (mut motions, mut n) = ([end; 3], 1);
-        for other in [begin, passing] {
-            if !motions[..n].iter().any(|known| alike(other, *known)) {
-                motions[n] = other;
-                n += 1;
-            }
-        }
-        Path::Several { motions, n }
+        Path::Several(Passers::of([end, begin, passing]))
     }
 
     /// Level of a pixel that several surfaces pass, when `share` of the window has passed.
+    #[inline(always)]
     pub fn level(
         &self,
         previous: &LevelImage,
         now: &LevelImage,
-        motions: &[[f32; 2]],
-        x: usize,
-        y: usize,
+        passers: &Passers,
+        [x, y]: [usize; 2],
         share: f32,
     ) -> f32 {
         let at = [x as f32 + 0.5, y as f32 + 0.5];
@@ -168,30 +259,26 @@ impl<'p> MotionField<'p> {
         let behind = |m: [f32; 2]| [at[0] - m[0] * share, at[1] - m[1] * share];
         // The nearest surface that has this motion and is here at this time hides the others.
         let (mut chosen, mut nearest_m) = (None, f32::INFINITY);
-        for m in motions {
-            let [px, py] = ahead(*m);
-            if let Some(i) = now
-                .index_at(px, py)
-                .filter(|i| now.depth[*i] <= nearest_m && alike(now.flow[*i], *m))
+        for k in 0..passers.n {
+            let m = passers.motions[k];
+            let [px, py] = ahead(m);
+            if let Some(i) = now.index_at(px, py)
+                && now.depth[i] <= nearest_m
+                && is_within(now.flow[i], m, passers.tolerances2[k])
             {
-                (nearest_m, chosen) = (now.depth[i], Some(*m));
+                (nearest_m, chosen) = (now.depth[i], Some(k));
             }
         }
         let i = y * self.size_px[0] + x;
         let (before, after) = match chosen {
-            Some(m) => {
+            Some(k) => {
+                let m = passers.motions[k];
                 let ([ax, ay], [bx, by]) = (ahead(m), behind(m));
-                let seen_before = previous
+                let was_seen = previous
                     .index_at(bx, by)
-                    .is_some_and(|i| alike(self.before[i], m));
-                (
-                    if seen_before {
-                        previous.level_at(bx, by)
-                    } else {
-                        None
-                    },
-                    now.level_at(ax, ay),
-                )
+                    .is_some_and(|i| is_within(self.before[i], m, passers.tolerances2[k]));
+                let before = was_seen.then(|| previous.level_at(bx, by)).flatten();
+                (before, now.level_at(ax, ay))
             }
             // The surface is hidden at the end: take the one that was here at the beginning, moving
             // on as before.
@@ -208,28 +295,9 @@ impl<'p> MotionField<'p> {
     }
 }
 
-/// Bounding boxes of the motions of each tile.
-fn motion_ranges(field: &[[f32; 2]], size_px: [usize; 2]) -> Vec<Range> {
-    let tiles = tiles_of(size_px);
-    let of_row = |ty: usize| {
-        row_ranges::<16>(bytemuck::cast_slice(field), size_px, ty)
-            .iter()
-            .map(Range::of)
-            .collect::<Vec<_>>()
-    };
-    (0..tiles[1])
-        .into_par_iter()
-        .flat_map_iter(of_row)
-        .collect()
-}
-
 /// Kind of motion from the bounding box of the motions in a tile and the motion that passes it.
 fn tile_motion(range: &Range, passing: [f32; 2], step_px: f32) -> TileMotion {
-    let all = Range {
-        low: passing,
-        high: passing,
-    }
-    .with(range);
+    let all = Range::of(passing).with(range);
     let all = if passing == [0.0; 2] { range } else { &all };
     if all.fastest2() < step_px * step_px {
         TileMotion::Slow
@@ -241,68 +309,67 @@ fn tile_motion(range: &Range, passing: [f32; 2], step_px: f32) -> TileMotion {
     }
 }
 
-/// Gives each pixel of the first image the motion of the surface that left it; the nearest surface
-/// wins.
-///
-/// Bands of rows are filled in parallel. Each band looks at the rows that can have reached it, in
-/// the order of the image, so the result does not depend on the number of bands.
-fn scatter(now: &LevelImage, before: &mut [[f32; 2]], nearest_m: &mut Vec<f32>) {
-    let width = now.size_px[0];
-    let reach_of = |row: &[[f32; 2]]| {
-        let zero = ([0.0_f32; 2], [0.0_f32; 2]);
-        row.iter().fold(zero, |(low, high), flow| {
-            (
-                [0, 1].map(|axis| smaller(flow[axis], low[axis])),
-                [0, 1].map(|axis| larger(flow[axis], high[axis])),
-            )
-        })
-    };
-    let reaches: Vec<([f32; 2], [f32; 2])> = now.flow.par_chunks(width).map(reach_of).collect();
-    nearest_m.clear();
-    nearest_m.resize(before.len(), f32::INFINITY);
-    let n_rows = before.len() / width;
-    let band_rows = n_rows
-        .div_ceil(rayon::current_num_threads().max(1))
-        .max(TILE_PX);
-    let bands = before
-        .par_chunks_mut(band_rows * width)
-        .zip(nearest_m.par_chunks_mut(band_rows * width));
-    bands.enumerate().for_each(|(band, (before, nearest_m))| {
-        let first = band * band_rows;
-        let rows = first..first + before.len() / width;
-        for (y, (low, high)) in reaches.iter().enumerate() {
-            // Points in row y at the end were between these rows at the beginning.
-            let (top, bottom) = (y as f32 - high[1], y as f32 + 1.0 - low[1]);
-            if bottom < rows.start as f32 || top > rows.end as f32 {
+/// The tiles of which somebody asks for motions at the beginning: those that are not slow, and those
+/// that the pixels of mixed ones lead back to.
+fn asked(
+    tiles: [usize; 2],
+    tile_motions: &[TileMotion],
+    ranges: &[Range],
+    passing: &[[f32; 2]],
+) -> Vec<bool> {
+    let mut asked: Vec<bool> = tile_motions
+        .iter()
+        .map(|motion| *motion != TileMotion::Slow)
+        .collect();
+    for (tile, _) in tile_motions
+        .iter()
+        .enumerate()
+        .filter(|(_, motion)| **motion == TileMotion::Mixed)
+    {
+        let still = Range::of([0.0; 2]);
+        let all = ranges[tile].with(&Range::of(passing[tile])).with(&still);
+        let at = [tile % tiles[0], tile / tiles[0]];
+        for row in begun(tiles, at, &all).rows(tiles) {
+            asked[row].fill(true);
+        }
+    }
+    asked
+}
+
+/// Motions of a row of tiles that are known pixel by pixel.
+struct Sharpened<'a, F> {
+    /// Index of the row's first tile.
+    first: usize,
+    width: usize,
+    now: &'a [Range],
+    before: &'a [[f32; 2]],
+    kind: &'a F,
+    tile_motions: &'a mut [TileMotion],
+    ranges: &'a mut [Range],
+}
+
+impl<F: Fn(usize, &Range) -> TileMotion> LaneWork for Sharpened<'_, F> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        for (tx, (motion, range)) in self.tile_motions.iter_mut().zip(self.ranges).enumerate() {
+            if *motion == TileMotion::Slow {
                 continue;
             }
-            for x in 0..width {
-                let i = y * width + x;
-                let (flow, depth_m) = (now.flow[i], now.depth[i]);
-                let Some(from) = now.index_at(x as f32 + 0.5 - flow[0], y as f32 + 0.5 - flow[1])
-                else {
-                    continue;
-                };
-                let Some(from) = from
-                    .checked_sub(first * width)
-                    .filter(|from| *from < before.len())
-                else {
-                    continue;
-                };
-                if depth_m <= nearest_m[from] {
-                    nearest_m[from] = depth_m;
-                    before[from] = flow;
-                }
-            }
+            let tile = self.first + tx;
+            *range = Range::of_tile::<L>(self.before, self.width, tx).with(&self.now[tile]);
+            *motion = (self.kind)(tile, range);
         }
-    });
+    }
 }
 
 /// Gives each tile the fastest motion that passes it. Only tiles with a discontinuity in their
 /// motion send one out, because a surface that passes a pixel without being there at the beginning
 /// or the end has an edge.
-fn spread(now: &LevelImage, tiles: [usize; 2], ranges: &[Range], passing: &mut [[f32; 2]]) {
+fn spread(now: &LevelImage, tiles: [usize; 2], passing: &mut [[f32; 2]]) {
     let [width, height] = now.size_px;
+    let ranges = &now.motions;
     let fastest_of = |tile: usize| {
         let (tx, ty) = (tile % tiles[0] * TILE_PX, tile / tiles[0] * TILE_PX);
         // The neighbours to the left and above are included, because their last pixels are examined

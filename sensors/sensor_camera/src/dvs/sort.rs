@@ -8,6 +8,8 @@ use bytemuck::Zeroable as _;
 use rayon::prelude::*;
 use schema_frames::DvsEvent;
 
+use super::stage::EVENTS;
+
 /// Events of a long interval if they are evenly distributed.
 const EVENTS_PER_LONG: usize = 4096;
 /// Limit of long intervals: the number of places in memory that can be written in turn efficiently.
@@ -119,6 +121,7 @@ fn sort_parts(parts: Vec<(u64, &[DvsEvent], &mut [DvsEvent])>, length_nanos: u64
     parts.into_par_iter().with_min_len(min_parts).for_each_init(
         Vec::new,
         |ends, (begin_nanos, dealt, out)| {
+            let _span = EVENTS.span();
             let short = Intervals::new(
                 begin_nanos,
                 length_nanos,

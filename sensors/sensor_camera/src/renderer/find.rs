@@ -1,18 +1,13 @@
 //! Finds what each view sees, which lamps reach into it, and what its shadow maps need.
 
 use rayon::prelude::*;
-use schema_types::ActorId;
-use sensor_spec::Intrinsics;
 
 use super::active::{Active, eyes_of};
 use super::tick::TickScene;
-use crate::camera_motion::Firing;
 use crate::shadow::{ShadowMaps, ShadowPlans};
 use crate::view::ViewJob;
+use crate::visible::Seen;
 use crate::{lamps, visible};
-
-/// A view's lens, its firing before, and the actors that it does not show.
-type Seen<'v> = (Intrinsics, Option<&'v Firing>, &'v [ActorId]);
 
 /// Does so in parallel. Returns no shadow plans if the maps of all views exceed their memory limit.
 pub(super) fn find(
@@ -22,11 +17,11 @@ pub(super) fn find(
     active: &mut [Active],
 ) -> Option<ShadowPlans> {
     let TickScene {
+        gpu,
         quality,
         scene,
         assets,
         light,
-        ..
     } = *tick;
     let eyes = if light.has_shadows {
         eyes_of(active, jobs)
@@ -40,18 +35,12 @@ pub(super) fn find(
         .map(|active| &*jobs[active.job_idx].view)
         .map(|view| (view.drawn, view.previous.as_ref(), &*view.hidden))
         .collect();
-    let find = |(active, (lens, previous, hidden)): (&mut Active, Seen<'_>)| {
-        visible::visible(
-            scene,
-            assets,
-            &lens,
-            &active.motion,
-            previous,
-            hidden,
-            &mut active.drawn,
-        );
+    let by_walls = gpu.is_software();
+    let find = |(active, seen): (&mut Active, Seen<'_>)| {
+        let (motion, drawn) = (&active.motion, &mut active.drawn);
+        visible::visible(scene, assets, seen, motion, by_walls, drawn);
         if active.set.is_lit() {
-            active.lamps_in_view = lamps::reaching(&shining, quality, &lens, &active.motion);
+            active.lamps_in_view = lamps::reaching(&shining, quality, &seen.0, motion);
         }
     };
     // A single view is done before other threads would wake up.

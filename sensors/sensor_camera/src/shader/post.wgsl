@@ -75,9 +75,12 @@ struct Meter {
 
 var<private> which: u32;
 
-// Whether there may be a shaped film, ghosts, or a lens that bends; cameras without them run the
-// shorter program.
-override HAS_EXTRAS: bool = true;
+// What there may be. A program is made for every combination that cameras ask for, because software
+// adapters spend the time of what a branch leaves out.
+override HAS_SHAPED_FILM: bool = true;
+override HAS_GHOSTS: bool = true;
+override HAS_LENS: bool = true;
+override SMOOTHS_EDGES: bool = true;
 
 const N_BINS: u32 = 128u;
 // Luminance of the lowest bin: 2^-18 of white; 5 bins a stop.
@@ -205,7 +208,7 @@ fn developed(radiance: vec3<f32>) -> vec3<f32> {
     if posts[which].has_film == 0.0 {
         return pow(min(rgb, vec3(1.0)), vec3(posts[which].gamma_exponent / 2.2));
     }
-    if HAS_EXTRAS && posts[which].is_shaped != 0.0 {
+    if HAS_SHAPED_FILM && posts[which].is_shaped != 0.0 {
         let tones = vec3(shaped(rgb.r), shaped(rgb.g), shaped(rgb.b));
         return pow(clamp(tones, vec3(0.0), vec3(1.0)), vec3(posts[which].gamma_exponent / 2.2));
     }
@@ -239,7 +242,7 @@ fn shaped(light: f32) -> f32 {
 
 // Where the lens shows what the image has at q, both from the middle: the inverse of the bend.
 fn unbent(q: vec2<f32>) -> vec2<f32> {
-    if !HAS_EXTRAS {
+    if !HAS_LENS {
         return q;
     }
     let scaled = q * posts[which].distortion_size;
@@ -266,7 +269,7 @@ fn radiance_at(at: vec2<f32>, factor: f32) -> vec3<f32> {
 fn smoothed(at: vec2<f32>, factor: f32) -> vec3<f32> {
     let px = posts[which].per_px;
     let middle = developed(radiance_at(at, factor));
-    if posts[which].smooths_edges == 0.0 {
+    if !SMOOTHS_EDGES || posts[which].smooths_edges == 0.0 {
         return middle;
     }
     let weights = vec3(0.299, 0.587, 0.114);
@@ -314,7 +317,7 @@ fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
             radiance_at(in_image * (1.0 - drift) + 0.5, factor).b,
         );
         radiance += textureSampleLevel(glow_map, smooth_sampler, in_image + 0.5, 0.0).rgb * (factor * posts[which].bloom);
-        if HAS_EXTRAS && posts[which].flare != 0.0 {
+        if HAS_GHOSTS && posts[which].flare != 0.0 {
             radiance += ghosts_at(in_image);
         }
         rgb = developed(radiance);

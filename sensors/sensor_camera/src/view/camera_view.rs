@@ -4,9 +4,9 @@ use std::sync::{Arc, Mutex};
 
 use nalgebra::Isometry3;
 use schema_frames::Modality;
-use schema_types::ActorId;
+use schema_types::{ActorId, Distortion};
 use sensor_gpu::{Gpu, Place};
-use sensor_spec::{DvsSpec, Intrinsics, OpticsSpec};
+use sensor_spec::{DvsSpec, Intrinsics, OpticsSpec, drawn_by};
 
 use crate::camera_motion::Firing;
 use crate::dvs::{EventCamera, GpuEventCamera};
@@ -81,7 +81,7 @@ impl View {
     /// A view that has not fired. Nothing is allocated on the GPU yet.
     pub fn new(_gpu: &Gpu, spec: ViewSpec) -> View {
         let drawn = match spec.optics.distortion() {
-            Some(bend) => bend.drawn_by(&spec.intrinsics),
+            Some(bend) => drawn_by(&bend, &spec.intrinsics),
             None => spec.intrinsics,
         };
         View {
@@ -107,6 +107,11 @@ impl View {
         self.hidden.dedup();
     }
 
+    /// How its lens bends lines; `None` for a pinhole.
+    pub fn lens(&self) -> Option<Distortion> {
+        self.spec.optics.distortion()
+    }
+
     /// Its lens.
     pub fn intrinsics(&self) -> Intrinsics {
         self.spec.intrinsics
@@ -123,6 +128,14 @@ impl View {
             self.spec.intrinsics.width_px as usize * self.spec.intrinsics.height_px as usize
         };
         n_elements * modality.element_bytes()
+    }
+
+    /// Gives back all that it has on the GPU, and forgets what [`View::reset`] forgets.
+    pub fn release(&mut self) {
+        self.reset();
+        self.bent = Default::default();
+        self.turns = None;
+        self.targets = Default::default();
     }
 
     /// Forgets the previous firing and the event camera's state, as if the sensor had just been

@@ -151,21 +151,6 @@ impl<'a> CopyBatch<'a> {
             needed <= room,
             "a copy of {needed} bytes does not fit {room} bytes"
         );
-        if let Place::Shm {
-            target,
-            offset_bytes,
-            capacity_bytes,
-        } = &place
-        {
-            assert!(
-                offset_bytes.is_multiple_of(4),
-                "offset {offset_bytes} is not a multiple of 4"
-            );
-            assert!(
-                offset_bytes + capacity_bytes <= target.n_bytes(),
-                "the place leaves its segment"
-            );
-        }
         self.items.push(Item {
             source,
             sink: Sink::Place(place),
@@ -281,9 +266,13 @@ fn submit(
         value: number,
     };
     let submission = drawing.submit(commands, wait, Some(drawn));
-    // SAFETY: the submission signals the number and leaves textures in the layout for copies; the
-    // items own textures and targets until the copies are done, and later drawing into the textures
-    // waits for them. `drawing` is the lock on the drawing queue.
+    // Copies behind a submission that the device did not take would wait for ever.
+    if !gpu.has_taken(&submission) {
+        return (submission, None);
+    }
+    // SAFETY: the submission was taken, so it signals the number, and it leaves textures in the
+    // layout for copies; the items own textures and targets until the copies are done, and later
+    // drawing into the textures waits for them. `drawing` is the lock on the drawing queue.
     let submitted = unsafe { queue.submit(&mut turn, number, &copies, marks.as_ref()) };
     if submitted.is_ok() {
         beside
@@ -417,7 +406,10 @@ fn record_behind(gpu: &Gpu, behind: &[&Item<'_>]) -> wgpu::CommandBuffer {
     // this encoder.
     unsafe {
         encoder.as_hal_mut::<Vulkan, _, _>(|hal| {
-            copies.record(&device, hal.expect("made by Vulkan").raw_handle())
+            // A lost device has no encoder.
+            if let Some(hal) = hal {
+                copies.record(&device, hal.raw_handle());
+            }
         })
     };
     encoder.finish()

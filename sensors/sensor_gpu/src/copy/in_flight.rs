@@ -109,7 +109,7 @@ impl<'a> InFlight<'a> {
     /// recording.
     ///
     /// # Errors
-    /// The device was lost.
+    /// [`GpuError::Lost`], [`GpuError::Hung`].
     pub fn wait(mut self) -> Result<Vec<CopyOutcome>, GpuError> {
         self.wait_for_gpu()?;
         if let Some(pending) = self.pending.take() {
@@ -125,7 +125,7 @@ impl<'a> InFlight<'a> {
     /// dedicated GPU is done before a sleeping thread would wake up.
     ///
     /// # Errors
-    /// The device was lost.
+    /// As [`InFlight::wait`].
     pub fn wait_awake(self) -> Result<Vec<CopyOutcome>, GpuError> {
         if !self.gpu.is_software() {
             match (&self.beside, self.gpu.copy_queue()) {
@@ -139,7 +139,7 @@ impl<'a> InFlight<'a> {
                 ) => {
                     queue
                         .wait_awake(*number)
-                        .map_err(|error| self.gpu.lost(error))?;
+                        .map_err(|error| self.gpu.wait_failed(error))?;
                 }
                 _ => self.poll_awake(),
             }
@@ -149,16 +149,7 @@ impl<'a> InFlight<'a> {
 
     fn poll_awake(&self) {
         let begin = std::time::Instant::now();
-        let now = wgpu::PollType::Wait {
-            submission_index: self.submission.clone(),
-            timeout: Some(std::time::Duration::ZERO),
-        };
-        while begin.elapsed() < AWAKE
-            && matches!(
-                self.gpu.device().poll(now.clone()),
-                Err(wgpu::PollError::Timeout)
-            )
-        {
+        while begin.elapsed() < AWAKE && !self.gpu.is_done(self.submission.as_ref()) {
             std::hint::spin_loop();
         }
     }
@@ -176,17 +167,11 @@ impl<'a> InFlight<'a> {
             .take()
             .map(|beside| self.gpu.time("wait", || wait_beside(&self.gpu, beside)));
         if is_plain && matches!(copied, Some(Ok(()))) {
-            return Ok(());
+            return self.gpu.check();
         }
-        let wait = wgpu::PollType::Wait {
-            submission_index: Some(submission),
-            timeout: None,
-        };
         let drawn = self
             .gpu
-            .time("wait", || self.gpu.device().poll(wait))
-            .map(|_| ())
-            .map_err(|error| self.gpu.lost(error));
+            .time("wait", || self.gpu.wait_for(Some(&submission)));
         copied.unwrap_or(Ok(())).and(drawn)
     }
 }
@@ -200,9 +185,14 @@ fn wait_beside(
     }: Beside,
 ) -> Result<(), GpuError> {
     let queue = gpu.copy_queue().expect("only its copies are beside");
+    // What a lost device was given may never be signalled.
+    if let Err(error) = gpu.check() {
+        gpu.settle();
+        return Err(error);
+    }
     let done = submitted
         .and_then(|()| queue.wait(number))
-        .map_err(|error| gpu.lost(error));
+        .map_err(|error| gpu.wait_failed(error));
     // If waiting failed, the marks are never freed, because the submission that resets them may
     // still be in flight.
     if done.is_ok()

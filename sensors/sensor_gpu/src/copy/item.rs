@@ -82,7 +82,7 @@ impl Item<'_> {
     /// The imported target; `None` for what goes through staging.
     pub fn imported(&self) -> Option<&wgpu::Buffer> {
         match &self.sink {
-            Sink::Place(Place::Shm { target, .. }) => target.imported(),
+            Sink::Place(Place::Shm(place)) => place.target().imported(),
             _ => None,
         }
     }
@@ -90,7 +90,7 @@ impl Item<'_> {
     /// Where the target begins in its segment.
     pub fn target_offset(&self) -> Option<u64> {
         match &self.sink {
-            Sink::Place(Place::Shm { offset_bytes, .. }) => Some(*offset_bytes as u64),
+            Sink::Place(Place::Shm(place)) => Some(place.offset_bytes() as u64),
             _ => None,
         }
     }

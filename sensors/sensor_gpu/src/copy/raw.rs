@@ -7,6 +7,7 @@ use super::item::{Item, Source};
 use crate::queue::{RawCopies, RawCopy};
 
 /// Copies of items whose targets are imported. Their handles are valid as long as the items live.
+/// What the device had no memory for has none, and is left out: its submission is refused anyway.
 pub(super) fn raw_copies_of(items: &[&Item<'_>]) -> RawCopies {
     let mut groups: Vec<Vec<&Item<'_>>> = Vec::new();
     for item in items {
@@ -15,32 +16,22 @@ pub(super) fn raw_copies_of(items: &[&Item<'_>]) -> RawCopies {
             None => groups.push(vec![item]),
         }
     }
-    RawCopies(groups.iter().map(|alike| copy_of(alike)).collect())
+    RawCopies(groups.iter().filter_map(|alike| copy_of(alike)).collect())
 }
 
-fn copy_of(alike: &[&Item<'_>]) -> RawCopy {
+fn copy_of(alike: &[&Item<'_>]) -> Option<RawCopy> {
     let raw = |buffer: &wgpu::Buffer| {
         // SAFETY: the handle is used while its wgpu object lives: the items own it until the
         // submission is done.
-        unsafe {
-            buffer
-                .as_hal::<Vulkan>()
-                .expect("made by Vulkan")
-                .raw_handle()
-        }
+        unsafe { Some(buffer.as_hal::<Vulkan>()?.raw_handle()) }
     };
     let to = raw(alike[0]
         .imported()
-        .expect("only items with an imported target are copied this way"));
-    match &alike[0].source {
+        .expect("only items with an imported target are copied this way"))?;
+    Some(match &alike[0].source {
         Source::Texture { texture, .. } => {
             // SAFETY: as for buffers.
-            let from = unsafe {
-                texture
-                    .as_hal::<Vulkan>()
-                    .expect("made by Vulkan")
-                    .raw_handle()
-            };
+            let from = unsafe { texture.as_hal::<Vulkan>()?.raw_handle() };
             RawCopy::Texture {
                 from,
                 to,
@@ -48,14 +39,14 @@ fn copy_of(alike: &[&Item<'_>]) -> RawCopy {
             }
         }
         Source::Buffer { buffer, .. } => RawCopy::Buffer {
-            from: raw(buffer),
+            from: raw(buffer)?,
             to,
             regions: alike
                 .iter()
                 .filter_map(|item| buffer_region(item))
                 .collect(),
         },
-    }
+    })
 }
 
 /// Whether two copies read one texture or buffer and write one segment.

@@ -11,9 +11,27 @@ use crate::device::Gpu;
 /// Page-aligned memory that the GPU has imported.
 #[derive(Debug)]
 pub struct HostMemory {
-    target: Option<Arc<ShmTarget>>,
+    target: Arc<ShmTarget>,
+    base: *mut u8,
+    n_bytes: usize,
+}
+
+/// What was allocated; the target keeps it.
+struct Allocation {
     base: *mut u8,
     layout: Layout,
+}
+
+// SAFETY: nothing is done with the address but to free it.
+unsafe impl Send for Allocation {}
+// SAFETY: as above.
+unsafe impl Sync for Allocation {}
+
+impl Drop for Allocation {
+    fn drop(&mut self) {
+        // SAFETY: allocated with this layout, and nobody uses it: the target drops this last.
+        unsafe { std::alloc::dealloc(self.base, self.layout) };
+    }
 }
 
 // SAFETY: the memory belongs to the value; it is only read and written through methods whose
@@ -39,36 +57,31 @@ impl HostMemory {
         if base.is_null() {
             return None;
         }
-        let mut memory = HostMemory {
-            target: None,
-            base,
-            layout,
-        };
-        // SAFETY: the memory lives until `drop` has dropped the target, and nobody has a reference
-        // to it.
-        let target = unsafe { ShmTarget::import(gpu, base, layout.size()) };
+        let allocation = Allocation { base, layout };
+        // SAFETY: the memory is there until the allocation is dropped, and nobody has a reference to
+        // it.
+        let target = unsafe { ShmTarget::import(gpu, base, layout.size(), allocation) };
         target.storage()?;
-        memory.target = Some(Arc::new(target));
-        Some(memory)
-    }
-
-    fn shm(&self) -> &Arc<ShmTarget> {
-        self.target.as_ref().expect("taken only by drop")
+        Some(HostMemory {
+            target: Arc::new(target),
+            base,
+            n_bytes: layout.size(),
+        })
     }
 
     /// As a target, to be named among those that a submission writes to.
     pub fn target(&self) -> DirectTarget {
-        self.shm().clone().into()
+        self.target.clone().into()
     }
 
     /// As a buffer for shaders and copies.
     pub fn buffer(&self) -> &wgpu::Buffer {
-        self.shm().storage().expect("checked when it was made")
+        self.target.storage().expect("checked when it was made")
     }
 
     /// Length, bytes.
     pub fn n_bytes(&self) -> usize {
-        self.layout.size()
+        self.n_bytes
     }
 
     /// Makes what earlier commands wrote there visible to the host.
@@ -91,7 +104,7 @@ impl HostMemory {
     pub unsafe fn bytes(&self) -> &[u8] {
         // SAFETY: initialised, and written through `write` and by submissions only, which the
         // caller keeps apart from this.
-        unsafe { std::slice::from_raw_parts(self.base, self.layout.size()) }
+        unsafe { std::slice::from_raw_parts(self.base, self.n_bytes) }
     }
 
     /// Copies bytes out.
@@ -139,26 +152,5 @@ impl HostMemory {
             "{n_bytes} bytes at {offset_bytes} of {}",
             self.n_bytes()
         );
-    }
-}
-
-impl Drop for HostMemory {
-    fn drop(&mut self) {
-        let Some(target) = self.target.take() else {
-            // SAFETY: allocated with this layout, imported by nobody.
-            unsafe { std::alloc::dealloc(self.base, self.layout) };
-            return;
-        };
-        match Arc::try_unwrap(target) {
-            Ok(target) => {
-                // Waits until the device no longer uses it.
-                drop(target);
-                // SAFETY: allocated with this layout; the device no longer has it.
-                unsafe { std::alloc::dealloc(self.base, self.layout) };
-            }
-            Err(_) => tracing::error!(
-                "a submission outlived the memory it writes to, which is therefore kept"
-            ),
-        }
     }
 }

@@ -5,33 +5,50 @@ use std::sync::Arc;
 use super::import::{ImportError, import_host_memory};
 use crate::device::Gpu;
 
-/// One shared-memory segment (or any host memory) that frames go to.
+/// One shared-memory segment (or any host memory) that frames go to, with what keeps it mapped.
 ///
-/// Dropping it waits until the device no longer uses the memory; unmap it only afterwards.
-#[derive(Debug)]
+/// When the last clone is dropped, the device lets go of the memory, whoever still holds a clone of
+/// its buffer or a binding of it; then what keeps the memory is dropped, and never before. If the
+/// device hangs, so that it may write at any time, the memory is kept until the process ends.
 pub struct ShmTarget {
     base: *mut u8,
     len: usize,
     imported: Option<(wgpu::Buffer, Gpu)>,
     staged: Option<ImportError>,
+    /// `None` after `drop` has left it to the end of the process.
+    keeper: Option<Box<dyn Send + Sync>>,
 }
 
-// SAFETY: `base` is only written through, in ranges that the renderer holds alone (contract of the
-// constructors); no method gives out a reference to the memory.
+impl std::fmt::Debug for ShmTarget {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ShmTarget")
+            .field("len", &self.len)
+            .field("staged", &self.staged)
+            .finish_non_exhaustive()
+    }
+}
+
+// SAFETY: `base` is only used in ranges of places, each of which belongs to one holder (contract of
+// `place`); the keeper is `Send` and `Sync`, and so is the buffer.
 unsafe impl Send for ShmTarget {}
-// SAFETY: as above; the wgpu buffer is `Sync` itself.
+// SAFETY: as above.
 unsafe impl Sync for ShmTarget {}
 
 impl ShmTarget {
     /// Imports a whole data segment, once. If that fails, the target is staged and
-    /// [`ShmTarget::staged_reason`] states why.
+    /// [`ShmTarget::staged_reason`] states why. `keeper` is dropped after the device has let go of
+    /// the memory.
     ///
     /// # Safety
-    /// - `base..base + len` stays mapped and writable until the target, with all its clones in
-    ///   places, is dropped.
-    /// - While a submission that copies to a range of it is in flight (until `InFlight::wait`
-    ///   returned), nobody else in this process reads, writes or holds a reference to that range.
-    pub unsafe fn import(gpu: &Gpu, base: *mut u8, len: usize) -> ShmTarget {
+    /// `base..base + len` stays mapped and writable as long as `keeper` lives. Who reads and writes
+    /// which range is promised for every [`ShmTarget::place`].
+    pub unsafe fn import(
+        gpu: &Gpu,
+        base: *mut u8,
+        len: usize,
+        keeper: impl Send + Sync + 'static,
+    ) -> ShmTarget {
+        let keeper: Option<Box<dyn Send + Sync>> = Some(Box::new(keeper));
         // SAFETY: the caller promises what the callee asks.
         match unsafe { import_host_memory(gpu, base, len) } {
             Ok(buffer) => ShmTarget {
@@ -39,6 +56,7 @@ impl ShmTarget {
                 len,
                 imported: Some((buffer, gpu.clone())),
                 staged: None,
+                keeper,
             },
             Err(reason) => {
                 tracing::warn!(
@@ -51,6 +69,7 @@ impl ShmTarget {
                     len,
                     imported: None,
                     staged: Some(reason),
+                    keeper,
                 }
             }
         }
@@ -60,12 +79,17 @@ impl ShmTarget {
     ///
     /// # Safety
     /// As [`ShmTarget::import`].
-    pub unsafe fn staged(base: *mut u8, len: usize) -> ShmTarget {
+    pub unsafe fn staged(
+        base: *mut u8,
+        len: usize,
+        keeper: impl Send + Sync + 'static,
+    ) -> ShmTarget {
         ShmTarget {
             base,
             len,
             imported: None,
             staged: Some(ImportError::AskedFor),
+            keeper: Some(Box::new(keeper)),
         }
     }
 
@@ -90,7 +114,8 @@ impl ShmTarget {
     }
 
     /// The memory as a buffer that shaders read and write; `None` if it is staged, or longer than
-    /// what a shader can be given.
+    /// what a shader can be given. A clone of it is of no use after the target is dropped: wgpu
+    /// refuses submissions that use it.
     pub fn storage(&self) -> Option<&wgpu::Buffer> {
         let (buffer, gpu) = self.imported.as_ref()?;
         (buffer.size() <= gpu.device().limits().max_storage_buffer_binding_size).then_some(buffer)
@@ -141,12 +166,18 @@ impl DirectTarget {
 
 impl Drop for ShmTarget {
     fn drop(&mut self) {
-        if let Some((buffer, gpu)) = self.imported.take() {
-            drop(buffer);
-            // wgpu frees a buffer when it is next polled. A lost device no longer uses it anyway.
-            if let Err(error) = gpu.device().poll(wgpu::PollType::wait_indefinitely()) {
-                tracing::warn!(%error, "the device did not confirm that it let go of shared memory");
-            }
+        let Some((buffer, gpu)) = self.imported.take() else {
+            return;
+        };
+        // Frees it although there may be clones and bindings, once it is polled and nothing that was
+        // submitted uses it. A lost device no longer uses it anyway.
+        buffer.destroy();
+        drop(buffer);
+        if let Err(error) = gpu.wait_for(None) {
+            tracing::debug!(%error, "the device did not confirm that it let go of shared memory");
+        }
+        if gpu.is_hung() {
+            std::mem::forget(self.keeper.take());
         }
     }
 }

@@ -17,7 +17,7 @@ use wgpu::hal::api::Vulkan;
 use super::family::Family;
 use super::raw_copy::RawCopies;
 use super::room::Room;
-use super::timeline::{AWAKE, timeline_semaphore};
+use super::timeline::{AWAKE, Moment, timeline_semaphore, wait_for};
 
 /// The copy queue, its command buffers, and the semaphores it shares with the drawing queue.
 pub(crate) struct CopyQueue {
@@ -252,14 +252,15 @@ impl CopyQueue {
         Ok(false)
     }
 
-    /// Waits until copy `number`, which was submitted, is done.
+    /// Waits until copy `number`, which was submitted, is done; a copy that takes too long is
+    /// [`vk::Result::TIMEOUT`].
     pub fn wait(&self, number: u64) -> Result<(), vk::Result> {
-        let (semaphores, values) = ([self.copied], [number]);
-        let info = vk::SemaphoreWaitInfo::default()
-            .semaphores(&semaphores)
-            .values(&values);
+        let copied = Moment {
+            semaphore: self.copied,
+            value: number,
+        };
         // SAFETY: the semaphore is of this device and lives as long as `self`.
-        unsafe { self.raw.wait_semaphores(&info, u64::MAX) }
+        unsafe { wait_for(&self.raw, copied) }
     }
 
     /// Waits until every copy is done.

@@ -6,9 +6,29 @@ use std::time::Duration;
 use ash::vk;
 use wgpu::hal::api::Vulkan;
 
+/// Longest time that a submission may take. A software adapter may need seconds for large images;
+/// a device that takes longer than this hangs.
+pub const MAX_GPU_WAIT: Duration = Duration::from_secs(60);
 /// How long a waiting thread spins before it sleeps: short work on a dedicated GPU is done before a
 /// sleeping thread would wake up.
 pub(crate) const AWAKE: Duration = Duration::from_micros(500);
+
+/// Waits until a timeline has reached a value, at most [`MAX_GPU_WAIT`].
+///
+/// # Errors
+/// The driver's; [`vk::Result::TIMEOUT`] if it takes longer.
+///
+/// # Safety
+/// The semaphore is a timeline of this device, and lives until the call returns.
+pub(crate) unsafe fn wait_for(device: &ash::Device, moment: Moment) -> Result<(), vk::Result> {
+    let (semaphores, values) = ([moment.semaphore], [moment.value]);
+    let info = vk::SemaphoreWaitInfo::default()
+        .semaphores(&semaphores)
+        .values(&values);
+    let limit_nanos = u64::try_from(MAX_GPU_WAIT.as_nanos()).unwrap_or(u64::MAX);
+    // SAFETY: the caller promises what the call asks.
+    unsafe { device.wait_semaphores(&info, limit_nanos) }
+}
 
 /// A value of a timeline semaphore.
 #[derive(Clone, Copy, Debug)]

@@ -2,6 +2,7 @@
 
 use nalgebra::Matrix3;
 use rayon::prelude::*;
+use schema_stages::Stage;
 use schema_types::ActorId;
 use schema_types::noise::Noise;
 use sensor_core::vector_lanes::{LaneWork, Lanes, in_lanes};
@@ -12,6 +13,9 @@ use super::path::Pose;
 use super::points::{Point, Returns};
 use crate::ray_scene::RayScene;
 use crate::rays::{Caster, GROUP, Hits, Stacks};
+
+/// Casting rays, on whatever threads it is done.
+static RAYS: Stage = Stage::new("lidar rays");
 
 /// Bunches of rays per parallel task.
 const TASK_BUNCHES: usize = 16;
@@ -34,6 +38,7 @@ impl Turn<'_> {
         points.par_chunks_mut(n_slots).zip(bunches).for_each_init(
             Stacks::default,
             |stacks, (points, bunches)| {
+                let _span = RAYS.span();
                 let caster = Caster {
                     scene: self.scene,
                     ignored: self.ignored,
