@@ -13,8 +13,8 @@ use simd_world::{Checkpoint, World};
 const MAX_NAMED: usize = 64;
 /// Longest name, bytes.
 const MAX_NAME: usize = 100;
-/// Largest file that is read. This is far above what 4096 actors need.
-const MAX_FILE_BYTES: u64 = 1 << 30;
+/// Largest checkpoint file that is read, bytes. This is far above what all actors need.
+pub const MAX_CHECKPOINT_BYTES: u64 = 1 << 30;
 /// Ending of checkpoint files.
 const KIND: &str = "gckp";
 
@@ -76,12 +76,7 @@ impl Checkpoints {
                 let folder = path.parent().expect("files lie in a folder");
                 std::fs::create_dir_all(folder)
                     .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-                // Written under another name and then renamed, so that the file is never half
-                // written.
-                let part = path.with_extension("part");
-                std::fs::write(&part, checkpoint.to_bytes()?)
-                    .with_context(|| format!("cannot write {}", part.display()))?;
-                std::fs::rename(&part, &path)
+                launch_cli::files::replace(&path, &checkpoint.to_bytes()?)
                     .with_context(|| format!("cannot write {}", path.display()))?;
                 Ok(Some(path))
             }
@@ -121,15 +116,7 @@ impl Checkpoints {
                 if let Some(bytes) = self.provided.remove(name) {
                     return read(bytes);
                 }
-                let length = std::fs::metadata(&path)
-                    .with_context(|| format!("cannot read {}", path.display()))?
-                    .len();
-                ensure!(
-                    length <= MAX_FILE_BYTES,
-                    "{} has {length} bytes, at most {MAX_FILE_BYTES} are read",
-                    path.display()
-                );
-                let bytes = std::fs::read(&path)
+                let bytes = launch_cli::files::read_plain(&path, MAX_CHECKPOINT_BYTES)
                     .with_context(|| format!("cannot read {}", path.display()))?;
                 read(bytes)
             }

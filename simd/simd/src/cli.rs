@@ -57,6 +57,16 @@ pub struct Args {
     #[arg(long, value_enum)]
     pub lidars_on: Option<LidarsOnArg>,
 
+    /// Most memory of the GPU for the images of all cameras, MiB; a camera that does not fit is
+    /// refused [default: what the driver gives]
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u32).range(1..))]
+    pub gpu_memory: Option<u32>,
+
+    /// End the GPU as a failing driver would, once, when this file appears, which is then removed;
+    /// for tests of what follows
+    #[arg(long, value_name = "FILE", hide = true)]
+    pub lose_gpu_when: Option<PathBuf>,
+
     /// Copy frames once on the CPU instead of letting the GPU write into shared memory
     #[arg(long)]
     pub staged: bool,
@@ -83,12 +93,17 @@ pub struct Args {
     #[arg(long)]
     pub unpaced: bool,
 
+    /// Once the world falls behind real time, let cameras and lidars fire at every 2nd tick, or 3rd,
+    /// up to the 20th; what comes of it depends on the machine
+    #[arg(long, conflicts_with_all = ["unpaced", "hash", "journal"])]
+    pub keep_up: bool,
+
     /// What to do in stepped mode when no client is left for 10 seconds
     #[arg(long, value_enum, default_value_t = OnLostClient::Resume)]
     pub on_lost_client: OnLostClient,
 
     /// Remove a lockstep participant that has been idle for this many seconds although it lives
-    /// [default: wait for ever]
+    /// [default: scenario.lockstep_timeout_s of the launch file; there, wait for ever]
     #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u32).range(1..))]
     pub lockstep_timeout: Option<u32>,
 

@@ -7,10 +7,11 @@ const LOST_CLIENT_NANOS: u64 = 10_000_000_000;
 
 /// How often a daemon looks for processes that were killed: a dead one counts as a client or a reader
 /// until it is cleaned up.
-const CLEAN_NANOS: u64 = 1_000_000_000;
+const CLEAN_NANOS: u64 = 500_000_000;
 
-/// The same for a daemon that has no time to spare between ticks.
-const BUSY_CLEAN_NANOS: u64 = 5_000_000_000;
+/// The same for a daemon that has no time to spare between ticks: sensors render for a dead reader
+/// for less than a second.
+const BUSY_CLEAN_NANOS: u64 = 800_000_000;
 
 /// Time to spare until the next tick that cleaning takes at most in the usual case: a millisecond
 /// and a half with a dozen processes.

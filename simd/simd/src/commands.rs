@@ -10,6 +10,8 @@ mod stepping;
 
 use anyhow::{Context as _, bail};
 use schema_bus::Origin;
+use schema_frames::journal::JOURNAL_ANSWER_BYTES;
+use schema_frames::limits;
 use schema_frames::query::MAX_HITS;
 use schema_frames::{Command, CommandBatch, CommandReply, ReplyBatch};
 use schema_types::{ActorId, Pose};
@@ -19,26 +21,37 @@ use crate::spectator;
 use sensors::SensorWish;
 use stepping::Configuration;
 
-/// Runs the requests that wait, at most four of each client, by (client, seq), and answers.
-pub fn serve(daemon: &mut Daemon) -> anyhow::Result<()> {
+/// Runs the requests that have their turn, by (client, seq), and answers.
+pub fn serve(daemon: &mut Daemon) {
     let requests = match daemon.ports.commands.take_all() {
         Ok(requests) => requests,
         Err(error) => {
             daemon.faults.unreadable(&error);
-            return Ok(());
+            return;
         }
     };
     if requests.is_empty() {
-        return Ok(());
+        return;
     }
     for request in requests {
         let replies = match &request.batch {
             Ok(batch) => {
-                let replies: Vec<CommandReply> = batch
-                    .commands
-                    .iter()
-                    .map(|command| answer(daemon, command, &request.origin))
-                    .collect();
+                let mut n_bytes = 0;
+                let mut reply_to = |command: &Command| {
+                    // What acts on the world acts again when a journal is run, so it is never
+                    // refused for the answers before it.
+                    let reply = match n_bytes > limits::MAX_ANSWER_BYTES && !command.acts_on_world()
+                    {
+                        true => refused(format!(
+                            "the answers to this request are longer than {} MiB already; ask for fewer things at once",
+                            limits::MAX_ANSWER_BYTES >> 20
+                        )),
+                        false => answer(daemon, command, &request.origin),
+                    };
+                    n_bytes += answer_bytes(&reply);
+                    reply
+                };
+                let replies: Vec<CommandReply> = batch.commands.iter().map(&mut reply_to).collect();
                 let outcomes = outcomes(&batch.commands, &replies);
                 if !outcomes.is_empty() && daemon.player.is_none() {
                     daemon.journal.note_commands(
@@ -63,7 +76,7 @@ pub fn serve(daemon: &mut Daemon) -> anyhow::Result<()> {
         }
     }
     daemon.journal.end_round(daemon.tick.0);
-    daemon.publish_documents()
+    daemon.publish_documents();
 }
 
 /// Runs those commands of a journal's request again that act on the world; returns their outcomes.
@@ -93,8 +106,7 @@ pub fn run_again(
             }
             command => run(daemon, command),
         };
-        let reply = reply.unwrap_or_else(|error| refused(format!("{error:#}")));
-        outcomes.push(reply.outcome());
+        outcomes.push(short(reply).outcome());
     }
     daemon
         .journal
@@ -123,16 +135,45 @@ fn answer(daemon: &mut Daemon, command: &Command, asker: &Origin) -> CommandRepl
             "a run is run again from its journal here, and until that ends nobody else may change it; ask what you like, and change it then".into(),
         );
     }
-    match command {
+    let reply = match command {
         Command::JoinLockstep { name } => stepping::join(daemon, name, asker),
         command => run(daemon, command),
+    };
+    short(reply)
+}
+
+/// The reply, or the refusal with a sentence that is not too long: what a client sent may stand in
+/// it.
+fn short(reply: anyhow::Result<CommandReply>) -> CommandReply {
+    match reply {
+        Ok(CommandReply::Refused { error }) => refused(error),
+        Ok(reply) => reply,
+        Err(error) => refused(format!("{error:#}")),
     }
-    .unwrap_or_else(|error| refused(format!("{error:#}")))
 }
 
 /// A refusal with its sentence.
 fn refused(error: String) -> CommandReply {
-    CommandReply::Refused { error }
+    CommandReply::Refused {
+        error: limits::cut(error),
+    }
+}
+
+/// Bytes of JSON that a reply takes, about.
+fn answer_bytes(reply: &CommandReply) -> usize {
+    const RECORD_BYTES: usize = 256;
+    let n_records = match reply {
+        CommandReply::Maps { names } => return names.iter().map(String::len).sum(),
+        CommandReply::Journal { .. } => return JOURNAL_ANSWER_BYTES,
+        CommandReply::Refused { error } => return error.len(),
+        CommandReply::Counters { counters } => counters.len(),
+        CommandReply::Boxes { boxes } => boxes.len(),
+        CommandReply::Bones { bones } => bones.len(),
+        CommandReply::Hits { rays } => rays.iter().map(Vec::len).sum(),
+        CommandReply::Scenery { objects, lamps } => objects.len() + lamps.len(),
+        _ => 1,
+    };
+    n_records * RECORD_BYTES
 }
 
 /// Runs one command. Every command is named here, so that a new one cannot go to the wrong place.

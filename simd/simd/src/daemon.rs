@@ -4,7 +4,6 @@
 
 use std::sync::Arc;
 
-use anyhow::Context as _;
 use schema_bus::{Bus, Claim, Gate, mono_now};
 use schema_frames::SnapshotHeader;
 use schema_types::time::TickClock;
@@ -21,12 +20,14 @@ use crate::faults::Faults;
 use crate::frames::{Sensors, TickView};
 use crate::hash::BytesHash;
 use crate::journal::Journal;
+use crate::keep_up::KeepUp;
 use crate::maps::Maps;
 use crate::pace::Pace;
 use crate::player::Player;
 use crate::ports::Ports;
 use crate::settings::Settings;
 use crate::spectator::{self, Still};
+use crate::stages;
 use crate::topic::Audience;
 
 /// All state of the daemon, in the order in which it must be dropped.
@@ -44,6 +45,8 @@ pub struct Daemon {
     pub tick: Tick,
     pub gate: Gate,
     pub pace: Pace,
+    /// Used if the settings ask for it.
+    pub keep_up: KeepUp,
     /// Simulated seconds per second that paced ticks aim at.
     pub speed_ratio: f64,
     pub episode: Episode,
@@ -107,10 +110,12 @@ impl Daemon {
 
     /// Fires the sensors that are due at the current tick.
     pub fn fire_sensors(&mut self) -> anyhow::Result<()> {
+        let scene_span = stages::SCENE.span();
         self.stream_scenery()?;
         let sim_time = self.now();
         let visible = self.debug.at(sim_time);
         let scene = self.scene_with(visible);
+        drop(scene_span);
         self.still.note(&self.sensors, &self.world, &self.debug);
         let world = &self.world;
         let edge = self.tick.0.saturating_sub(1);
@@ -172,7 +177,11 @@ impl Daemon {
         }
     }
 
-    /// Publishes the actors' states after the current tick.
+    /// Publishes the actors' states after the current tick. If the snapshot cannot be sent, that is
+    /// said and counted, and the world goes on: its readers see a gap.
+    ///
+    /// # Errors
+    /// If the scenery of this tick cannot be shown.
     pub fn publish_snapshot(&mut self) -> anyhow::Result<()> {
         let restored = if std::mem::take(&mut self.just_restored) {
             SnapshotHeader::RESTORED
@@ -197,11 +206,13 @@ impl Daemon {
                 .finish();
             println!("{} world/snapshot {hash:016x}", self.tick.0);
         }
-        self.ports
-            .snapshot
-            .send(header, records)
-            .context("cannot publish the snapshot")?;
-        self.ports.snapshot_wake.notify();
+        match self.ports.snapshot.send(header, records) {
+            Ok(()) => drop(self.ports.snapshot_wake.notify()),
+            Err(error) => {
+                self.just_restored = restored != 0;
+                self.faults.unsent("the snapshot", &error);
+            }
+        }
         Ok(())
     }
 
@@ -221,15 +232,19 @@ impl Daemon {
         Ok(change.snapshot_flags())
     }
 
-    /// Publishes the documents that changed.
-    pub fn publish_documents(&mut self) -> anyhow::Result<()> {
-        self.ports.documents.publish(&State {
+    /// Publishes the documents that changed. One that cannot be sent is said and counted, and tried
+    /// again with the next tick: until then its readers have the older one.
+    pub fn publish_documents(&mut self) {
+        let sent = self.ports.documents.publish(&State {
             world: &self.world,
             gate: &self.gate,
             episode: &self.episode,
             period_nanos: self.clock.period_nanos(),
             tick: self.tick.0,
             sensors: &self.sensors,
-        })
+        });
+        if let Err(error) = sent {
+            self.faults.unsent("a document", &error);
+        }
     }
 }

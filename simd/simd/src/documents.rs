@@ -2,7 +2,7 @@
 //! they change.
 
 use anyhow::Context as _;
-use schema_bus::{Bus, DocumentPublisher, Gate, names};
+use schema_bus::{Bus, BusError, DocumentPublisher, Gate, names};
 use schema_frames::{SpawnPoints, WorldInfo};
 use simd_world::World;
 
@@ -19,6 +19,8 @@ pub struct Documents {
     info_changed: bool,
     sent_info: Option<WorldInfo>,
     sent_actors: Option<u64>,
+    /// Whether the newest list of actors could not be sent.
+    is_list_late: bool,
     sent_episode: u32,
 }
 
@@ -54,6 +56,7 @@ impl Documents {
             info_changed: true,
             sent_info: None,
             sent_actors: None,
+            is_list_late: false,
             sent_episode: 0,
         })
     }
@@ -77,13 +80,19 @@ impl Documents {
     }
 
     /// Revision of the `world/actors` that lists the world's actors as they are, whether it was sent
-    /// or is about to be. A snapshot names this revision.
+    /// or is about to be. A snapshot names this revision. While lists cannot be sent it is that of
+    /// the last one, so that nobody waits for a list that does not come.
     pub fn actors_revision(&self, world: &World) -> u64 {
-        self.actors.revision() + u64::from(self.sent_actors != Some(world.actors_revision()))
+        let is_due = self.sent_actors != Some(world.actors_revision()) && !self.is_list_late;
+        self.actors.revision() + u64::from(is_due)
     }
 
     /// Sends the documents that changed.
-    pub fn publish(&mut self, state: &State<'_>) -> anyhow::Result<()> {
+    ///
+    /// # Errors
+    /// [`BusError`] for the first one that cannot be sent; it and those after it are sent with the
+    /// next call.
+    pub fn publish(&mut self, state: &State<'_>) -> Result<(), BusError> {
         let epoch = state.episode.stamp.epoch;
         let new_episode = self.sent_episode != state.episode.stamp.episode;
         if new_episode {
@@ -102,11 +111,7 @@ impl Documents {
                 .send_json(&SpawnPoints { points }, epoch, state.tick)?;
             self.sent_episode = state.episode.stamp.episode;
         }
-        if self.sent_actors != Some(state.world.actors_revision()) {
-            self.actors
-                .send_json(&state.world.actor_list(), epoch, state.tick)?;
-            self.sent_actors = Some(state.world.actors_revision());
-        }
+        let list = self.send_list(state);
         if self.info_changed || new_episode {
             let info = info(state);
             if self.sent_info.as_ref() != Some(&info) {
@@ -115,6 +120,19 @@ impl Documents {
             }
             self.info_changed = false;
         }
+        list
+    }
+
+    fn send_list(&mut self, state: &State<'_>) -> Result<(), BusError> {
+        if self.sent_actors == Some(state.world.actors_revision()) {
+            return Ok(());
+        }
+        self.is_list_late = true;
+        let epoch = state.episode.stamp.epoch;
+        self.actors
+            .send_json(&state.world.actor_list(), epoch, state.tick)?;
+        self.is_list_late = false;
+        self.sent_actors = Some(state.world.actors_revision());
         Ok(())
     }
 }

@@ -1,4 +1,5 @@
-//! Faults of other processes that the daemon met: said once per process and kind, and counted.
+//! Faults of other processes and of the machine that the daemon met: said once per process and kind,
+//! and counted.
 
 use schema_bus::{BusError, Complaints};
 
@@ -10,9 +11,28 @@ pub struct Faults {
     /// Acknowledgements that did not count.
     pub acks: Complaints,
     is_unreadable_said: bool,
+    n_unsent: u64,
 }
 
 impl Faults {
+    /// Notes that something could not be published. It is said the first time and then ever more
+    /// rarely; the tick goes on.
+    pub fn unsent(&mut self, what: &str, error: &BusError) {
+        self.n_unsent += 1;
+        if self.n_unsent.is_power_of_two() {
+            tracing::warn!(
+                %error,
+                n = self.n_unsent,
+                "{what} of this tick cannot be published; the world goes on, and its readers see a gap"
+            );
+        }
+    }
+
+    /// Number of snapshots and documents that could not be published.
+    pub fn n_unsent(&self) -> u64 {
+        self.n_unsent
+    }
+
     /// Says once that a topic could not be read this time. The tick goes on without what waits there,
     /// which the next tick finds.
     pub fn unreadable(&mut self, error: &BusError) {

@@ -10,17 +10,20 @@ mod views;
 
 use std::sync::Arc;
 
+use launch_cli::wrong_usage;
 use schema_bus::{Bus, mono_now};
 use schema_types::{ActorId, Tick};
-use sensor_camera::CameraRenderer;
+use sensor_camera::{CameraRenderer, View};
 use sensor_core::lane_marks::PaintedLines;
 use sensor_core::scene::{Scene, SceneAssets};
 use sensor_gpu::Gpu;
 use sensor_ray::RayScene;
+use sensor_spec::SensorSpec;
 
 use crate::carrier::Carrier;
 use crate::rig::Waking;
 use crate::sensor::{Model, Role, Sensor};
+use crate::stages;
 use crate::topic::{Audience, FrameCounts, FrameOptions, Topic};
 use in_flight::InFlight;
 use rays::Rays;
@@ -30,6 +33,8 @@ use views::PendingViews;
 
 /// All sensors of the daemon and what makes their frames.
 pub struct Sensors {
+    /// Dropped first, so that what the GPU works on ends before anything it may use.
+    in_flight: InFlight<PendingViews>,
     /// Sensors by rising actor id.
     pub sensors: Vec<Sensor>,
     gpu: Gpu,
@@ -40,12 +45,13 @@ pub struct Sensors {
     painted: Option<PaintedLines>,
     /// Longest tick that the topics' memory was made for.
     fitted_period_nanos: u64,
-    in_flight: InFlight<PendingViews>,
     n_lidar_turns: u64,
     /// Counts of topics that have been closed.
     closed_counts: FrameCounts,
     /// Topics of sensors that ended after the last tick, whose frames may not have been taken yet.
     parting: Vec<Topic>,
+    /// Ticks from one at which cameras and lidars may fire to the next.
+    fire_every: u64,
 }
 
 impl Sensors {
@@ -72,7 +78,13 @@ impl Sensors {
             n_lidar_turns: 0,
             closed_counts: FrameCounts::default(),
             parting: Vec::new(),
+            fire_every: 1,
         }
+    }
+
+    /// Lets cameras and lidars fire at every n-th tick only, where they are due by their rate.
+    pub fn fire_every(&mut self, n_ticks: u64) {
+        self.fire_every = n_ticks.max(1);
     }
 
     /// Lidar turns that were cast.
@@ -138,8 +150,21 @@ impl Sensors {
 
     /// Takes over other static scenery.
     pub fn load(&mut self, assets: &Arc<SceneAssets>) -> anyhow::Result<()> {
+        self.load_for(assets, |_| true)
+    }
+
+    /// Takes over other static scenery for the sensors that `stays` names; the others are about to
+    /// be removed.
+    pub fn load_for(
+        &mut self,
+        assets: &Arc<SceneAssets>,
+        stays: impl Fn(&Sensor) -> bool,
+    ) -> anyhow::Result<()> {
         self.load_views(assets)?;
-        let casts_rays = self.sensors.iter().any(|sensor| sensor.model.casts_rays());
+        let casts_rays = self
+            .sensors
+            .iter()
+            .any(|sensor| stays(sensor) && sensor.model.casts_rays());
         self.load_rays(assets, casts_rays && !assets.streamed);
         self.painted = None;
         Ok(())
@@ -148,7 +173,9 @@ impl Sensors {
     /// Takes over other static scenery for cameras.
     pub fn load_views(&mut self, assets: &Arc<SceneAssets>) -> anyhow::Result<()> {
         self.finish_all()?;
-        self.renderer.load(assets);
+        let renderer = &mut self.renderer;
+        let loaded = self.gpu.try_to("the map", || renderer.load(assets));
+        loaded.inspect_err(|_| self.renderer.recover())?;
         Ok(())
     }
 
@@ -183,7 +210,8 @@ impl Sensors {
         }
         let audience = self.options.audience;
         let lidars = lidar::submit(&mut self.sensors, &mut self.rays, tick, &due, audience);
-        let views = views::submit(&mut self.sensors, &mut self.renderer, tick, &due, audience)?;
+        let renderer = (&self.gpu, &mut self.renderer);
+        let views = views::submit(&mut self.sensors, renderer, tick, &due, audience)?;
         self.fire_on_cpu(tick, &due, lidars.is_some(), &mut waking);
         if let Some(lidars) = lidars {
             self.n_lidar_turns += lidar::finish(&mut self.sensors, lidars, &mut waking, audience)?;
@@ -223,7 +251,7 @@ impl Sensors {
             firing: sensor.schedule.fire_again(),
             carrier,
         };
-        let (renderer, audience) = (&mut self.renderer, self.options.audience);
+        let (renderer, audience) = ((&self.gpu, &mut self.renderer), self.options.audience);
         if let Some(views) = views::submit(&mut self.sensors, renderer, tick, &[due], audience)? {
             self.in_flight.push(views);
         }
@@ -233,11 +261,15 @@ impl Sensors {
     /// Shows every model its carrier, and lists the sensors that fire in this tick, in their order.
     fn due(&mut self, scene: &Scene, carrier: impl Fn(ActorId) -> Option<Carrier>) -> Vec<Due> {
         let mut due = Vec::with_capacity(self.sensors.len());
+        let is_full = scene.tick.0 % self.fire_every == 1 % self.fire_every;
         for (sensor_idx, sensor) in self.sensors.iter_mut().enumerate() {
             let Some(carrier) = carrier(sensor.actor) else {
                 continue;
             };
             sensor.model.follow(&carrier);
+            if !is_full && sensor.model.is_costly() {
+                continue;
+            }
             if let Some(firing) = sensor.schedule.due(scene.sim_time) {
                 due.push(Due {
                     sensor_idx,
@@ -252,6 +284,7 @@ impl Sensors {
     /// Fires the due sensors whose frames take microseconds. They wait for nothing else of the tick,
     /// not even for views of earlier ticks that the GPU still draws.
     fn fire_motion(&mut self, tick: &TickView<'_>, due: &[Due], waking: &mut Waking) {
+        let _span = stages::OTHER_SENSORS.span();
         for due in due {
             let sensor = &mut self.sensors[due.sensor_idx];
             if !sensor.model.is_motion() {
@@ -272,6 +305,7 @@ impl Sensors {
         lidars_are_cast: bool,
         waking: &mut Waking,
     ) {
+        let _span = stages::OTHER_SENSORS.span();
         let mut rays = self.rays.of_tick(tick.scene);
         for due in due {
             let sensor = &mut self.sensors[due.sensor_idx];
@@ -301,6 +335,53 @@ impl Sensors {
             ticks_in_flight,
             self.options.audience,
         )
+    }
+
+    /// Whether the images of one more sensor fit the GPU.
+    ///
+    /// # Errors
+    /// A sentence that names what does not fit.
+    pub fn admit(&self, spec: &SensorSpec) -> anyhow::Result<()> {
+        if let Model::View(view) = Model::new(&self.gpu, spec, 0, 0, false) {
+            self.renderer
+                .admit(&view, &spec.modalities(), self.image_bytes())?;
+        }
+        Ok(())
+    }
+
+    /// Whether the images of all sensors fit the GPU together, if that is limited.
+    ///
+    /// # Errors
+    /// A sentence that names the first camera that does not fit; it ends a program with 2.
+    pub fn check_fit(&self) -> anyhow::Result<()> {
+        let mut used_bytes = 0;
+        for (sensor, view) in self.cameras() {
+            let modalities = sensor.modalities();
+            self.renderer
+                .admit(view, &modalities, used_bytes)
+                .map_err(|error| wrong_usage(format!("sensor {:?}: {error}", sensor.name)))?;
+            used_bytes += self.renderer.target_bytes(view, &modalities);
+        }
+        Ok(())
+    }
+
+    /// Bytes that the images of all cameras take on the GPU once they are read.
+    fn image_bytes(&self) -> u64 {
+        let bytes_of = |(sensor, view): (&Sensor, &View)| {
+            self.renderer.target_bytes(view, &sensor.modalities())
+        };
+        self.cameras().map(bytes_of).sum()
+    }
+
+    /// The cameras that measure, with their views: not the spectator, which is shown while there is
+    /// room.
+    fn cameras(&self) -> impl Iterator<Item = (&Sensor, &View)> {
+        self.sensors
+            .iter()
+            .filter_map(|sensor| match &sensor.model {
+                Model::View(view) if sensor.role == Role::Sensor => Some((sensor, &**view)),
+                _ => None,
+            })
     }
 
     /// Adds a sensor made at run time.

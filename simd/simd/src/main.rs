@@ -19,6 +19,7 @@ mod faults;
 mod frames;
 mod hash;
 mod journal;
+mod keep_up;
 mod maps;
 mod pace;
 mod player;
@@ -29,6 +30,7 @@ mod sensor;
 mod settings;
 mod setup;
 mod spectator;
+mod stages;
 mod tick_loop;
 mod topic;
 

@@ -65,6 +65,7 @@ struct Provided {
 /// Where maps come from.
 #[derive(Debug)]
 pub struct Maps {
+    data: PathBuf,
     folder: PathBuf,
     /// The launch file's folder, in which relative paths are looked for too.
     beside: Option<PathBuf>,
@@ -79,6 +80,7 @@ impl Maps {
     /// Maps of the data folder `data`; relative paths may also start in the launch file's folder.
     pub fn new(data: &Path, launch_folder: Option<PathBuf>) -> Maps {
         Maps {
+            data: data.to_owned(),
             folder: data.join("maps"),
             beside: launch_folder,
             stored: BTreeMap::new(),
@@ -165,6 +167,43 @@ impl Maps {
         }
     }
 
+    /// Whether a client or a journal may ask for this map. Names mean what is in the map folder, links
+    /// included, because its user put it there. A path has to end in the data folder or in the
+    /// launch file's, wherever links on it lead.
+    ///
+    /// # Errors
+    /// If there is no such map, or its path leads elsewhere.
+    pub fn check_asked(&self, name: &str) -> anyhow::Result<()> {
+        // Before the disk is looked at, so that nobody learns what else there is.
+        if !is_path(name) {
+            return Ok(());
+        }
+        let outside = || {
+            wrong_usage(format!(
+                "map {name:?} is not an .xodr file in the data folder {}, and clients load no other paths; put it into maps/ there, or hand over its text with store_map",
+                self.data.display()
+            ))
+        };
+        let homes: Vec<PathBuf> = [Some(&self.data), self.beside.as_ref()]
+            .into_iter()
+            .flatten()
+            .filter_map(|folder| folder.canonicalize().ok())
+            .collect();
+        let is_at_home = |path: &Path| {
+            path.canonicalize()
+                .is_ok_and(|path| homes.iter().any(|home| path.starts_with(home)))
+        };
+        let is_inside =
+            name.ends_with(".xodr") && self.places(name).iter().any(|path| is_at_home(path));
+        if !is_inside && !self.provided.contains_key(name) {
+            return Err(outside());
+        }
+        match self.find(name)? {
+            Source::File { path, .. } if !is_at_home(&path) => Err(outside()),
+            _ => Ok(()),
+        }
+    }
+
     /// The map that a name or path means.
     ///
     /// # Errors
@@ -222,19 +261,7 @@ impl Maps {
                 revision: provided.revision,
             });
         }
-        let is_path = name.ends_with(".xodr")
-            || (name.starts_with(['/', '.']) && !name.starts_with("/Game/"));
-        let mut places: Vec<PathBuf> = Vec::new();
-        if is_path {
-            places.push(name.into());
-            places.extend(self.beside.iter().map(|folder| folder.join(name)));
-            places.push(self.folder.join(name));
-        } else {
-            places.push(self.folder.join(format!("{name}.xodr")));
-            if is_plain(short) {
-                places.push(self.folder.join(format!("{short}.xodr")));
-            }
-        }
+        let places = self.places(name);
         if let Some((path, file)) = places
             .iter()
             .find_map(|path| Some((path, path.metadata().ok().filter(|file| file.is_file())?)))
@@ -248,7 +275,7 @@ impl Maps {
                 changed: file.modified().ok(),
             });
         }
-        if is_path {
+        if is_path(name) {
             return Err(wrong_usage(format!(
                 "map file {name:?} not found; looked in {}",
                 listed(&places)
@@ -268,6 +295,24 @@ impl Maps {
             Town::all_names().join(", "),
             self.folder.display()
         )))
+    }
+
+    /// Where the file that `name` means may be.
+    fn places(&self, name: &str) -> Vec<PathBuf> {
+        let mut places: Vec<PathBuf> = Vec::new();
+        if is_path(name) {
+            places.push(name.into());
+            places.extend(self.beside.iter().map(|folder| folder.join(name)));
+            places.push(self.folder.join(name));
+        } else {
+            // A name that is none cannot lead out of the folder.
+            for plain in [name, short_name(name)] {
+                if is_plain(plain) {
+                    places.push(self.folder.join(format!("{plain}.xodr")));
+                }
+            }
+        }
+        places
     }
 
     fn make(&self, source: &Source, seed: u64) -> anyhow::Result<LoadedMap> {
@@ -321,7 +366,7 @@ fn read_text(path: &Path, bytes: u64) -> anyhow::Result<String> {
             path.display()
         )));
     }
-    let raw = std::fs::read(path).map_err(|error| {
+    let raw = launch_cli::files::read_plain(path, MAX_TEXT_BYTES as u64).map_err(|error| {
         wrong_usage(format!(
             "map file {} cannot be read: {error}",
             path.display()
@@ -370,6 +415,11 @@ fn options_of(map: &StoredMap) -> ImportOptions {
 fn short_name(name: &str) -> &str {
     let short = name.rsplit('/').next().unwrap_or(name);
     short.strip_suffix("_Opt").unwrap_or(short)
+}
+
+/// Whether a name means a path.
+fn is_path(name: &str) -> bool {
+    name.ends_with(".xodr") || (name.starts_with(['/', '.']) && !name.starts_with("/Game/"))
 }
 
 /// Whether a name cannot be mistaken for a path.
@@ -482,6 +532,60 @@ mod tests {
             "only plain files are read"
         );
         std::fs::remove_dir_all(data).unwrap();
+    }
+
+    #[test]
+    fn clients_reach_the_data_folder_and_nothing_else() {
+        let (data, launch) = (folder("asked"), folder("asked-launch"));
+        let inside = data.join("maps/mine.xodr");
+        let outside = data.with_extension("xodr");
+        for path in [&inside, &outside, &launch.join("beside.xodr")] {
+            std::fs::write(path, ROAD).unwrap();
+        }
+        let link = data.join("maps/link.xodr");
+        std::os::unix::fs::symlink(&outside, &link).unwrap();
+        let mut maps = Maps::new(&data, Some(launch.clone()));
+        let outside = outside.to_str().unwrap();
+        for name in [
+            inside.to_str().unwrap(),
+            "mine",
+            "link",
+            "mine.xodr",
+            "beside.xodr",
+        ] {
+            maps.check_asked(name).expect(name);
+            maps.load(name, 1).expect(name);
+        }
+        let leading_out = data
+            .join("maps/../..")
+            .join(Path::new(outside).file_name().unwrap());
+        for name in [
+            outside,
+            leading_out.to_str().unwrap(),
+            link.to_str().unwrap(),
+            "/proc/self/environ",
+            "/proc/kmsg",
+            "./x",
+            "/nowhere/x.xodr",
+        ] {
+            let error = maps.check_asked(name).unwrap_err().to_string();
+            assert!(error.contains("store_map"), "{name}: {error}");
+        }
+        // What is no path cannot become one: its last part is a name in the folder.
+        let own = maps.load("mine", 1).unwrap();
+        maps.check_asked("a/../../mine").unwrap();
+        assert!(Arc::ptr_eq(&own, &maps.load("a/../../mine", 1).unwrap()));
+        for name in ["x/../../../etc/passwd", "mine.xodr_Opt"] {
+            maps.check_asked(name).expect(name);
+            let error = maps.load(name, 1).map(drop).unwrap_err().to_string();
+            assert!(error.contains("not found"), "{name}: {error}");
+        }
+        maps.provide("/its/own.xodr".into(), "own".into(), ROAD.as_bytes());
+        maps.check_asked("/its/own.xodr").unwrap();
+        std::fs::remove_file(outside).unwrap();
+        for folder in [data, launch] {
+            std::fs::remove_dir_all(folder).unwrap();
+        }
     }
 
     #[test]

@@ -3,11 +3,9 @@
 use schema_bus::{
     AckReader, Bus, CommandServer, ControlReader, Listener, Notifier, SnapshotPublisher, names,
 };
+use schema_frames::limits::MAX_ACTORS;
 
 use crate::documents::Documents;
-
-/// Most actors a snapshot can carry: 4096 records of 256 bytes are 1 MiB a slot.
-const MAX_ACTORS: usize = 4096;
 
 /// What the daemon publishes besides frames, and what it is asked through.
 pub struct Ports {

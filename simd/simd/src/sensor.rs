@@ -9,6 +9,7 @@ use std::rc::Rc;
 
 use launch_spec::Launch;
 use schema_bus::Bus;
+use schema_frames::Modality;
 use schema_frames::document::TopicInfo;
 use schema_types::{ActorId, SimTime, Tick};
 use sensor_core::schedule::Schedule;
@@ -46,6 +47,8 @@ pub struct Sensor {
     pub made_at: Tick,
     /// Frames of an event-like sensor so far, read or not.
     pub n_event_frames: u64,
+    /// `CLOCK_MONOTONIC` before which it makes no images, because the GPU had no memory for them.
+    pub refused_until_nanos: u64,
     /// Whether it was added to an old run.
     pub is_added: bool,
     /// What it is to the run.
@@ -155,6 +158,7 @@ impl Sensor {
             stream,
             made_at: context.tick,
             n_event_frames: 0,
+            refused_until_nanos: 0,
             is_added,
             role,
         })
@@ -163,6 +167,11 @@ impl Sensor {
     /// Whether it ends with the episode: a command made it.
     pub fn is_of_episode(&self) -> bool {
         self.launch_rig.is_none() && self.role == Role::Sensor
+    }
+
+    /// What its topics show.
+    pub fn modalities(&self) -> Vec<Modality> {
+        self.topics.iter().map(|topic| topic.modality).collect()
     }
 
     /// Its topics, for `world/actors`.

@@ -26,6 +26,10 @@ pub struct Settings {
     pub domain: String,
     /// Which GPU, and how it copies.
     pub gpu: GpuOptions,
+    /// Most bytes of the GPU's memory for the images of cameras; `None` leaves it to the driver.
+    pub gpu_memory_bytes: Option<u64>,
+    /// File whose appearance ends the GPU, in tests.
+    pub lose_gpu_when: Option<std::path::PathBuf>,
     /// Quality of colour; `None` chooses by adapter.
     pub quality: Option<Quality>,
     /// What casts lidars, and which setting says so.
@@ -58,6 +62,8 @@ pub struct RunSettings {
     pub last_tick: Option<u64>,
     /// Whether free-running ticks keep real time.
     pub speed: Speed,
+    /// Whether cameras and lidars fire less often where real time is not kept.
+    pub keep_up: bool,
     /// What stepped mode does without a client.
     pub on_lost_client: OnLostClient,
     /// Idle time after which a living lockstep participant is removed.
@@ -93,6 +99,7 @@ impl Settings {
             Some(LidarsOnArg::Gpu) => (LidarsOn::Gpu, "--lidars-on gpu"),
             None => (launch.scenario.lidars_on, "scenario.lidars_on = \"gpu\""),
         };
+        let lockstep_timeout_nanos = launch.scenario.lockstep_timeout_nanos();
         Ok(Settings {
             launch,
             launch_folder: args
@@ -111,6 +118,8 @@ impl Settings {
                     CopyPath::Beside
                 },
             },
+            gpu_memory_bytes: args.gpu_memory.map(|mebibytes| u64::from(mebibytes) << 20),
+            lose_gpu_when: args.lose_gpu_when.clone(),
             quality: args.quality.map(|quality| match quality {
                 QualityArg::Low => Quality::Low,
                 QualityArg::High => Quality::High,
@@ -135,10 +144,12 @@ impl Settings {
                 } else {
                     Speed::RealTime
                 },
+                keep_up: args.keep_up,
                 on_lost_client: args.on_lost_client,
                 lockstep_timeout_nanos: args
                     .lockstep_timeout
-                    .map(|secs| u64::from(secs) * 1_000_000_000),
+                    .map(|secs| u64::from(secs) * 1_000_000_000)
+                    .or(lockstep_timeout_nanos),
                 n_awaited_participants: args.await_lockstep as usize,
             },
             awaited_participants: args.await_participant.clone(),

@@ -53,7 +53,10 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         "rendering"
     );
     let frames = settings.frame_options(&gpu)?;
-    let renderer = CameraRenderer::new(&gpu, quality);
+    let mut renderer = CameraRenderer::new(&gpu, quality);
+    if let Some(most_bytes) = settings.gpu_memory_bytes {
+        renderer.limit_target_bytes(most_bytes);
+    }
     let period_nanos = launch.scenario.period_nanos();
     let mut world = World::new(WorldOptions {
         seed: launch.scenario.seed,
@@ -104,6 +107,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     // It has the least actor id, and sensors are in the order of theirs.
     sensors.insert(0, spectator::open(&context, &mut world, launch)?);
     let mut sensors = Sensors::new(gpu, renderer, sensors, frames);
+    sensors.check_fit()?;
     sensors.load(&episode.assets)?;
     let head = journal::head(&journal::Surroundings {
         settings: &settings,
@@ -124,6 +128,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     let mut daemon = Daemon {
         gate: Gate::new(launch.scenario.mode),
         pace: Pace::new(now, period_nanos),
+        keep_up: Default::default(),
         speed_ratio: 1.0,
         clock: TickClock::new(period_nanos),
         tick: Tick(0),
@@ -145,7 +150,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         episode,
     };
     daemon.mark_start();
-    daemon.publish_documents()?;
+    daemon.publish_documents();
     // Processes that must be ready before the first tick (lockstep participants, controllers) see
     // the world as it stands before it.
     daemon.publish_snapshot()?;

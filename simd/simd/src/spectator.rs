@@ -5,7 +5,7 @@ use launch_spec::Launch;
 use nalgebra::Vector3;
 use schema_bus::names;
 use schema_frames::{Command, CommandReply, PhysicsAction, PhysicsAnswer, VehicleTelemetry};
-use schema_types::{ActorId, Pose, SimTime, Tick};
+use schema_types::{ActorId, Pose, SimTime};
 use sensor_core::scene::DebugStroke;
 use sensor_spec::SensorSpec;
 use simd_world::World;
@@ -80,19 +80,6 @@ pub fn open(
     let sensor = Sensor::open(&context, identity, spec, schedule)?;
     world.set_topics(sensor.actor, sensor.topic_infos())?;
     Ok(sensor)
-}
-
-/// Moves it to the spectator actor of a new episode.
-pub fn begin_episode(
-    sensor: &mut Sensor,
-    world: &mut World,
-    made_at: (Tick, SimTime),
-    period_nanos: u64,
-) -> anyhow::Result<()> {
-    let actor = world.spectator();
-    world.set_topics(actor, sensor.topic_infos())?;
-    sensor.begin_episode(actor, made_at, period_nanos);
-    Ok(())
 }
 
 /// A vehicle's telemetry in lines; none if it is gone.

@@ -3,10 +3,11 @@
 use std::time::Duration;
 
 use anyhow::bail;
-use launch_cli::Shutdown;
+use launch_cli::{GpuLost, Shutdown};
 use schema_bus::{Look, mono_now};
 use schema_frames::{JournalFile, StepMode, VehicleControlRecord};
 use schema_types::{ActorId, Tick};
+use sensor_gpu::GpuError;
 use simd_world::World;
 
 use crate::clients::CLEANING_NANOS;
@@ -15,6 +16,7 @@ use crate::daemon::Daemon;
 use crate::pace::Pace;
 use crate::player::Act;
 use crate::settings::Speed;
+use crate::stages;
 
 /// Longest time without a look at shutdown, lockstep participants and lost clients.
 const LOOK_AROUND: Duration = Duration::from_millis(100);
@@ -31,12 +33,35 @@ pub fn run(mut daemon: Daemon, shutdown: &Shutdown) -> anyhow::Result<()> {
     let result = run_ticks(&mut daemon, shutdown);
     let finished = daemon.sensors.finish_all();
     report(&daemon);
+    let ended = result
+        .and(finished)
+        .and(daemon.sensors.gpu().check().map_err(Into::into));
     let closed = daemon.sensors.close();
-    result.and(finished).and(closed)
+    ended.and(closed).map_err(of_gpu)
+}
+
+/// An error of a GPU that is gone ends the program with a code of its own.
+fn of_gpu(error: anyhow::Error) -> anyhow::Error {
+    let gone = error.chain().find_map(|cause| match cause.downcast_ref() {
+        Some(gone @ (GpuError::Lost { .. } | GpuError::Hung { .. })) => Some(gone.to_string()),
+        _ => None,
+    });
+    gone.map_or(error, |sentence| anyhow::Error::new(GpuLost(sentence)))
+}
+
+/// Ends the GPU if a test asks for it.
+fn lose_gpu(daemon: &Daemon) {
+    if let Some(file) = &daemon.settings.lose_gpu_when
+        && std::fs::remove_file(file).is_ok()
+    {
+        daemon.sensors.gpu().lose();
+    }
 }
 
 fn run_ticks(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<()> {
     loop {
+        let Tick(tick) = daemon.tick;
+        schema_stages::post(tick);
         match wait_for_tick(daemon, shutdown)? {
             Next::Tick => run_tick(daemon)?,
             Next::Look => {}
@@ -48,6 +73,9 @@ fn run_ticks(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<()> {
 /// Serves commands, and says whether the next tick may start now.
 fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Next> {
     let Tick(tick) = daemon.tick;
+    lose_gpu(daemon);
+    // A world that stands still hears of a lost GPU here.
+    daemon.sensors.gpu().check()?;
     // Who takes part in lockstep gets the last tick whole, too.
     if shutdown.requested() || (has_ended(daemon) && daemon.gate.missing(tick).next().is_none()) {
         return Ok(Next::Stop);
@@ -59,8 +87,10 @@ fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Nex
         // Before a wait nothing may be left in flight: all frames of tick N are sent before N+1
         // begins.
         daemon.sensors.finish_all()?;
-        daemon.ports.wake.wait(LOOK_AROUND)?;
-        commands::serve(daemon)?;
+        if !daemon.ports.commands.is_behind() {
+            daemon.ports.wake.wait(LOOK_AROUND)?;
+        }
+        commands::serve(daemon);
         daemon.show_again()?;
         look_after_participants(daemon);
         look_after_clients(daemon);
@@ -76,8 +106,8 @@ fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Nex
                 return Ok(Next::Look);
             }
             let wait = Duration::from_nanos(wait_nanos).min(LOOK_AROUND);
-            if daemon.ports.wake.wait(wait)? {
-                commands::serve(daemon)?;
+            if daemon.ports.commands.is_behind() || daemon.ports.wake.wait(wait)? {
+                commands::serve(daemon);
             }
             return Ok(Next::Look);
         }
@@ -129,19 +159,47 @@ fn is_paced(daemon: &Daemon) -> bool {
 /// One tick in its fixed order.
 fn run_tick(daemon: &mut Daemon) -> anyhow::Result<()> {
     daemon.pace.start_tick(mono_now().0);
-    commands::serve(daemon)?;
-    if !may_start(daemon) {
-        return Ok(());
+    keep_up(daemon);
+    {
+        let _span = stages::COMMANDS.span();
+        commands::serve(daemon);
+        if !may_start(daemon) {
+            return Ok(());
+        }
+        apply_controls(daemon);
     }
-    apply_controls(daemon);
     daemon.tick = Tick(daemon.tick.0 + 1);
     daemon.sensors.start_tick(daemon.tick);
     let period_nanos = daemon.clock.period_nanos();
-    daemon.world.step(period_nanos);
-    daemon.publish_snapshot()?;
-    daemon.publish_documents()?;
+    {
+        let _span = stages::PHYSICS.span();
+        daemon.world.step(period_nanos);
+    }
+    {
+        let _span = stages::SNAPSHOT.span();
+        daemon.publish_snapshot()?;
+        daemon.publish_documents();
+    }
     daemon.sensors.settle_topics(&daemon.bus, period_nanos)?;
     daemon.fire_sensors()
+}
+
+/// Lets cameras and lidars fire less often if real time is not kept and the user wants that.
+fn keep_up(daemon: &mut Daemon) {
+    if !daemon.settings.run.keep_up {
+        return;
+    }
+    if !is_paced(daemon) {
+        return daemon.keep_up.pause();
+    }
+    let (now_nanos, period_nanos) = (mono_now().0, daemon.wall_period_nanos());
+    if let Some(every) = daemon.keep_up.note(now_nanos, period_nanos) {
+        daemon.sensors.fire_every(every);
+        tracing::warn!(
+            tick = daemon.tick.0,
+            "real time is not kept: cameras and lidars fire once in {every} ticks from now on (--keep-up)"
+        );
+    }
 }
 
 /// Lets everything act that a journal has for the edge behind the last tick, or ends the journal.
@@ -184,7 +242,7 @@ fn play_one(daemon: &mut Daemon, act: Act) -> anyhow::Result<()> {
             }
             if is_last_of_round {
                 daemon.journal.end_round(edge);
-                daemon.publish_documents()?;
+                daemon.publish_documents();
             }
         }
         Act::Controls { writer, records } => {
@@ -294,9 +352,7 @@ fn look_after_participants(daemon: &mut Daemon) {
     }
     daemon.ports.documents.touch_info();
     // While the world stands still, no tick says who is left.
-    if let Err(error) = daemon.publish_documents() {
-        tracing::warn!(%error, "cannot say who is left in the lockstep");
-    }
+    daemon.publish_documents();
 }
 
 /// Takes the places of killed processes back from time to time, so that nothing is rendered for them.

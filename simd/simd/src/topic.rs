@@ -3,15 +3,13 @@
 mod import;
 mod memory;
 
-use std::sync::Arc;
-
 use launch_spec::TopicLimits;
-use schema_bus::{Bus, FrameLoan, Notifier};
+use schema_bus::{Bus, DeviceLoan, FrameLoan, Notifier, mono_now};
 use schema_frames::document::TopicInfo;
 use schema_frames::{FrameHeader, Modality};
-use sensor_gpu::{Gpu, ShmTarget};
+use sensor_gpu::{Gpu, Place, ShmTarget};
 
-pub use import::Transfer;
+pub use import::{Lent, Transfer};
 pub use memory::{MemoryLife, Writer, limited};
 
 use crate::hash::BytesHash;
@@ -164,8 +162,17 @@ impl Topic {
     }
 
     /// Where the GPU writes; `None` without memory, or if the CPU makes the frames.
-    pub fn target(&self) -> Option<&Arc<ShmTarget>> {
-        self.memory.target()
+    pub fn target(&self) -> Option<&ShmTarget> {
+        self.memory.target().map(|target| &**target)
+    }
+
+    /// A slot of this topic for the GPU to write to, and the place that it is to a submission.
+    ///
+    /// Panics if the CPU makes the topic's frames.
+    pub fn lend(&self, loan: FrameLoan) -> (DeviceLoan, Place<'static>) {
+        let target = self.memory.target();
+        let target = target.expect("topics of the GPU have a target while they have memory");
+        import::lend(target, loan, self.max_payload_bytes())
     }
 
     /// Most payload bytes of a frame.
@@ -251,11 +258,13 @@ impl Topic {
     /// Opens the memory for the first reader, gives it back after the last, or makes it larger.
     /// No frame may be in flight.
     pub fn settle(&mut self, bus: &Bus, gpu: &Gpu) {
-        if let Err(error) = self.memory.settle(bus, gpu, &self.name) {
+        if let Err(error) = self.memory.settle(bus, gpu, &self.name)
+            && self.memory.refuse(mono_now().0)
+        {
             tracing::warn!(
                 topic = self.name,
                 error = format!("{error:#}"),
-                "a topic did not get the memory that it needs"
+                "a topic did not get the memory that it needs, and has no frames until it does; asking again every second"
             );
         }
     }

@@ -29,7 +29,7 @@ const SIZE_PX: [u32; 2] = [960, 600];
 type Shot = (&'static str, &'static str, [f64; 3], f64, f64, &'static str);
 
 /// What `docs/gallery` shows.
-const SHOTS: [Shot; 12] = [
+const SHOTS: [Shot; 15] = [
     (
         "town01_small_town",
         "Town01",
@@ -103,6 +103,22 @@ const SHOTS: [Shot; 12] = [
         "noon",
     ),
     (
+        "town08_rings",
+        "Town08",
+        [-60.0, -210.0, 60.0],
+        78.0,
+        -22.0,
+        "noon",
+    ),
+    (
+        "town09_slope",
+        "Town09",
+        [-330.0, -190.0, 34.0],
+        40.0,
+        -16.0,
+        "noon",
+    ),
+    (
         "town10_street",
         "Town10HD",
         [-45.5, -26.0, 2.0],
@@ -125,6 +141,14 @@ const SHOTS: [Shot; 12] = [
         176.0,
         0.0,
         "rain",
+    ),
+    (
+        "town15_campus",
+        "Town15",
+        [-330.0, -60.0, 46.0],
+        14.0,
+        -20.0,
+        "noon",
     ),
 ];
 

@@ -1,4 +1,4 @@
-//! What stands in each town: `inventory [SEED]` prints the table of docs/towns.md.
+//! What stands in each town: `inventory [SEED]` prints the table of docs/reference/towns.md.
 
 use std::collections::BTreeMap;
 

@@ -44,6 +44,7 @@ fn blocks(builder: &mut Builder<'_>, meshes: &SharedMeshes, rings: &[Ring]) {
         let green = park
             || open
             || ring.outside
+            || builder.plan.green_courts
             || matches!(builder.plan.houses, Houses::Cottages | Houses::Farms);
         let (layer, class) = if green {
             (None, Class::TERRAIN)

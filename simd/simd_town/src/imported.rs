@@ -6,8 +6,10 @@
 
 mod builder;
 mod cover;
+mod fairing;
 mod ground;
 mod height_grid;
+mod junction_heights;
 mod objects;
 mod options;
 mod paint;
@@ -59,6 +61,7 @@ pub fn import(
     move_by(&mut sections, -origin);
     surface::name_kerbs(&mut sections);
     surface::raise_pavements(&mut sections);
+    junction_heights::level(&mut sections);
     let cover = Cover::new(&sections);
     let ground = HeightGrid::new(&sections);
     let mut builder = ImportBuilder::new(roads, origin, seed, *options, cover, ground);

@@ -6,6 +6,9 @@ use schema_types::Class;
 use simd_town::Town;
 use simd_town::imported::{ImportOptions, import};
 
+#[path = "checks/clear_lanes.rs"]
+mod clear_lanes;
+
 const SMALL: &str = include_str!("small.xodr");
 
 fn world(text: &str, options: &ImportOptions) -> Town {
@@ -194,4 +197,180 @@ fn worlds_of_mutated_maps_stay_within_their_bounds() {
         }
     }
     assert!(worlds > 30, "{worlds} worlds, {refused} refused");
+}
+
+/// Two roads that cross on a junction; the one from south to north arches over the other by
+/// `hump_m`. A light and a sign stand in a lane and at the rim of one.
+fn crossing(hump_m: f64) -> String {
+    let lanes = |left: &str, right: &str| {
+        let lane = |id: i32, link: &str| {
+            format!(
+                r#"<lane id="{id}" type="driving" level="false"><link>{link}</link><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane>"#
+            )
+        };
+        format!(
+            r#"<lanes><laneSection s="0"><left>{}</left><center><lane id="0" type="none" level="false"/></center><right>{}</right></laneSection></lanes>"#,
+            lane(1, left),
+            lane(-1, right)
+        )
+    };
+    let mut roads = String::new();
+    let mut road = |id: u32,
+                    at: [f64; 3],
+                    length: f64,
+                    junction: i32,
+                    link: &str,
+                    profile: &str,
+                    signals: &str| {
+        let [x, y, hdg] = at;
+        let ends = r#"<predecessor id="ID"/><successor id="ID"/>"#;
+        let of = |id: i32| {
+            if junction > 0 {
+                ends.replace("ID", &id.to_string())
+            } else {
+                String::new()
+            }
+        };
+        roads += &format!(
+            r#"<road name="" length="{length}" id="{id}" junction="{junction}"><link>{link}</link><planView><geometry s="0" x="{x}" y="{y}" hdg="{hdg}" length="{length}"><line/></geometry></planView><elevationProfile>{profile}</elevationProfile>{}<signals>{signals}</signals></road>"#,
+            lanes(&of(1), &of(-1))
+        );
+    };
+    let half = std::f64::consts::FRAC_PI_2;
+    let flat = r#"<elevation s="0" a="0" b="0" c="0" d="0"/>"#;
+    // Up to the hump over 10 m and down again, level at both ends and on top.
+    let (c, d) = (3.0 * hump_m / 100.0, 2.0 * hump_m / 1000.0);
+    let arch = format!(
+        r#"<elevation s="0" a="0" b="0" c="{c}" d="{}"/><elevation s="10" a="{hump_m}" b="0" c="{}" d="{d}"/>"#,
+        -d, -c
+    );
+    let signals = r#"<signal s="30" t="-1.5" id="21" name="" dynamic="yes" orientation="+" zOffset="0" type="1000001" subtype="-1" value="-1"/><signal s="20" t="-3.55" id="22" name="" dynamic="no" orientation="+" zOffset="0" type="274" subtype="50" value="50"/>"#;
+    let to = |id: u32, contact: &str| {
+        format!(r#"<successor elementType="road" elementId="{id}" contactPoint="{contact}"/>"#)
+    };
+    let from = |id: u32, contact: &str| {
+        format!(r#"<predecessor elementType="road" elementId="{id}" contactPoint="{contact}"/>"#)
+    };
+    let into = r#"<successor elementType="junction" elementId="9"/>"#;
+    let out = r#"<predecessor elementType="junction" elementId="9"/>"#;
+    road(1, [-60.0, 0.0, 0.0], 50.0, -1, into, flat, signals);
+    road(2, [10.0, 0.0, 0.0], 50.0, -1, out, flat, "");
+    road(3, [0.0, -60.0, half], 50.0, -1, into, flat, "");
+    road(4, [0.0, 10.0, half], 50.0, -1, out, flat, "");
+    road(
+        5,
+        [-10.0, 0.0, 0.0],
+        20.0,
+        9,
+        &(from(1, "end") + &to(2, "start")),
+        flat,
+        "",
+    );
+    road(
+        6,
+        [0.0, -10.0, half],
+        20.0,
+        9,
+        &(from(3, "end") + &to(4, "start")),
+        &arch,
+        "",
+    );
+    let connection = |id: u32, from: u32, by: u32| {
+        format!(
+            r#"<connection id="{id}" incomingRoad="{from}" connectingRoad="{by}" contactPoint="start"><laneLink from="-1" to="-1"/></connection>"#
+        )
+    };
+    format!(
+        r#"<OpenDRIVE><header revMajor="1" revMinor="4" name="" version="1" north="0" south="0" east="0" west="0"/>{roads}<junction id="9" name="">{}{}</junction></OpenDRIVE>"#,
+        connection(0, 1, 5),
+        connection(1, 3, 6)
+    )
+}
+
+/// Height of the highest road at a place.
+fn road_height(town: &Town, x: f64, y: f64) -> f64 {
+    let road = town
+        .collision
+        .iter()
+        .find(|mesh| mesh.name == "road")
+        .unwrap();
+    let corner = |c: u32| {
+        let p = road.vertices_m[c as usize].map(f64::from);
+        [
+            p[0] + town.origin_m[0],
+            p[1] + town.origin_m[1],
+            p[2] + town.origin_m[2],
+        ]
+    };
+    let heights = road.triangles.iter().filter_map(|triangle| {
+        let [a, b, c] = triangle.map(corner);
+        let cross =
+            |p: [f64; 3], q: [f64; 3]| (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]);
+        let w = [cross(b, c), cross(c, a), cross(a, b)];
+        let sum: f64 = w.iter().sum();
+        let is_in = sum.abs() > 1e-9 && w.iter().all(|w| w / sum >= -1e-6);
+        is_in.then(|| (w[0] * a[2] + w[1] * b[2] + w[2] * c[2]) / sum)
+    });
+    heights.fold(f64::NEG_INFINITY, f64::max)
+}
+
+#[test]
+fn lanes_that_cross_in_a_junction_have_one_surface() {
+    let town = world(&crossing(0.4), &ImportOptions::default());
+    for aside in [-2.6, -1.75, -0.9, 0.9, 1.75, 2.6] {
+        for by_east in [true, false] {
+            let at = |i: i32| {
+                let along = -14.0 + 0.1 * f64::from(i);
+                let [x, y] = if by_east {
+                    [along, aside]
+                } else {
+                    [aside, along]
+                };
+                road_height(&town, x, y)
+            };
+            for i in 1..=280 {
+                let step_m = (at(i) - at(i - 1)).abs();
+                assert!(
+                    step_m < 0.045,
+                    "a step of {step_m:.3} m, {:.1} m from the middle of the junction, {aside} m aside",
+                    -14.0 + 0.1 * f64::from(i)
+                );
+            }
+        }
+    }
+    // The roads outside are where they were.
+    for [x, y] in [[-12.0, 1.75], [12.0, -1.75], [1.75, -12.0], [-1.75, 12.0]] {
+        assert!(road_height(&town, x, y).abs() < 1e-3);
+    }
+    // Level lanes are left alone.
+    let level = world(&crossing(0.0), &ImportOptions::default());
+    let n = |town: &Town| town.collision[0].triangles.len();
+    assert!(n(&level) < n(&town));
+}
+
+#[test]
+fn posts_of_signals_stand_beside_the_lanes() {
+    let text = crossing(0.0);
+    let town = world(&text, &ImportOptions::default());
+    let roads = RoadMap::parse(&text).unwrap();
+    let has = |name: &str| town.objects.iter().any(|it| it.name.starts_with(name));
+    assert!(has("traffic light pole") && has("sign"));
+    assert_eq!(
+        clear_lanes::solids_in_lanes(&town, &roads),
+        Vec::<String>::new()
+    );
+    let solid = town
+        .collision
+        .iter()
+        .find(|mesh| mesh.name == "buildings and poles")
+        .unwrap();
+    for name in ["traffic light pole", "sign"] {
+        let id = town
+            .objects
+            .iter()
+            .find(|it| it.name.starts_with(name))
+            .unwrap()
+            .id;
+        assert!(solid.objects.contains(&id), "{name} is solid");
+    }
 }

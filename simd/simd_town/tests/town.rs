@@ -11,6 +11,9 @@ use triangles::check_triangles;
 #[path = "../../simd_body/tests/checks/triangles.rs"]
 mod triangles;
 
+#[path = "checks/clear_lanes.rs"]
+mod clear_lanes;
+
 fn town(seed: u64) -> Town {
     Town::generate("Town10HD", seed).expect("the default town exists")
 }
@@ -304,5 +307,14 @@ fn every_light_of_the_map_has_heads_that_face_its_traffic() {
             );
             assert!(!light.heads.is_empty());
         }
+    }
+}
+
+#[test]
+fn nothing_solid_stands_in_a_lane() {
+    for town in towns(1).chain(towns(2)) {
+        let roads = schema_roads::RoadMap::parse(&town.open_drive).unwrap();
+        let found = clear_lanes::solids_in_lanes(&town, &roads);
+        assert!(found.is_empty(), "{}: {found:#?}", town.name);
     }
 }

@@ -5,10 +5,11 @@ use std::collections::BTreeMap;
 use schema_frames::ActorKind;
 use schema_frames::document::{ActorInfo, ActorList, BodyBox, Catalogue, TopicInfo};
 use schema_frames::journal::FIRST_ADDED_ID;
+use schema_frames::limits::{MAX_ACTOR_TEXT_BYTES, MAX_ACTORS, check_actor_texts, json_bytes};
 use schema_types::{ActorId, Pose};
 use serde::{Deserialize, Serialize};
 
-use crate::errors::{ActorError, DestroyError};
+use crate::errors::{ActorError, DestroyError, NoRoom};
 
 /// Everything constant about an actor, and its place on its parent.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -30,12 +31,25 @@ impl Actor {
     pub fn type_id<'c>(&self, catalogue: &'c Catalogue) -> &'c String {
         &catalogue.entries[self.catalogue_idx as usize].type_id
     }
+
+    fn text_bytes(&self) -> usize {
+        text_bytes(&self.role, &self.attributes)
+    }
+}
+
+/// Bytes of JSON that a role and attributes take in `world/actors`, about.
+fn text_bytes(role: &str, attributes: &BTreeMap<String, String>) -> usize {
+    let of_one = |(name, value): (&String, &String)| json_bytes(name) + json_bytes(value) + 2;
+    json_bytes(role) + attributes.iter().map(of_one).sum::<usize>()
 }
 
 /// All actors by rising id. A parent always has a smaller id than what is attached to it.
 #[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Actors {
+    /// Changed by `add` and `remove` alone, which keep the sum beside it.
     pub by_id: BTreeMap<ActorId, Actor>,
+    #[serde(skip)]
+    text_bytes: usize,
 }
 
 impl Actors {
@@ -52,7 +66,57 @@ impl Actors {
     }
 
     pub fn add(&mut self, actor: Actor) {
-        self.by_id.insert(actor.id, actor);
+        self.text_bytes += actor.text_bytes();
+        if let Some(before) = self.by_id.insert(actor.id, actor) {
+            self.text_bytes -= before.text_bytes();
+        }
+    }
+
+    pub fn remove(&mut self, actor: ActorId) {
+        if let Some(gone) = self.by_id.remove(&actor) {
+            self.text_bytes -= gone.text_bytes();
+        }
+    }
+
+    /// Sums the texts up anew, after the actors were read from a checkpoint.
+    pub fn recount(&mut self) {
+        self.text_bytes = self.by_id.values().map(Actor::text_bytes).sum();
+    }
+
+    /// Whether all of them are within the limits of a world.
+    ///
+    /// # Errors
+    /// [`NoRoom`].
+    pub fn check(&self) -> Result<(), NoRoom> {
+        if self.by_id.len() > MAX_ACTORS {
+            return Err(NoRoom::Actors);
+        }
+        match self.text_bytes > MAX_ACTOR_TEXT_BYTES {
+            true => Err(NoRoom::Texts),
+            false => Ok(()),
+        }
+    }
+
+    /// Whether there is room for one more with this role and these attributes.
+    ///
+    /// # Errors
+    /// [`NoRoom`].
+    pub fn check_room(
+        &self,
+        role: &str,
+        attributes: &BTreeMap<String, String>,
+    ) -> Result<(), NoRoom> {
+        if self.by_id.len() >= MAX_ACTORS {
+            return Err(NoRoom::Actors);
+        }
+        let texts = attributes
+            .iter()
+            .map(|(name, value)| (name.as_str(), value.as_str()));
+        check_actor_texts(role, texts)?;
+        match self.text_bytes + text_bytes(role, attributes) > MAX_ACTOR_TEXT_BYTES {
+            true => Err(NoRoom::Texts),
+            false => Ok(()),
+        }
     }
 
     /// Why `actor` cannot be treated as a `needed`: it does not exist or is of another kind.
@@ -87,7 +151,7 @@ impl Actors {
         }
         let mut found = vec![actor];
         // Parents have smaller ids, so one pass finds whole chains.
-        for other in self.by_id.values() {
+        for other in self.by_id.range(actor..).map(|(_, other)| other) {
             if other.parent.is_some_and(|parent| found.contains(&parent)) {
                 found.push(other.id);
             }

@@ -13,6 +13,7 @@
 //! actors.
 
 use std::collections::BTreeSet;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 use schema_frames::ActorKind;
@@ -20,16 +21,22 @@ use schema_types::ActorId;
 use schema_types::noise::mix;
 use serde::Serialize;
 
+use crate::errors::NoRoom;
 use crate::map_data::MapData;
 use crate::physics::engine_state;
 use crate::world::World;
 
 /// "GCKP" read as a little-endian `u32`.
 const MAGIC: u32 = u32::from_le_bytes(*b"GCKP");
-/// Version of the head; the body's version is [`LAYOUT`].
-const VERSION: u32 = 1;
+/// Version of the head; the body's version is [`LAYOUT`]. The checksum of version 1 was the body's
+/// alone.
+const VERSION: u32 = 2;
 /// Bytes before the body.
 const HEAD_BYTES: usize = 48;
+/// Steps that a checkpoint from bytes must survive before it is restored.
+const TRIAL_STEPS: usize = 2;
+/// Length of such a step.
+const TRIAL_STEP_NANOS: u64 = 50_000_000;
 /// Hash of everything that decides the body's layout: this crate's sources and the versions it is
 /// built with.
 const LAYOUT: &str = env!("GANTRY_WORLD_LAYOUT");
@@ -86,6 +93,9 @@ pub enum CheckpointError {
         "the checkpoint is of another version of map {0:?}: roads or solid ground differ; load the map it was saved on"
     )]
     ChangedMap(String),
+    /// With the sensors that live it would have too many actors.
+    #[error("the checkpoint and the sensors that exist now do not fit into one world: {0}")]
+    NoRoom(NoRoom),
 }
 
 impl Checkpoint {
@@ -94,7 +104,7 @@ impl Checkpoint {
         self.elapsed_nanos
     }
 
-    /// Its bytes for a file: a head of 48 bytes and the body. `docs/checkpoints.md` describes the
+    /// Its bytes for a file: a head of 48 bytes and the body. `docs/how-to/checkpoints.md` describes the
     /// layout.
     ///
     /// # Errors
@@ -114,10 +124,11 @@ impl Checkpoint {
             map_hash(&self.world.map),
             self.elapsed_nanos,
             body.len() as u64,
-            hash(&body),
         ] {
             bytes.extend(word.to_le_bytes());
         }
+        let sum = checksum(&bytes, &body);
+        bytes.extend(sum.to_le_bytes());
         bytes.extend(body);
         Ok(bytes)
     }
@@ -158,7 +169,7 @@ impl Checkpoint {
                 said: word(3),
             });
         }
-        if hash(body) != word(4) {
+        if checksum(&head[..HEAD_BYTES - 8], body) != word(4) {
             return Err(CheckpointError::Checksum);
         }
         let broken = |error: postcard::Error| CheckpointError::Body(error.to_string());
@@ -176,9 +187,32 @@ impl Checkpoint {
         engine_state::take_geometry(&mut world.physics.engine, &living.physics.engine)
             .map_err(CheckpointError::Body)?;
         world.take_constants(living);
-        Ok(Checkpoint {
+        world.actors.recount();
+        world
+            .actors
+            .check()
+            .map_err(|error| CheckpointError::Body(error.to_string()))?;
+        let checkpoint = Checkpoint {
             world,
             elapsed_nanos: word(2),
+        };
+        checkpoint.try_in(living)?;
+        Ok(checkpoint)
+    }
+
+    /// Restores it in a copy of the world that runs, and steps there. Bytes with a right checksum
+    /// may still be nobody's: an actor without its body, a contact of what does not exist. The
+    /// engine takes such numbers on trust and panics, which must happen here and not to the world.
+    fn try_in(&self, living: &World) -> Result<(), CheckpointError> {
+        let mut copy = living.clone();
+        let tried = catch_unwind(AssertUnwindSafe(|| {
+            copy.restore(self)?;
+            (0..TRIAL_STEPS).for_each(|_| copy.step(TRIAL_STEP_NANOS));
+            Ok(())
+        }));
+        tried.unwrap_or_else(|_| {
+            let what = "its parts do not fit together";
+            Err(CheckpointError::Body(what.to_owned()))
         })
     }
 }
@@ -207,8 +241,8 @@ impl World {
     /// a snapshot can be sent at once.
     ///
     /// # Errors
-    /// [`CheckpointError::OtherMap`] or [`CheckpointError::ChangedMap`]; the world is then as
-    /// before.
+    /// [`CheckpointError::OtherMap`], [`CheckpointError::ChangedMap`] or
+    /// [`CheckpointError::NoRoom`]; the world is then as before.
     pub fn restore(&mut self, checkpoint: &Checkpoint) -> Result<Vec<ActorId>, CheckpointError> {
         let of = &checkpoint.world.map;
         if !Arc::ptr_eq(of, &self.map) {
@@ -225,6 +259,7 @@ impl World {
         let mut next = checkpoint.world.clone();
         next.take_constants(self);
         let gone = next.take_sensors(self);
+        next.actors.check().map_err(CheckpointError::NoRoom)?;
         next.counts = next.counts.after_restore(self.counts);
         *self = next;
         self.meshes.find_light_heads(&self.map, &self.lights);
@@ -270,7 +305,7 @@ impl World {
             .filter(|id| is_sensor(self, id) && !alive.contains(id))
             .collect();
         for id in lost {
-            self.actors.by_id.remove(&id);
+            self.actors.remove(id);
             self.booms.by_id.remove(&id);
         }
         let mut gone = Vec::new();
@@ -293,6 +328,11 @@ impl World {
         }
         gone
     }
+}
+
+/// Checksum of everything but itself.
+fn checksum(head: &[u8], body: &[u8]) -> u64 {
+    mix(hash(head) ^ mix(hash(body)))
 }
 
 /// [`LAYOUT`] as a number.

@@ -1,6 +1,26 @@
 //! Why an actor was not made, not removed or not changed.
 
+use schema_frames::limits::{MAX_ACTOR_TEXT_BYTES, MAX_ACTORS, TextLimit};
 use schema_types::ActorId;
+
+/// Why a world cannot hold an actor more, or the actors of a map.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoRoom {
+    /// There are as many as there may be.
+    #[error(
+        "a world has at most {MAX_ACTORS} actors, those of its map included; destroy some first"
+    )]
+    Actors,
+    /// One of its texts is too long.
+    #[error(transparent)]
+    Text(#[from] TextLimit),
+    /// All texts together are.
+    #[error(
+        "the roles and attributes of all actors together are longer than {} MiB, which is the most; destroy some actors, or use shorter texts",
+        MAX_ACTOR_TEXT_BYTES >> 20
+    )]
+    Texts,
+}
 
 /// Why an actor was not made.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -18,6 +38,14 @@ pub enum SpawnError {
         type_id: String,
         /// What is wrong with it.
         problem: &'static str,
+    },
+    /// The world has no room for it.
+    #[error("cannot spawn {type_id:?}: {source}")]
+    NoRoom {
+        /// Catalogue id.
+        type_id: String,
+        /// Of what there is too much.
+        source: NoRoom,
     },
     /// The parent does not exist.
     #[error("cannot attach {type_id:?}: there is no actor {parent}")]

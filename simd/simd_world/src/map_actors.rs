@@ -4,12 +4,14 @@ use std::collections::BTreeMap;
 
 use schema_frames::ActorKind;
 use schema_frames::document::{BodyBox, Catalogue};
+use schema_frames::limits::{MAX_ACTOR_TEXT_BYTES, MAX_ACTORS, json_bytes};
 use schema_roads::{RoadMap, Signal, SignalKind};
 use schema_types::{ActorId, Pose};
 
 use crate::actors::{Actor, Actors, Counts};
 use crate::catalogue;
-use crate::map_data::MapData;
+use crate::errors::NoRoom;
+use crate::map_data::{LoadError, MapData};
 use crate::signals::{TrafficLights, trigger_box};
 
 /// How far above the first spawn point the spectator begins, metres.
@@ -21,6 +23,30 @@ pub(crate) struct MapActors {
     pub lights: TrafficLights,
     /// Boxes of lights and signs on lanes, in their own space.
     pub trigger_boxes: BTreeMap<ActorId, BodyBox>,
+}
+
+/// Whether a world has room for the map's lights and signs beside the spectator.
+///
+/// # Errors
+/// [`LoadError::Actors`].
+pub(crate) fn check_actors(map: &MapData, roads: Option<&RoadMap>) -> Result<(), LoadError> {
+    let signals = roads.map_or(&[][..], RoadMap::signals);
+    let refuse = |source| {
+        Err(LoadError::Actors {
+            map: map.name.clone(),
+            n_signals: signals.len(),
+            source,
+        })
+    };
+    if signals.len() + 1 > MAX_ACTORS {
+        return refuse(NoRoom::Actors);
+    }
+    // Half of the texts are left to those who come later.
+    let text_bytes: usize = signals.iter().map(|signal| json_bytes(&signal.id)).sum();
+    match text_bytes > MAX_ACTOR_TEXT_BYTES / 2 {
+        true => refuse(NoRoom::Texts),
+        false => Ok(()),
+    }
 }
 
 /// Adds the spectator, then the map's lights and signs in the map's order.

@@ -8,6 +8,8 @@ use schema_types::{Class, ObjectId, Pose};
 use sensor_core::Mesh;
 use simd_town::{SceneryLamp, SceneryObject};
 
+use crate::errors::NoRoom;
+
 /// Solid triangles, `f32` about [`MapData::origin_m`].
 #[derive(Clone, Debug, Default)]
 pub struct CollisionMesh {
@@ -71,6 +73,16 @@ pub enum LoadError {
         map: String,
         /// What is wrong with the text.
         source: schema_roads::MapError,
+    },
+    /// It brings more actors than a world can have.
+    #[error("cannot load map {map:?}: it has {n_signals} traffic lights and signs, and {source}")]
+    Actors {
+        /// Map name.
+        map: String,
+        /// Its lights and signs.
+        n_signals: usize,
+        /// Of what there is too much.
+        source: NoRoom,
     },
     /// A collision mesh cannot be used.
     #[error("cannot load map {map:?}: collision mesh {mesh_idx} {reason}")]

@@ -87,9 +87,25 @@ impl Records {
         find(&self.all, actor)
     }
 
-    /// Drops the cached speed limit of a destroyed actor.
-    pub fn forget(&mut self, actor: ActorId) {
+    /// Drops the record and the cached speed limit of a destroyed actor.
+    pub fn remove(&mut self, actor: ActorId) {
         self.limits.remove(&actor);
+        if let Ok(idx) = self.all.binary_search_by_key(&actor.0, |record| record.id) {
+            self.all.remove(idx);
+        }
+    }
+
+    /// Makes the record of a new actor; those of the others stay. Making all anew instead would
+    /// make a hundred million records for ten thousand actors.
+    pub fn add(&mut self, seen: &Observed<'_>, booms: &mut Booms, actor: ActorId) {
+        let limits = &mut self.limits;
+        let mut memory = Memory { limits, booms };
+        let Some(actor) = seen.actors.by_id.get(&actor) else {
+            return;
+        };
+        let record = seen.record(actor, &self.all, None, &mut memory, None);
+        let at = self.all.partition_point(|other| other.id < record.id);
+        self.all.insert(at, record);
     }
 
     /// Drops all cached speed limits, for a new episode.

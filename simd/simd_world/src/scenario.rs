@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use schema_roads::walkable::Pavements;
 use schema_types::noise::Noise;
 use schema_types::{ActorId, Pose};
 
 use crate::errors::SpawnError;
 use crate::vehicles::{VehicleModel, color_text, vehicle_models};
-use crate::walkers::{Pavements, draw_candidate};
+use crate::walkers::draw_candidate;
 use crate::world::World;
 
 /// Random stream of the scenario: no other use of the seed has this number.
@@ -84,7 +85,7 @@ impl World {
         let Some(roads) = self.roads.clone().filter(|_| n > 0) else {
             return Vec::new();
         };
-        let ground = Arc::new(Pavements::new(&roads));
+        let ground = Arc::new(Pavements::new(&roads, false));
         let mut crowd = Vec::new();
         for attempt in 0..4 * n as u64 {
             let candidate = draw_candidate(&ground, self.options.seed, attempt);

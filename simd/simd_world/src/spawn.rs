@@ -51,6 +51,12 @@ impl Spawner<'_> {
         let type_id = wanted.type_id;
         let catalogue_idx = catalogue::index_of(self.catalogue, type_id)
             .ok_or_else(|| SpawnError::UnknownType(type_id.to_owned()))?;
+        self.actors
+            .check_room(wanted.role, wanted.attributes)
+            .map_err(|source| SpawnError::NoRoom {
+                type_id: type_id.to_owned(),
+                source,
+            })?;
         let pose = unit_pose(wanted.pose, self.origin_m).map_err(|problem| SpawnError::Pose {
             type_id: type_id.to_owned(),
             problem,

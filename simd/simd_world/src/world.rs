@@ -13,8 +13,8 @@ use crate::actors::{Actors, Counts};
 use crate::booms::Booms;
 use crate::catalogue::catalogue;
 use crate::errors::{ActorError, DestroyError, SpawnError};
-use crate::friction_areas::{FrictionAreas, GroundGrip};
-use crate::map_actors::add_map_actors;
+use crate::friction_areas::{self, FrictionAreas, GroundGrip};
+use crate::map_actors::{add_map_actors, check_actors};
 use crate::map_data::{LoadError, MapData};
 use crate::physics::{Collision, Physics, Solids};
 use crate::props::Props;
@@ -100,7 +100,14 @@ pub struct World {
 impl World {
     /// A world without ground: load a map before spawning vehicles.
     pub fn new(options: WorldOptions) -> World {
-        let mut world = World {
+        let mut world = World::empty(options);
+        world.add_map_actors();
+        world
+    }
+
+    /// A world without any actor, not even a spectator.
+    fn empty(options: WorldOptions) -> World {
+        World {
             options,
             map: Arc::default(),
             roads: None,
@@ -123,9 +130,7 @@ impl World {
             counts: Counts::START,
             spectator: ActorId(0),
             scenery: SceneryState::default(),
-        };
-        world.add_map_actors();
-        world
+        }
     }
 
     /// Loads a map: a new episode without the old one's actors. Ids go on counting. On an error the
@@ -138,6 +143,7 @@ impl World {
     /// are kept.
     pub fn load_shared(&mut self, map: &Arc<MapData>) -> Result<(), LoadError> {
         let roads = map.read_roads()?;
+        check_actors(map, roads.as_deref())?;
         let solids = self.solids.of(map)?;
         self.roads = roads;
         self.physics = Physics::with_solids(map.origin_m, &solids);
@@ -155,6 +161,19 @@ impl World {
         self.counts.episode += 1;
         self.add_map_actors();
         Ok(())
+    }
+
+    /// A world without actors that can take the place of this one: it counts on from here and has
+    /// the same options, weather and loaded maps. What fails while it is filled does not touch this
+    /// one.
+    pub fn successor(&self) -> World {
+        World {
+            catalogue: self.catalogue.clone(),
+            counts: self.counts,
+            solids: self.solids.clone(),
+            weather: self.weather,
+            ..World::empty(self.options)
+        }
     }
 
     fn add_map_actors(&mut self) {
@@ -301,23 +320,32 @@ impl World {
             friction: &mut self.friction,
         };
         let id = spawner.spawn(wanted)?;
-        self.actors_changed();
+        self.counts.actors_revision += 1;
+        let (records, booms, seen) = self.recording();
+        records.add(&seen, booms, id);
         Ok(id)
     }
 
     /// Removes an actor and what is attached to it; returns everything that went, by rising id.
     pub fn destroy(&mut self, actor: ActorId) -> Result<Vec<ActorId>, DestroyError> {
         let gone = self.actors.with_attached(actor, &self.catalogue)?;
+        let is_area = |id: &ActorId| {
+            let actor = &self.actors.by_id[id];
+            actor.type_id(&self.catalogue) == friction_areas::TYPE_ID
+        };
+        let areas_change = gone.iter().any(is_area);
         for id in &gone {
-            self.actors.by_id.remove(id);
-            self.records.forget(*id);
+            self.actors.remove(*id);
+            self.records.remove(*id);
             self.booms.by_id.remove(id);
             self.walkers.by_id.remove(id);
             self.props.remove(*id, &mut self.physics);
             self.vehicles.remove(*id, &mut self.physics);
         }
-        self.friction.refresh(&self.actors, &self.catalogue);
-        self.actors_changed();
+        if areas_change {
+            self.friction.refresh(&self.actors, &self.catalogue);
+        }
+        self.counts.actors_revision += 1;
         Ok(gone)
     }
 

@@ -26,6 +26,7 @@ pub fn counters(daemon: &Daemon) -> CommandReply {
             "requests_refused".to_owned(),
             daemon.ports.commands.n_faults(),
         ),
+        ("unsent".to_owned(), daemon.faults.n_unsent()),
         ("gpu_passes".to_owned(), gpu.passes),
         ("gpu_draws".to_owned(), gpu.draws),
         ("gpu_triangles".to_owned(), gpu.triangles),

@@ -40,6 +40,7 @@ pub fn spawn(daemon: &mut Daemon, wish: &SensorWish<'_>) -> anyhow::Result<Comma
         "there are {MAX_SENSORS} sensors already, which is the most; destroy one first"
     );
     let spec = read_spec(wish.spec, daemon.clock.period_nanos())?;
+    daemon.sensors.admit(&spec)?;
     let actor = daemon
         .world
         .spawn(wish.type_id, wish.pose, wish.parent, "", wish.attributes)?;

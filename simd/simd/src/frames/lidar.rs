@@ -4,7 +4,6 @@
 use anyhow::Context as _;
 use schema_bus::{FrameLoan, mono_now};
 use schema_frames::FrameHeader;
-use sensor_gpu::Place;
 use sensor_ray::{ScanJob, Scans, SensorPath};
 use sensor_spec::LidarScan;
 
@@ -12,17 +11,17 @@ use super::rays::{Rays, TickRays};
 use super::shot::{Due, Shot, TickView};
 use crate::rig::Waking;
 use crate::sensor::{Model, Sensor};
-use crate::topic::Audience;
+use crate::stages;
+use crate::topic::{Audience, Lent};
 
 /// Lidars of a tick that the GPU has not finished.
 pub(super) struct PendingLidars {
-    scans: Scans<'static>,
+    scans: Lent<Scans<'static>>,
     frames: Vec<PendingLidar>,
 }
 
 struct PendingLidar {
     sensor_idx: usize,
-    loan: FrameLoan,
     header: FrameHeader,
 }
 
@@ -35,6 +34,7 @@ pub(super) fn submit(
     due: &[Due],
     audience: Audience,
 ) -> Option<PendingLidars> {
+    let _span = stages::LIDAR.span();
     let is_read = |due: &Due| {
         let sensor = &sensors[due.sensor_idx];
         matches!(sensor.model, Model::Lidar { .. }) && sensor.topics[0].is_read(audience)
@@ -43,7 +43,7 @@ pub(super) fn submit(
         return None;
     }
     let gpu = rays.on_gpu(tick.scene)?;
-    let (mut jobs, mut frames) = (Vec::new(), Vec::new());
+    let (mut jobs, mut frames, mut loans) = (Vec::new(), Vec::new(), Vec::new());
     let mut due = due.iter().peekable();
     for (sensor_idx, sensor) in sensors.iter_mut().enumerate() {
         let Some(due) = due.next_if(|due| due.sensor_idx == sensor_idx) else {
@@ -56,25 +56,12 @@ pub(super) fn submit(
         let Some(Aimed { loan, header, path }) = aim(&shot, sensor) else {
             continue;
         };
-        let topic = &sensor.topics[0];
-        let place = Place::Shm {
-            target: topic
-                .target()
-                .cloned()
-                .expect("lidars that the GPU casts have a target while they have memory"),
-            offset_bytes: loan
-                .offset_in_segment()
-                .expect("the segment was asked for when the topic was opened"),
-            capacity_bytes: topic.max_payload_bytes(),
-        };
+        let (loan, place) = sensor.topics[0].lend(loan);
+        loans.push(loan);
         let Model::Lidar { lidar, .. } = &mut sensor.model else {
             continue;
         };
-        frames.push(PendingLidar {
-            sensor_idx,
-            loan,
-            header,
-        });
+        frames.push(PendingLidar { sensor_idx, header });
         jobs.push(ScanJob {
             lidar,
             path,
@@ -84,7 +71,7 @@ pub(super) fn submit(
         });
     }
     Some(PendingLidars {
-        scans: gpu.scan(jobs),
+        scans: Lent::new(gpu.scan(jobs), loans),
         frames,
     })
 }
@@ -96,18 +83,19 @@ pub(super) fn finish(
     waking: &mut Waking,
     audience: Audience,
 ) -> anyhow::Result<u64> {
-    let outcomes = pending
+    let _span = stages::LIDAR.span();
+    let (outcomes, loans) = pending
         .scans
-        .wait()
+        .wait(Scans::wait)
         .context("the GPU did not finish its lidars")?;
     let mut n_turns = 0;
-    for (frame, outcome) in pending.frames.into_iter().zip(outcomes) {
+    for ((frame, loan), outcome) in pending.frames.into_iter().zip(loans).zip(outcomes) {
         let sensor = &mut sensors[frame.sensor_idx];
         let mut header = frame.header;
         header.set_list(outcome.n_points);
         header.cpu_copies = outcome.cpu_copies;
         header.rendered_mono_nanos = mono_now().0;
-        sensor.topics[0].send(frame.loan, header, audience);
+        sensor.topics[0].send(loan, header, audience);
         n_turns += 1;
         waking.add(&sensor.rig);
     }
@@ -116,6 +104,7 @@ pub(super) fn finish(
 
 /// Casts a lidar on the CPU and sends its frame; returns whether there was one to send.
 pub(super) fn cast_on_cpu(shot: &Shot<'_>, sensor: &mut Sensor, rays: &mut TickRays<'_>) -> bool {
+    let _span = stages::LIDAR.span();
     let Some(Aimed {
         mut loan,
         mut header,

@@ -13,6 +13,7 @@ use simd_world::Collision;
 
 use crate::carrier::Carrier;
 use crate::sensor::Sensor;
+use crate::stages;
 use crate::topic::Audience;
 
 /// What is the same in every header of one episode.
@@ -97,6 +98,7 @@ impl<'a> Shot<'a> {
     /// Sends a filled loan of the sensor's only topic.
     pub fn send(&self, sensor: &mut Sensor, loan: FrameLoan, mut header: FrameHeader) {
         header.rendered_mono_nanos = mono_now().0;
+        let _span = stages::PUBLISH.span();
         sensor.topics[0].send(loan, header, self.audience);
     }
 }

@@ -1,18 +1,23 @@
 //! Frames of cameras: all views of a tick in one submission, sent when the GPU has finished them.
 
-use anyhow::Context as _;
-use schema_bus::{FrameLoan, mono_now};
+use anyhow::{Context as _, bail};
+use schema_bus::mono_now;
 use schema_frames::{FrameHeader, Modality};
-use sensor_camera::{CameraRenderer, Output, Place, Submission, ViewJob};
+use sensor_camera::{CameraRenderer, Output, Submission, ViewJob};
+use sensor_gpu::{Gpu, GpuError};
 
 use super::shot::{Due, Shot, TickView};
 use crate::rig::Waking;
 use crate::sensor::{Model, Sensor};
-use crate::topic::Audience;
+use crate::stages;
+use crate::topic::{Audience, Lent};
+
+/// A camera whose images found no memory on the GPU is left out for this long, nanoseconds.
+const REFUSED_NANOS: u64 = 10_000_000_000;
 
 /// Views of a tick that the GPU has not finished.
 pub(super) struct PendingViews {
-    submission: Submission<'static>,
+    submission: Lent<Submission<'static>>,
     frames: Vec<PendingFrame>,
 }
 
@@ -21,7 +26,6 @@ struct PendingFrame {
     topic_idx: usize,
     view_idx: usize,
     output_idx: usize,
-    loan: FrameLoan,
     header: FrameHeader,
 }
 
@@ -36,18 +40,23 @@ impl PendingViews {
 /// order of `sensors`.
 pub(super) fn submit(
     sensors: &mut [Sensor],
-    renderer: &mut CameraRenderer,
+    (gpu, renderer): (&Gpu, &mut CameraRenderer),
     tick: &TickView<'_>,
     due: &[Due],
     audience: Audience,
 ) -> anyhow::Result<Option<PendingViews>> {
+    let _span = stages::RECORD.span();
+    let now_nanos = mono_now().0;
     let mut jobs = Vec::new();
-    let mut frames = Vec::new();
+    let (mut frames, mut loans) = (Vec::new(), Vec::new());
     let mut due = due.iter().peekable();
     for (sensor_idx, sensor) in sensors.iter_mut().enumerate() {
         let Some(due) = due.next_if(|due| due.sensor_idx == sensor_idx) else {
             continue;
         };
+        if now_nanos < sensor.refused_until_nanos {
+            continue;
+        }
         let audience = sensor.audience(audience);
         let shot = Shot::new(tick, due, sensor, audience);
         let Model::View(view) = &mut sensor.model else {
@@ -58,26 +67,17 @@ pub(super) fn submit(
             let Some(loan) = topic.loan_if_read(audience) else {
                 continue;
             };
-            let target = topic
-                .target()
-                .cloned()
-                .expect("topics of views have a target while they have memory");
-            let place = Place::Shm {
-                target,
-                offset_bytes: loan
-                    .offset_in_segment()
-                    .expect("the segment was asked for when the topic was opened"),
-                capacity_bytes: topic.max_payload_bytes(),
-            };
+            let (loan, place) = topic.lend(loan);
+            loans.push(loan);
             let mut header = shot.header(sensor.actor, topic.modality);
             header.intrinsics_px = view.intrinsics().as_array();
+            header.lens = view.lens().map_or([0.0; 4], |lens| lens.as_array());
             header.set_image(view.intrinsics().width_px, view.intrinsics().height_px);
             frames.push(PendingFrame {
                 sensor_idx,
                 topic_idx,
                 view_idx: jobs.len(),
                 output_idx: outputs.len(),
-                loan,
                 header,
             });
             outputs.push(Output {
@@ -94,8 +94,65 @@ pub(super) fn submit(
     if jobs.is_empty() {
         return Ok(None);
     }
-    let submission = renderer.render(tick.scene, jobs).context("cannot render")?;
+    let rendered = gpu.try_to("the images of a tick", || renderer.render(tick.scene, jobs));
+    let submission = match rendered {
+        Ok(submission) => submission.context("cannot render")?,
+        Err(error @ GpuError::OutOfMemory { .. }) => {
+            for frame in frames {
+                sensors[frame.sensor_idx].topics[frame.topic_idx]
+                    .counts
+                    .n_dropped += 1;
+            }
+            refuse_what_does_not_fit(sensors, renderer, &error)?;
+            return Ok(None);
+        }
+        Err(error) => return Err(error).context("cannot render"),
+    };
+    let submission = Lent::new(submission, loans);
     Ok((!frames.is_empty()).then_some(PendingViews { submission, frames }))
+}
+
+/// After a tick whose images found no memory: gives back what the cameras have on the GPU, makes the
+/// images of one after the other, and leaves out those that do not fit for a while.
+fn refuse_what_does_not_fit(
+    sensors: &mut [Sensor],
+    renderer: &mut CameraRenderer,
+    error: &GpuError,
+) -> anyhow::Result<()> {
+    renderer.recover();
+    for sensor in sensors.iter_mut() {
+        if let Model::View(view) = &mut sensor.model {
+            view.release();
+        }
+    }
+    let now_nanos = mono_now().0;
+    let mut held = Vec::new();
+    for sensor in sensors.iter_mut() {
+        let is_read = sensor.topics.iter().any(|topic| topic.n_readers() > 0);
+        let modalities = sensor.modalities();
+        let Model::View(view) = &sensor.model else {
+            continue;
+        };
+        if !is_read || now_nanos < sensor.refused_until_nanos {
+            continue;
+        }
+        match renderer.admit(view, &modalities, 0) {
+            Ok(images) => held.push(images),
+            Err(GpuError::Lost { .. } | GpuError::Hung { .. }) => bail!("{error}"),
+            Err(error) => {
+                sensor.refused_until_nanos = now_nanos.saturating_add(REFUSED_NANOS);
+                tracing::warn!(
+                    sensor = format!("{}/{}", sensor.rig.name, sensor.name),
+                    %error,
+                    "a camera makes no images for 10 s"
+                );
+            }
+        }
+    }
+    if held.is_empty() {
+        tracing::warn!(%error, "no camera's images fit the GPU");
+    }
+    Ok(())
 }
 
 /// Waits for views and sends them, `ticks_in_flight` ticks late.
@@ -105,13 +162,16 @@ pub(super) fn finish(
     ticks_in_flight: u32,
     audience: Audience,
 ) -> anyhow::Result<()> {
-    let results = pending
+    let readback = stages::READBACK.span();
+    let (results, loans) = pending
         .submission
-        .wait()
+        .wait(Submission::wait)
         .context("the GPU did not finish its frames")?;
+    drop(readback);
+    let _span = stages::PUBLISH.span();
     let rendered_mono_nanos = mono_now().0;
     let mut waking = Waking::default();
-    for frame in pending.frames {
+    for (frame, loan) in pending.frames.into_iter().zip(loans) {
         let sensor = &mut sensors[frame.sensor_idx];
         let audience = sensor.audience(audience);
         let topic = &mut sensor.topics[frame.topic_idx];
@@ -130,7 +190,7 @@ pub(super) fn finish(
         header.cpu_copies = result.cpu_copies;
         header.rendered_mono_nanos = rendered_mono_nanos;
         header.ticks_in_flight = ticks_in_flight;
-        topic.send(frame.loan, header, audience);
+        topic.send(loan, header, audience);
         waking.add(&sensor.rig);
     }
     waking.wake();

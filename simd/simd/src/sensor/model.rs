@@ -89,6 +89,11 @@ impl Model {
         matches!(self, Model::Imu(_) | Model::Gnss)
     }
 
+    /// Whether a frame of it takes much of a tick.
+    pub fn is_costly(&self) -> bool {
+        matches!(self, Model::View(_) | Model::Lidar { .. })
+    }
+
     /// Takes note of a tick, whether the sensor fires or not.
     pub fn follow(&mut self, carrier: &Carrier) {
         match self {

@@ -17,6 +17,9 @@ use super::import::{self, Transfer};
 /// comes back soon costs nothing.
 const LINGER_NANOS: u64 = 5_000_000_000;
 
+/// Memory that was refused is asked for again after this long, nanoseconds.
+const ASK_AGAIN_NANOS: u64 = 1_000_000_000;
+
 /// What writes the frames of a topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Writer {
@@ -74,8 +77,10 @@ enum Outlet {
     Idle(FrameService),
     /// The topic has memory, and the GPU's view of it (`None` if the CPU writes the frames).
     Open {
-        publisher: FramePublisher,
+        // The target keeps the publisher, so that whatever is dropped first, the GPU lets go of the
+        // memory before it is unmapped.
         target: Option<Arc<ShmTarget>>,
+        publisher: Arc<FramePublisher>,
     },
     /// Neither service nor memory: the state during a change, which stays only if reopening fails.
     Closed,
@@ -91,6 +96,10 @@ pub(super) struct TopicMemory {
     writer: Writer,
     life: MemoryLife,
     last_read_nanos: u64,
+    /// `CLOCK_MONOTONIC` before which memory that was refused is not asked for again.
+    not_before_nanos: u64,
+    /// Whether it was refused the last time, which is said once.
+    is_refused: bool,
     /// The memory must be made anew, larger.
     outgrown: bool,
 }
@@ -123,6 +132,8 @@ impl TopicMemory {
             writer: plan.writer,
             life: plan.life,
             last_read_nanos: mono_now().0,
+            not_before_nanos: 0,
+            is_refused: false,
             outgrown: false,
         };
         memory.outlet = match plan.life {
@@ -175,6 +186,9 @@ impl TopicMemory {
         if self.outgrown {
             return true;
         }
+        if now_nanos < self.not_before_nanos {
+            return false;
+        }
         if self.life == MemoryLife::Lasting {
             return !matches!(self.outlet, Outlet::Open { .. });
         }
@@ -184,7 +198,8 @@ impl TopicMemory {
         }
         match &self.outlet {
             Outlet::Open { .. } => now_nanos.saturating_sub(self.last_read_nanos) > LINGER_NANOS,
-            _ => n_readers > 0,
+            Outlet::Idle(_) => n_readers > 0,
+            Outlet::Closed => true,
         }
     }
 
@@ -194,17 +209,20 @@ impl TopicMemory {
         if std::mem::take(&mut self.outgrown) {
             return self.grow(bus, gpu, name);
         }
-        self.outlet = match std::mem::replace(&mut self.outlet, Outlet::Closed) {
+        match std::mem::replace(&mut self.outlet, Outlet::Closed) {
             Outlet::Idle(service) => {
+                // A second handle, in case that there is no room: readers are waiting.
+                self.outlet = Outlet::Idle(bus.frame_service(name, self.spec)?);
                 check_room(name, &service, 0)?;
-                self.open_outlet(service, gpu)?
+                self.outlet = self.open_outlet(service, gpu)?;
             }
             open @ Outlet::Open { .. } => {
                 open.close(gpu);
-                Outlet::Idle(bus.frame_service(name, self.spec)?)
+                self.outlet = Outlet::Idle(bus.frame_service(name, self.spec)?);
             }
-            Outlet::Closed => Outlet::Idle(bus.frame_service(name, self.spec)?),
-        };
+            Outlet::Closed => self.outlet = Outlet::Idle(bus.frame_service(name, self.spec)?),
+        }
+        self.is_refused = false;
         Ok(())
     }
 
@@ -252,28 +270,39 @@ impl TopicMemory {
         Ok(())
     }
 
+    /// Notes that the memory was refused: it is asked for again after a while. Whether to say so.
+    pub fn refuse(&mut self, now_nanos: u64) -> bool {
+        self.not_before_nanos = now_nanos.saturating_add(ASK_AGAIN_NANOS);
+        !std::mem::replace(&mut self.is_refused, true)
+    }
+
     /// Gives everything back. No frame may be in flight.
     pub fn close(self, gpu: &Gpu) {
         self.outlet.close(gpu);
     }
 
     fn open_outlet(&self, service: FrameService, gpu: &Gpu) -> anyhow::Result<Outlet> {
-        let publisher = service.publisher()?;
+        let publisher = Arc::new(service.publisher()?);
         publisher.touch()?;
         let segment = publisher.segment()?;
         let target = match self.writer {
             Writer::Cpu => None,
-            Writer::Gpu => Some(Arc::new(import::target(gpu, &segment, self.transfer))),
+            Writer::Gpu => {
+                let publisher = publisher.clone();
+                Some(import::target(gpu, &segment, publisher, self.transfer))
+            }
         };
-        Ok(Outlet::Open { publisher, target })
+        Ok(Outlet::Open {
+            target: target.map(Arc::new),
+            publisher,
+        })
     }
 }
 
 impl Outlet {
-    /// Gives the memory back, if there is any. The order matters: the GPU lets go of the memory
-    /// before its publisher unmaps it.
+    /// Gives the memory back, if there is any, and waits until it is free.
     fn close(self, gpu: &Gpu) {
-        if let Outlet::Open { publisher, target } = self {
+        if let Outlet::Open { target, publisher } = self {
             drop(target);
             gpu.wait_idle();
             drop(publisher);

@@ -32,14 +32,18 @@ pub fn green_gaps(
         .map(|i| (ring.back_m[(i + 1) % n] - ring.back_m[i]).norm())
         .sum();
     let country = matches!(builder.plan.houses, Houses::Cottages | Houses::Farms);
-    let wanted = if ring.outside {
-        (around / 9.0) as usize
-    } else {
-        (around / if country { 14.0 } else { 42.0 }) as usize
+    let courts = builder.plan.green_courts;
+    let apart_m = match (ring.outside, country || courts) {
+        (true, _) => 9.0,
+        (false, true) => 14.0,
+        (false, false) => 42.0,
     };
+    let wanted = (around / apart_m) as usize;
     let wanted = wanted.clamp(5, 330);
     let deepest = if ring.outside {
         95.0
+    } else if courts {
+        60.0
     } else if country {
         30.0
     } else {

@@ -18,6 +18,9 @@ use crate::scenery::{
 /// Place of a street lamp's light: distance along its arm, and height over its foot.
 const LIGHT_M: (f64, f64) = (1.75, 7.95);
 
+/// Least room between a post that vehicles run into and a lane on which they drive, metres.
+const POST_ROOM_M: f64 = 0.1;
+
 /// A world under construction, in coordinates about its origin.
 pub(super) struct ImportBuilder<'m> {
     pub roads: &'m RoadMap,
@@ -130,8 +133,12 @@ impl<'m> ImportBuilder<'m> {
         });
     }
 
-    /// Adds a round post to the solids.
+    /// Adds a round post to the solids, unless a file puts it where vehicles drive.
     pub fn post(&mut self, object: ObjectId, at: [f64; 3], radius_m: f64, height_m: f64) {
+        let beside_m = radius_m + POST_ROOM_M;
+        if self.cover.vehicles_near(P2::new(at[0], at[1]), beside_m) {
+            return;
+        }
         let ring: Vec<P2> = (0..6)
             .map(|k| {
                 P2::new(at[0], at[1]) + unit(std::f64::consts::TAU * f64::from(k) / 6.0) * radius_m

@@ -116,6 +116,14 @@ impl Cover {
             .max_by(f64::total_cmp)
     }
 
+    /// Whether a lane for vehicles lies within about `margin_m`.
+    pub fn vehicles_near(&self, p: P2, margin_m: f64) -> bool {
+        let ring = (0..8).map(|k| p + unit(f64::from(k) * std::f64::consts::FRAC_PI_4) * margin_m);
+        std::iter::once(p)
+            .chain(ring)
+            .any(|q| self.vehicles_at(q).is_some())
+    }
+
     /// Whether vehicles of another road pass here at about this height.
     pub fn crossed_by_others(&self, p: P2, z_m: f64, road: u32) -> bool {
         self.at(p)

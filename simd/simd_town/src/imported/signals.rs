@@ -20,6 +20,8 @@ use crate::scenery::LightSite;
 const CLEAR_M: f64 = 5.2;
 /// How far from a signal over a lane a place for its pole is looked for.
 const REACH_M: f64 = 18.0;
+/// Room between a pole and any lane for vehicles, metres; less where there is no such place.
+const ROOM_M: [f64; 2] = [0.6, 0.25];
 
 /// Adds every signal of the map, and a stop line before every light.
 pub(super) fn build(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
@@ -54,11 +56,15 @@ fn light(
     pose: &Isometry3<f64>,
     poles: &mut BTreeMap<u32, MeshId>,
 ) {
-    let at = flat(pose.translation.vector.into());
+    let mut at = flat(pose.translation.vector.into());
     let facing = yaw(pose);
     // The right side of the traffic that must obey is the left side of the signal's face.
     let aside = left(unit(facing));
     let foot = pole_place(builder, at, aside).unwrap_or(at);
+    // A pole at the rim of a lane moves as a whole.
+    if builder.cover.vehicles_at(at).is_none() {
+        at = foot;
+    }
     let arm_m = (at - foot).norm();
     let z = builder.floor(foot);
     let overhead = arm_m > 0.3;
@@ -100,17 +106,20 @@ fn light(
     });
 }
 
-/// The nearest place beside `at` where no vehicle drives, first on the traffic's right. `None` if
-/// no vehicle drives at `at` itself.
+/// The nearest place beside `at` with room to every lane for vehicles, first on the traffic's right.
+/// `None` if there is room at `at` itself.
 fn pole_place(builder: &ImportBuilder, at: P2, right: P2) -> Option<P2> {
-    builder.cover.vehicles_at(at)?;
-    let free = |p: &P2| builder.cover.vehicles_at(*p).is_none();
-    (1..=(REACH_M * 2.0) as usize).find_map(|k| {
-        let away = right * (0.5 * k as f64);
-        [at + away, at - away]
-            .into_iter()
-            .find(free)
-            .map(|p| p + (p - at).normalize() * 0.6)
+    let has_room = |p: P2, room_m: f64| !builder.cover.vehicles_near(p, room_m);
+    if has_room(at, ROOM_M[0]) {
+        return None;
+    }
+    ROOM_M.into_iter().find_map(|room_m| {
+        (1..=(REACH_M * 4.0) as usize).find_map(|k| {
+            let away = right * (0.25 * k as f64);
+            [at + away, at - away]
+                .into_iter()
+                .find(|p| has_room(*p, room_m))
+        })
     })
 }
 
@@ -144,11 +153,7 @@ fn sign(
             .assets
             .add_mesh(kind.map_or_else(plate, signal_meshes::sign))
     });
-    let foot = if on_road {
-        pole_place(builder, at, left(unit(yaw(pose)))).unwrap_or(at)
-    } else {
-        at
-    };
+    let foot = pole_place(builder, at, left(unit(yaw(pose)))).unwrap_or(at);
     let z = builder.floor(foot);
     let name = if signal.name.is_empty() {
         "sign"

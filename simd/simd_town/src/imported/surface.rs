@@ -27,6 +27,8 @@ const HOLE_M2: f64 = 140.0;
 const MAX_HOLE_CELLS: usize = 4_000_000;
 /// Height over the ground from which a road is a bridge.
 const BRIDGE_M: f64 = 2.5;
+/// Distances from the edge of a bridge at which another road means that it goes on there, metres.
+const NEIGHBOUR_M: [f64; 4] = [-0.3, 0.05, 0.6, 1.2];
 /// Thickness of a bridge, height of its parapets.
 const DECK_M: (f64, f64) = (0.7, 0.9);
 
@@ -282,7 +284,15 @@ fn outer_edge(
     let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [176, 174, 168]).of(object);
     let at = |p: [f64; 3], out_m: f64, z: f64| [p[0] + out.x * out_m, p[1] + out.y * out_m, z];
     if drop > bridge_m {
-        bridge_edge(builder, (a, b), out, object);
+        // A parapet stands nowhere near the lanes of another road.
+        let has_neighbour = [0.1, 0.5, 0.9].into_iter().any(|share| {
+            let p = flat(a) + along * share;
+            let mut beside = NEIGHBOUR_M.iter().map(|m| p + out * *m);
+            beside.any(|p| builder.cover.others_near(p, a[2], section.road))
+        });
+        if !has_neighbour {
+            bridge_edge(builder, (a, b), out, object);
+        }
         return;
     }
     let slope_m = 1.6 * drop;
@@ -407,18 +417,25 @@ fn floor(builder: &mut ImportBuilder, sections: &[&SectionSurface], object: Obje
             .filter(|lane| is_for_vehicles(lane.kind))
         {
             for row in 1..section.stations_m.len() {
-                let wider = |row: usize| {
+                // Every column, because the lane need not be even across.
+                let wider = |row: usize| -> Vec<[f64; 3]> {
                     let points = lane.row(row);
-                    let (right, left) = (points[0], points[lane.columns - 1]);
-                    let across = flat(left) - flat(right);
+                    let across = flat(points[lane.columns - 1]) - flat(points[0]);
                     let out = across.try_normalize(1e-6).unwrap_or_default() * FLOOR_M.1;
-                    (
-                        [right[0] - out.x, right[1] - out.y, right[2] - FLOOR_M.0],
-                        [left[0] + out.x, left[1] + out.y, left[2] - FLOOR_M.0],
-                    )
+                    let mut under: Vec<[f64; 3]> = points
+                        .iter()
+                        .map(|p| [p[0], p[1], p[2] - FLOOR_M.0])
+                        .collect();
+                    let beyond = |p: [f64; 3], by: P2| [p[0] + by.x, p[1] + by.y, p[2]];
+                    under[0] = beyond(under[0], -out);
+                    under[lane.columns - 1] = beyond(under[lane.columns - 1], out);
+                    under
                 };
                 let (a, b) = (wider(row - 1), wider(row));
-                lay(builder, ALL, asphalt, [a.0, b.0, b.1, a.1], true);
+                for k in 1..lane.columns {
+                    let quad = [a[k - 1], b[k - 1], b[k], a[k]];
+                    lay(builder, ALL, asphalt, quad, true);
+                }
             }
         }
     }
@@ -487,7 +504,7 @@ fn holes(
         if !enclosed || area > HOLE_M2 || rim.is_empty() {
             continue;
         }
-        let z = rim.iter().sum::<f64>() / rim.len() as f64 - FLOOR_M.0;
+        let mean = rim.iter().sum::<f64>() / rim.len() as f64;
         part.sort_unstable();
         // One strip per run of cells, half a cell wider so that it ends under the lanes.
         let mut from = 0;
@@ -495,6 +512,13 @@ fn holes(
             if k < part.len() && part[k] == part[k - 1] + 1 && part[k] % columns != 0 {
                 continue;
             }
+            // No higher than the lanes beside it, under which it ends.
+            let beside = part[from..k]
+                .iter()
+                .flat_map(|i| [i - 1, i + 1, i - columns, i + columns])
+                .filter_map(|i| heights[i]);
+            let z = beside.fold(f64::INFINITY, f64::min);
+            let z = if z.is_finite() { z } else { mean } - FLOOR_M.0;
             let (a, b) = (
                 at(part[from]).add_scalar(-0.8 * HOLE_CELL_M),
                 at(part[k - 1]).add_scalar(0.8 * HOLE_CELL_M),

@@ -95,6 +95,7 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
         all_lights: true,
         houses: Houses::Towers { within_m: 150.0 },
         cottages_m: Vec::new(),
+        green_courts: false,
         limits_from_m: SIGNED_FROM_M,
     }
 }

@@ -2,8 +2,8 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use super::layout::{AVENUE, Houses, Plan, Profile, STREET};
-use super::sketch::{COUNTRY, HIGH_STREET, LANE, Sketch};
+use super::layout::{AVENUE, Houses, Plan, Profile, RING, STREET};
+use super::sketch::{HIGH_STREET, LANE, Sketch};
 use crate::geometry::{P2, unit};
 
 /// Adds a ring of streets through nodes on a circle about the origin; each bends in its middle.
@@ -41,7 +41,7 @@ pub fn rings(name: &str, seed: u64) -> Plan {
                 .collect()
         })
         .collect();
-    for (k, profile) in [HIGH_STREET, LANE, LANE, COUNTRY].into_iter().enumerate() {
+    for (k, profile) in [HIGH_STREET, LANE, LANE, RING].into_iter().enumerate() {
         ring(&mut s, &at[k], &headings, RADII_M[k], profile);
     }
     for i in 0..N {
@@ -55,6 +55,7 @@ pub fn rings(name: &str, seed: u64) -> Plan {
     // Where no street arrives, the ring road passes without a junction.
     s.drop_passages();
     s.plan.parks_m = vec![P2::new(0.0, 0.0)];
+    s.plan.green_courts = true;
     s.plan
 }
 
@@ -123,7 +124,7 @@ pub fn campus(name: &str, seed: u64) -> Plan {
             .map(|centre| s.node(centre.x, sign * h))
             .collect();
         s.chain(&near, STREET);
-        s.chain(&far, COUNTRY);
+        s.chain(&far, RING);
         for k in 0..3 {
             s.chain(&[circles[k][arm], near[k]], LANE);
             s.chain(&[near[k], far[k]], if k == 1 { HIGH_STREET } else { LANE });
@@ -131,8 +132,8 @@ pub fn campus(name: &str, seed: u64) -> Plan {
         outer.push(far);
     }
     for (sign, far) in [(1.0, &outer[0]), (-1.0, &outer[1])] {
-        s.street(far[2], east, &[(w, sign * h, 60.0)], COUNTRY);
-        s.street(west, far[0], &[(-w, sign * h, 60.0)], COUNTRY);
+        s.street(far[2], east, &[(w, sign * h, 60.0)], RING);
+        s.street(west, far[0], &[(-w, sign * h, 60.0)], RING);
     }
     for i in 0..s.plan.nodes_m.len() {
         // A roundabout is level.
@@ -144,5 +145,6 @@ pub fn campus(name: &str, seed: u64) -> Plan {
         s.plan.heights_m[i] = 6.0 + 4.5 * (p.x / 170.0 + 0.4).sin() * (p.y / 130.0 + 0.9).cos();
     }
     s.plan.hills_m = 44.0;
+    s.plan.green_courts = true;
     s.plan
 }

@@ -216,6 +216,8 @@ pub struct Plan {
     pub houses: Houses,
     /// Points inside blocks of cottages, whatever is built elsewhere.
     pub cottages_m: Vec<P2>,
+    /// Lawns and trees in the courts of blocks, whatever is built round them.
+    pub green_courts: bool,
     /// Least length of a street with speed-limit signs.
     pub limits_from_m: f64,
 }

@@ -93,6 +93,7 @@ impl Sketch {
             all_lights: false,
             houses,
             cottages_m: Vec::new(),
+            green_courts: false,
             limits_from_m: SIGNED_FROM_M,
         };
         Sketch {

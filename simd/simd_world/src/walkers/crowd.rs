@@ -6,14 +6,14 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry2, Vector2, Vector3};
 use schema_frames::{LightState, WalkerControl};
-use schema_roads::walkable::Ground;
+use schema_roads::walkable::detour::{self, Obstacle, Step};
+use schema_roads::walkable::pavements::REACH_M;
+use schema_roads::walkable::{Ground, Pavements};
 use schema_types::noise::Noise;
 use schema_types::{ActorId, Pose};
 use serde::{Deserialize, Serialize};
 
-use super::detour::{self, Obstacle, Step};
 use super::model::{WalkerModel, walker_models};
-use super::pavements::{Pavements, REACH_M};
 use super::surroundings::Surroundings;
 use super::walker::Walker;
 use crate::vehicles::Vehicle;
@@ -81,7 +81,9 @@ impl Crowd {
             return;
         }
         if self.ground.is_none() {
-            self.ground = around.roads.map(|roads| Arc::new(Pavements::new(roads)));
+            self.ground = around
+                .roads
+                .map(|roads| Arc::new(Pavements::new(roads, false)));
         }
         let Some(ground) = &self.ground else {
             return;
@@ -245,7 +247,7 @@ impl StrollersView<'_> {
             if to == from || (x - at[0]).hypot(y - at[1]) > REACH_M {
                 continue;
             }
-            if let Some(way) = self.ground.way(from, to) {
+            if let Some(way) = self.ground.way(from, to, false) {
                 stroller.path = self.ground.corners(&way, [at[0], at[1]]);
                 return;
             }
