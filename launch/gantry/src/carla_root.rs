@@ -139,6 +139,9 @@ fn launch_text(args: &CarlaRootArgs) -> anyhow::Result<String> {
     if args.bind != IpAddr::from([127, 0, 0, 1]) {
         gateway.extend(["--bind".to_owned(), args.bind.to_string()]);
     }
+    if args.any_user {
+        gateway.push("--any-user".to_owned());
+    }
     let list = |cmd: &[String]| {
         let words: Vec<String> = cmd.iter().map(|word| format!("{word:?}")).collect();
         words.join(", ")
@@ -197,6 +200,7 @@ mod tests {
             data: None,
             python_api: None,
             bind: IpAddr::from([127, 0, 0, 1]),
+            any_user: false,
         }
     }
 
@@ -235,6 +239,7 @@ mod tests {
         let text = launch_text(&CarlaRootArgs {
             data: Some(folder.into()),
             bind: IpAddr::from([0, 0, 0, 0]),
+            any_user: true,
             ..args(Path::new("x"))
         })
         .unwrap();
@@ -245,7 +250,14 @@ mod tests {
         );
         assert_eq!(
             launch.process("carla").unwrap().cmd,
-            ["gantry-carla", "--data", folder, "--bind", "0.0.0.0"]
+            [
+                "gantry-carla",
+                "--data",
+                folder,
+                "--bind",
+                "0.0.0.0",
+                "--any-user"
+            ]
         );
     }
 }

@@ -77,8 +77,8 @@ Examples:
 #[derive(clap::Args, Debug, Clone, Default)]
 #[command(after_help = UP_EXAMPLES)]
 pub struct UpArgs {
-    /// Launch files, each laid over those before it [default: launch/quickstart.toml, which is also
-    /// built in]
+    /// Launch files, each laid over those before it [default: launch/quickstart.toml; that one,
+    /// launch/minimal.toml, launch/two_rigs.toml and launch/carla.toml are also built in]
     #[arg(value_name = "FILE")]
     pub files: Vec<PathBuf>,
 
@@ -107,6 +107,16 @@ pub struct UpArgs {
     #[arg(long, value_name = "HOW")]
     pub view: Option<ViewMode>,
 
+    /// Where the machine cannot keep real time, let cameras and lidars fire less often; the simulator
+    /// says so, and frames tell the time since the one before
+    #[arg(long, conflicts_with = "replay")]
+    pub keep_up: bool,
+
+    /// Add a page for the browser from which the world is ruled: pause, step, speed, weather, spawn,
+    /// follow (gantry-desk)
+    #[arg(long)]
+    pub desk: bool,
+
     /// Override a value of the launch file, in TOML syntax; may be repeated
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
@@ -118,7 +128,7 @@ pub struct UpArgs {
 
     /// Print the JSON schema of launch files, with which editors complete and check them, and start
     /// nothing
-    #[arg(long, conflicts_with_all = ["dry_run", "record", "replay", "view", "for_period", "files"])]
+    #[arg(long, conflicts_with_all = ["dry_run", "record", "replay", "view", "desk", "keep_up", "for_period", "files"])]
     pub schema: bool,
 
     /// Folder for maps, logs and runs [default: gantry in the XDG data folder]

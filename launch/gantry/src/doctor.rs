@@ -1,9 +1,14 @@
 //! `gantry doctor`: finds out what this machine lacks and prints the command that repairs it. It
 //! changes nothing.
 
+mod disk;
+mod display;
 mod finding;
 mod graphics;
+mod install;
+mod limits;
 mod machine;
+mod processor;
 mod python;
 
 use std::io::IsTerminal as _;
@@ -11,11 +16,17 @@ use std::io::IsTerminal as _;
 use launch_cli::{ColorWhen, CommonArgs, Exit};
 
 use crate::cli::DoctorArgs;
+use crate::up::quickstart_bytes;
 use finding::{Colour, Grade};
 
 pub fn run(args: &DoctorArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     let mut findings = graphics::look();
-    findings.extend(machine::look(&common.domain));
+    let need = quickstart_bytes();
+    findings.extend(machine::look(&common.domain, need));
+    findings.extend(limits::look(need));
+    findings.extend(processor::look());
+    findings.extend(display::look());
+    findings.extend(disk::look(launch_cli::data_dir(None)));
     findings.extend(python::look());
     for finding in &findings {
         if args.json {

@@ -14,10 +14,10 @@ use launch_cli::{CommonArgs, Exit};
 use crate::cli::{ExportArgs, MapArgs, MapWord};
 
 /// Runs `gantry map`.
-pub fn run(args: &MapArgs, _: &CommonArgs) -> anyhow::Result<Exit> {
+pub fn run(args: &MapArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     match &args.word {
-        MapWord::Check(args) => check::run(args),
-        MapWord::Import(args) => import::run(args),
+        MapWord::Check(args) => check::run(args, common),
+        MapWord::Import(args) => import::run(args, common),
         MapWord::Export(args) => export(args),
     }
 }

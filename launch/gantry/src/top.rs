@@ -1,14 +1,16 @@
 //! `gantry top`: processes and topics on a screen, as text, or as JSON.
 //!
 //! In reading order: [`sampler`] looks at bus and machine and makes a [`view`], for which
-//! [`history`] keeps rates and [`measure`] has readers of its own; [`app`] is the screen's state
-//! and its keys, [`screen`] draws it, [`terminal`] takes the terminal over and gives it back.
+//! [`history`] keeps rates, [`stages`] what processes spend their time in, and [`measure`] has
+//! readers of its own; [`app`] is the screen's state and its keys, [`screen`] draws it, [`terminal`]
+//! takes the terminal over and gives it back.
 
 mod app;
 mod history;
 mod measure;
 mod sampler;
 mod screen;
+mod stages;
 mod terminal;
 #[cfg(test)]
 mod tests;

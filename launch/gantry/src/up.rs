@@ -16,6 +16,7 @@ mod supervise;
 mod surroundings;
 mod topics;
 
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -34,6 +35,15 @@ const QUICKSTART: (&str, &str) = (
     "launch/quickstart.toml",
     include_str!("../../quickstart.toml"),
 );
+
+/// Launch files that need no program but ours: whoever has installed Gantry without its repository
+/// names them as if it were there, on the command line and in `include`.
+const BUILT_IN: [(&str, &str); 4] = [
+    QUICKSTART,
+    ("launch/minimal.toml", include_str!("../../minimal.toml")),
+    ("launch/two_rigs.toml", include_str!("../../two_rigs.toml")),
+    ("launch/carla.toml", include_str!("../../carla.toml")),
+];
 
 /// The JSON schema of launch files; a test compares it with what the reader accepts.
 const SCHEMA: &str = include_str!("../../launch.schema.json");
@@ -171,15 +181,12 @@ fn check_files(args: &UpArgs) -> anyhow::Result<()> {
 pub fn read(args: &UpArgs) -> anyhow::Result<Launch> {
     let mut folders = Vec::new();
     let mut read_file = |path: &Path| {
-        let file = FileText::read(path)?;
+        let file = read_or_built_in(path)?;
         folders.push(file.folder.clone());
         Ok(file)
     };
     let read = match &args.files[..] {
-        [] if Path::new(QUICKSTART.0).exists() => {
-            Launch::load(&[QUICKSTART.0.into()], &args.set, &mut read_file)
-        }
-        [] => Launch::parse_with(QUICKSTART.1, QUICKSTART.0, &args.set),
+        [] => Launch::load(&[QUICKSTART.0.into()], &args.set, &mut read_file),
         files => Launch::load(files, &args.set, &mut read_file),
     };
     let mut launch = read.map_err(all_of)?;
@@ -187,6 +194,25 @@ pub fn read(args: &UpArgs) -> anyhow::Result<Launch> {
         launch.scenario.map = map.display().to_string();
     }
     Ok(launch)
+}
+
+/// A file, or the one of this name that is built in, as if it lay in the working folder.
+fn read_or_built_in(path: &Path) -> io::Result<FileText> {
+    let missing = match FileText::read(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => error,
+        read => return read,
+    };
+    let folder = std::env::current_dir()?;
+    let asked = std::path::absolute(path)?;
+    let built_in = BUILT_IN.iter().find(|(name, _)| asked == folder.join(name));
+    let Some((name, text)) = built_in else {
+        return Err(missing);
+    };
+    Ok(FileText {
+        identity: name.into(),
+        folder,
+        text: (*text).to_owned(),
+    })
 }
 
 fn all_of(errors: LaunchErrors) -> anyhow::Error {

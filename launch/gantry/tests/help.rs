@@ -1,74 +1,8 @@
-//! Compares the help texts with `tests/golden/help/*.txt` in the root of the repository.
-//! `./gantry bless` sets `GANTRY_BLESS=1`, which writes them anew.
+//! Words that are none, launch files that are built in, readers that leave early. The help texts themselves are compared by
+//! `tests/test_e2e/tests/book.rs`.
 
-use std::path::PathBuf;
+use std::path::Path;
 use std::process::Command;
-
-fn golden(name: &str) -> PathBuf {
-    PathBuf::from(concat!(
-        env!("CARGO_MANIFEST_DIR"),
-        "/../../tests/golden/help"
-    ))
-    .join(format!("{name}.txt"))
-}
-
-fn help_of(words: &[&str]) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_gantry"))
-        .args(words)
-        .env("COLUMNS", "110")
-        .env_remove("RUST_LOG")
-        .output()
-        .unwrap();
-    assert_eq!(output.status.code(), Some(0), "{words:?}");
-    String::from_utf8(output.stdout).unwrap()
-}
-
-#[test]
-fn help_texts_are_those_that_were_reviewed() {
-    let cases: [(&str, &[&str]); 20] = [
-        ("gantry", &["--help"]),
-        ("gantry_up", &["up", "--help"]),
-        ("gantry_topic", &["topic", "--help"]),
-        ("gantry_topic_list", &["topic", "list", "--help"]),
-        ("gantry_topic_info", &["topic", "info", "--help"]),
-        ("gantry_topic_hz", &["topic", "hz", "--help"]),
-        ("gantry_topic_bw", &["topic", "bw", "--help"]),
-        ("gantry_topic_delay", &["topic", "delay", "--help"]),
-        ("gantry_topic_echo", &["topic", "echo", "--help"]),
-        ("gantry_topic_top", &["topic", "top", "--help"]),
-        ("gantry_top", &["top", "--help"]),
-        ("gantry_graph", &["graph", "--help"]),
-        ("gantry_doctor", &["doctor", "--help"]),
-        ("gantry_new", &["new", "--help"]),
-        ("gantry_new_consumer", &["new", "consumer", "--help"]),
-        ("gantry_carla-root", &["carla-root", "--help"]),
-        ("gantry_map", &["map", "--help"]),
-        ("gantry_map_check", &["map", "check", "--help"]),
-        ("gantry_map_export", &["map", "export", "--help"]),
-        ("gantry_map_import", &["map", "import", "--help"]),
-    ];
-    let mut wrong = Vec::new();
-    for (name, words) in cases {
-        let (path, help) = (golden(name), help_of(words));
-        if std::env::var_os("GANTRY_BLESS").is_some() {
-            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-            std::fs::write(&path, &help).unwrap();
-        } else if std::fs::read_to_string(&path).unwrap_or_default() != help {
-            wrong.push(format!("--- {name}\n{help}"));
-        }
-    }
-    assert!(
-        wrong.is_empty(),
-        "help changed; look at it, then run ./gantry bless\n{}",
-        wrong.join("\n")
-    );
-}
-
-#[test]
-fn completions_and_the_man_page_are_printed() {
-    assert!(help_of(&["completions", "bash"]).contains("gantry"));
-    assert!(help_of(&["man"]).starts_with(".ie"), "troff");
-}
 
 #[test]
 fn an_unknown_word_is_refused_with_the_known_ones() {
@@ -82,6 +16,53 @@ fn an_unknown_word_is_refused_with_the_known_ones() {
         message.starts_with("error: there is no program \"gantry-fly\"")
             && message.contains("up, new, topic, top, graph, doctor"),
         "{message}"
+    );
+}
+
+/// What `gantry up FILE --dry-run` prints in this folder, or its error.
+fn dry_run(folder: &Path, file: &str) -> Result<String, String> {
+    let output = Command::new(env!("CARGO_BIN_EXE_gantry"))
+        .args(["up", file, "--dry-run"])
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    match output.status.code() {
+        Some(0) => Ok(text(output.stdout)),
+        _ => Err(text(output.stderr)),
+    }
+}
+
+#[test]
+fn launch_files_that_are_built_in_need_no_file_and_give_way_to_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    for name in ["quickstart", "minimal", "two_rigs", "carla"] {
+        let file = format!("launch/{name}.toml");
+        let text = dry_run(folder, &file).unwrap();
+        assert!(text.contains("[process.simd]"), "{text}");
+    }
+    let own = "version = 1\ninclude = [\"launch/minimal.toml\"]\n[scenario]\nseed = 77\n";
+    std::fs::write(folder.join("own.toml"), own).unwrap();
+    let text = dry_run(folder, "own.toml").unwrap();
+    assert!(
+        text.contains("seed = 77") && text.contains("width_px = 320"),
+        "{text}"
+    );
+
+    // A path that leads elsewhere is no name, and a file of the user's own comes first.
+    let error = dry_run(folder, "elsewhere/launch/minimal.toml").unwrap_err();
+    assert!(
+        error.contains("cannot read the launch file elsewhere/launch/minimal.toml"),
+        "{error}"
+    );
+    std::fs::create_dir(folder.join("launch")).unwrap();
+    let changed = "version = 1\n[scenario]\nseed = 5\n[process.simd]\ncmd = [\"simd\"]\n";
+    std::fs::write(folder.join("launch/minimal.toml"), changed).unwrap();
+    assert!(
+        dry_run(folder, "launch/minimal.toml")
+            .unwrap()
+            .contains("seed = 5")
     );
 }
 

@@ -493,3 +493,43 @@ fn bad_input_and_an_empty_domain_get_a_sentence() {
     );
     refused(&["graph", "--filter", "zebra"], 0, "no topic of domain");
 }
+
+#[test]
+fn the_doctor_names_what_is_wrong_with_the_command_that_mends_it() {
+    let sandbox = Sandbox::new("doctor");
+    let line = format!(
+        "ulimit -n 300; ulimit -f 204800; exec {} doctor --json --domain {}",
+        binary_path("gantry").display(),
+        sandbox.domain()
+    );
+    let env = [
+        ("VK_DRIVER_FILES", "/no/such/driver.json"),
+        ("DISPLAY", ":7731"),
+        ("WAYLAND_DISPLAY", ""),
+        ("XDG_DATA_HOME", "/dev/null/data"),
+    ];
+    let ended = sandbox
+        .spawn_program("sh", std::path::Path::new("/bin/sh"), &["-c", &line], &env)
+        .wait()
+        .expect_code(1);
+    let findings: Vec<Value> = ended
+        .lines
+        .iter()
+        .filter(|line| line.starts_with('{'))
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    for (what, grade, fix) in [
+        ("vulkan drivers", "fail", "unset VK_DRIVER_FILES"),
+        ("open files", "warn", "prlimit"),
+        ("file size", "warn", "ulimit -f unlimited"),
+        ("display", "warn", "unset DISPLAY"),
+        ("data folder", "fail", "--data FOLDER"),
+    ] {
+        let finding = findings
+            .iter()
+            .find(|finding| finding["what"] == what)
+            .unwrap_or_else(|| panic!("nothing about {what}: {findings:?}"));
+        assert_eq!(finding["grade"], grade, "{finding}");
+        assert!(finding["fix"].as_str().unwrap().contains(fix), "{finding}");
+    }
+}

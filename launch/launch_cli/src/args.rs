@@ -7,7 +7,9 @@ use std::io::Write as _;
 use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, Args, CommandFactory, Parser};
 
+use crate::build_info;
 use crate::logging::{self, ColorWhen, LogFormat, LogOptions};
+use crate::man;
 
 /// Domain of a program that is told no other; `schema_bus::names` has the same.
 pub const DEFAULT_DOMAIN: &str = "gantry";
@@ -155,6 +157,11 @@ fn command_in<T: CommandFactory>(variable: &DomainVariable) -> clap::Command {
         .required(true)
         .value_parser(clap::value_parser!(clap_complete::Shell))
         .help("Shell to write for");
+    let folder = clap::Arg::new("into")
+        .long("into")
+        .value_name("DIR")
+        .value_parser(clap::value_parser!(std::path::PathBuf))
+        .help("Write a page for the program and each of its subcommands into this folder");
     command
         .subcommand_negates_reqs(true)
         .subcommand(
@@ -165,7 +172,8 @@ fn command_in<T: CommandFactory>(variable: &DomainVariable) -> clap::Command {
         )
         .subcommand(
             clap::Command::new("man")
-                .about("Print the man page (troff)")
+                .about("Print the man page (troff), or write those of all subcommands")
+                .arg(folder)
                 .hide(true),
         )
         .max_term_width(110)
@@ -188,11 +196,15 @@ fn wrong_variable(variable: &DomainVariable, matches: &ArgMatches) -> Option<Str
     })
 }
 
-/// Parses the command line. Ends the process by itself for `--help`, `--version`, `completions`,
-/// `man` and wrong usage (exit code 2).
+/// Parses the command line. Ends the process by itself for `--help`, `--version` (with `--verbose`
+/// also commit and build), `completions`, `man` and wrong usage (exit code 2).
 pub fn parse<T: Parser>() -> T {
     let variable = DomainVariable::read(std::env::var_os(DOMAIN_VARIABLE));
     let mut command = command_in::<T>(&variable);
+    if build_info::asked_verbosely(std::env::args_os().skip(1)) {
+        // clap keeps it for as long as the program runs.
+        command = command.version(&*build_info::verbose_version().leak());
+    }
     let mut matches = command.clone().get_matches();
     if has_domain(&command)
         && let Some(message) = wrong_variable(&variable, &matches)
@@ -210,13 +222,22 @@ pub fn parse<T: Parser>() -> T {
             clap_complete::generate(shell, &mut command, name, &mut script);
             print_and_exit(&script)
         }
-        Some(("man", _)) => {
-            let mut page = Vec::new();
-            clap_mangen::Man::new(command)
-                .render(&mut page)
-                .expect("writing to memory does not fail");
-            print_and_exit(&page)
-        }
+        Some(("man", sub)) => match sub.get_one::<std::path::PathBuf>("into") {
+            None => print_and_exit(&man::page(command)),
+            Some(folder) => match man::write(command, folder) {
+                Ok(files) => {
+                    let lines = files.iter().map(|file| format!("{}\n", file.display()));
+                    print_and_exit(lines.collect::<String>().as_bytes())
+                }
+                Err(error) => {
+                    eprintln!(
+                        "error: cannot write man pages into {}: {error}",
+                        folder.display()
+                    );
+                    std::process::exit(FAILED)
+                }
+            },
+        },
         _ => T::from_arg_matches_mut(&mut matches)
             .unwrap_or_else(|error| error.format(&mut command).exit()),
     }

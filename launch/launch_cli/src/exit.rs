@@ -14,6 +14,8 @@ pub enum Exit {
     WrongUsage,
     /// Finished, but data was lost: 3.
     DataLost,
+    /// The GPU was lost or hangs, and the reason has been printed: 4. A new start may find it again.
+    GpuLost,
     /// The exit code of a child process, passed on.
     Code(u8),
 }
@@ -26,6 +28,7 @@ impl Exit {
             Exit::Failed => 1,
             Exit::WrongUsage => 2,
             Exit::DataLost => 3,
+            Exit::GpuLost => 4,
             Exit::Code(code) => code,
         }
     }
@@ -49,6 +52,18 @@ pub fn wrong_usage(sentence: impl std::fmt::Display) -> anyhow::Error {
     anyhow::Error::new(WrongUsage(sentence.to_string()))
 }
 
+/// The GPU ended a run. It ends the program with 4 instead of 1.
+#[derive(Debug)]
+pub struct GpuLost(pub String);
+
+impl std::fmt::Display for GpuLost {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for GpuLost {}
+
 /// Parses the command line ([`crate::parse`]) and runs `body` under [`run_main`].
 pub fn run<T: clap::Parser>(body: impl FnOnce(T) -> anyhow::Result<Exit>) -> ExitCode {
     run_main(|| body(crate::parse()))
@@ -58,6 +73,7 @@ pub fn run<T: clap::Parser>(body: impl FnOnce(T) -> anyhow::Result<Exit>) -> Exi
 /// its whole chain.
 pub fn run_main(body: impl FnOnce() -> anyhow::Result<Exit>) -> ExitCode {
     forgive_broken_pipes_of_println();
+    crate::limits::heed_file_size_limit();
     match body() {
         Ok(exit) => exit.code().into(),
         Err(error) => {
@@ -80,6 +96,8 @@ fn exit_of(error: &anyhow::Error) -> Exit {
         Exit::Done
     } else if error.chain().any(|cause| cause.is::<WrongUsage>()) {
         Exit::WrongUsage
+    } else if error.chain().any(|cause| cause.is::<GpuLost>()) {
+        Exit::GpuLost
     } else {
         Exit::Failed
     }
@@ -115,6 +133,10 @@ mod tests {
             .unwrap_err();
         assert_eq!(exit_of(&usage).code(), 2);
         assert_eq!(format!("{usage:#}"), "launch file: no such key");
+        let lost = Err::<(), _>(anyhow::Error::new(GpuLost("it is gone".into())))
+            .context("cannot render")
+            .unwrap_err();
+        assert_eq!(exit_of(&lost).code(), 4);
         let pipe = anyhow::Error::from(std::io::Error::from(ErrorKind::BrokenPipe))
             .context("cannot print");
         assert_eq!(exit_of(&pipe).code(), 0);

@@ -7,7 +7,9 @@
 //!
 //! In reading order: [`args`] (flags and subcommands), [`logging`], [`signals`] (Ctrl-C), [`exit`]
 //! (exit codes and errors), [`data`] (the data folder), [`limits`] (open files),
-//! [`programs`] (where other programs are).
+//! [`accept`] (accept loops that do not spin), [`files`] (whole files, and only files),
+//! [`programs`] (where other programs are), [`progress`] (bars while users wait), [`man`] (man
+//! pages).
 //!
 //! A binary derives its arguments, flattens [`CommonArgs`] and passes its work to [`run`]:
 //!
@@ -41,20 +43,27 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod accept;
 pub mod args;
 pub mod bench;
+pub mod browser;
+pub mod build_info;
 pub mod data;
 pub mod exit;
+pub mod files;
 pub mod limits;
 pub mod logging;
 pub mod machine;
+pub mod man;
 pub mod programs;
+pub mod progress;
 pub mod signals;
 
 pub use args::{CommonArgs, command, parse};
 pub use data::{BadFileName, data_dir, file_in};
-pub use exit::{Exit, WrongUsage, run, run_main, wrong_usage};
+pub use exit::{Exit, GpuLost, WrongUsage, run, run_main, wrong_usage};
 pub use limits::raise_file_limit;
 pub use logging::{ColorWhen, LogFormat};
 pub use machine::Machine;
+pub use progress::Progress;
 pub use signals::Shutdown;

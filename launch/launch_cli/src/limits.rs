@@ -1,4 +1,7 @@
-//! Process limits whose defaults in a login shell are too low.
+//! Process limits: one whose default in a login shell is too low, and one that must not kill.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use anyhow::Context as _;
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
@@ -16,6 +19,14 @@ pub fn raise_file_limit() -> anyhow::Result<u64> {
             .with_context(|| format!("cannot raise the limit of open files from {soft} to {hard}; try `ulimit -n {hard}` before"))?;
     }
     Ok(hard)
+}
+
+/// Turns writes beyond the limit of a file's size (`ulimit -f`) into errors: by default they end the
+/// process by SIGXFSZ, without a word and with its files half-written.
+pub fn heed_file_size_limit() {
+    // Nobody looks at the flag: that there is a handler is what makes the write fail.
+    let unread = Arc::new(AtomicBool::new(false));
+    let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, unread);
 }
 
 #[cfg(test)]

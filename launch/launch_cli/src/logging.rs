@@ -13,7 +13,7 @@ use tracing_subscriber::fmt::{FmtContext, FormatEvent, FormatFields};
 use tracing_subscriber::registry::LookupSpan;
 
 /// Crates of others that log unimportant things at a high level.
-const CHATTY: [&str; 7] = [
+const CHATTY: [&str; 8] = [
     "wgpu_core",
     "wgpu_hal",
     "naga",
@@ -21,6 +21,7 @@ const CHATTY: [&str; 7] = [
     "h2",
     "tonic",
     "re_grpc_client",
+    "zenoh",
 ];
 
 /// When terminal output is coloured.

@@ -16,7 +16,7 @@ pub struct Machine {
     pub governor: String,
     /// Load average of the last minute when the run began: neighbours make tails.
     pub load_1min: String,
-    /// Commit of the working tree this ran in; "unknown" elsewhere.
+    /// Commit that this was packaged from, else that of the working tree it ran in; "unknown" elsewhere.
     pub commit: String,
     /// Version of this binary.
     pub version: &'static str,
@@ -97,6 +97,9 @@ fn cpu_model(cpuinfo: &str) -> String {
 }
 
 fn commit() -> String {
+    if let Some(commit) = crate::build_info::COMMIT {
+        return commit.to_owned();
+    }
     let git = std::process::Command::new("git")
         .args(["describe", "--always", "--dirty", "--abbrev=10"])
         .output();

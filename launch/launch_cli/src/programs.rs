@@ -76,7 +76,11 @@ pub fn find_from(program: &str, search: &Search) -> anyhow::Result<PathBuf> {
         .or_else(|| on_path(program));
     found.with_context(|| {
         let hint = if is_ours(program) {
-            "; build it with `cargo build --release --workspace`"
+            if in_source_tree() {
+                "; build it with `cargo build --release --workspace`"
+            } else {
+                "; it is part of the package gantry-sim: install that again"
+            }
         } else if program == "python" && on_path("python3").is_some() {
             "; this machine calls it \"python3\""
         } else {
@@ -87,6 +91,21 @@ pub fn find_from(program: &str, search: &Search) -> anyhow::Result<PathBuf> {
             own.display()
         )
     })
+}
+
+/// Whether this program lies where cargo builds, and not where a package was installed: what a user
+/// does about a missing program differs.
+pub fn in_source_tree() -> bool {
+    std::env::current_exe().is_ok_and(|own| is_below_cargo(&own))
+}
+
+/// Whether `file` lies in `release`, `release/deps` or such a folder of a target folder of cargo,
+/// which marks it by a file.
+fn is_below_cargo(file: &Path) -> bool {
+    file.ancestors()
+        .skip(2)
+        .take(2)
+        .any(|folder| folder.join("CACHEDIR.TAG").is_file())
 }
 
 /// Whether `path` is a file that can be started.
@@ -109,6 +128,18 @@ mod tests {
             "{message}"
         );
         assert!(find("/etc/passwd").is_err(), "not executable");
+    }
+
+    #[test]
+    fn programs_know_whether_cargo_built_them_here() {
+        assert!(in_source_tree(), "tests are built by cargo");
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("bin/gantry");
+        assert!(!is_below_cargo(&file));
+        std::fs::write(folder.path().join("CACHEDIR.TAG"), "x").unwrap();
+        assert!(is_below_cargo(&file));
+        assert!(is_below_cargo(&folder.path().join("release/deps/x")));
+        assert!(!is_below_cargo(&folder.path().join("a/b/c/gantry")));
     }
 
     #[test]

@@ -56,6 +56,9 @@ pub struct Scenario {
     pub weather_effects: bool,
     /// What casts the rays of lidars; `simd --lidars-on` overrides it.
     pub lidars_on: LidarsOn,
+    /// Seconds of wall-clock time after which a lockstep participant that lives but is idle is
+    /// removed; 0 waits for ever. `--lockstep-timeout` overrides it.
+    pub lockstep_timeout_s: f64,
 }
 
 /// What casts the rays of lidars. The points differ by rounding only.
@@ -84,6 +87,7 @@ impl Default for Scenario {
             weather: Weather::default(),
             weather_effects: false,
             lidars_on: LidarsOn::Auto,
+            lockstep_timeout_s: 0.0,
         }
     }
 }
@@ -92,6 +96,11 @@ impl Scenario {
     /// Length of a tick, nanoseconds.
     pub fn period_nanos(&self) -> u64 {
         (1e9 / self.tick_hz).round() as u64
+    }
+
+    /// Wait after which an idle lockstep participant is removed, nanoseconds; `None` waits for ever.
+    pub fn lockstep_timeout_nanos(&self) -> Option<u64> {
+        (self.lockstep_timeout_s > 0.0).then(|| (self.lockstep_timeout_s * 1e9).round() as u64)
     }
 }
 

@@ -86,6 +86,20 @@ fn lidars_are_cast_where_the_file_says() {
 }
 
 #[test]
+fn idle_lockstep_participants_are_waited_for_as_long_as_the_file_says() {
+    let nanos = |body: &str| {
+        Launch::parse(&format!("version = 1\n[scenario]\n{body}"), "x.toml")
+            .map(|launch| launch.scenario.lockstep_timeout_nanos())
+            .map_err(|error| error.to_string())
+    };
+    assert_eq!(nanos(""), Ok(None));
+    assert_eq!(nanos("lockstep_timeout_s = 0"), Ok(None));
+    assert_eq!(nanos("lockstep_timeout_s = 2.5"), Ok(Some(2_500_000_000)));
+    let error = "scenario.lockstep_timeout_s is -1, but must be 0 to 86400 at x.toml:3:22";
+    assert_eq!(nanos("lockstep_timeout_s = -1"), Err(error.to_owned()));
+}
+
+#[test]
 fn syntax_errors_have_a_place() {
     let messages = errors("[scenario\nmap = \"Town\n");
     assert!(

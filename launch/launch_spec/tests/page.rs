@@ -1,4 +1,4 @@
-//! `docs/launch-files.md` against the reader: its examples are launch files, and it leaves no key
+//! `docs/reference/launch-files.md` against the reader: its examples are launch files, and it leaves no key
 //! out.
 
 use std::io;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use launch_spec::{FileText, Launch};
 use serde_json::Value as Json;
 
-const PAGE: &str = include_str!("../../../docs/launch-files.md");
+const PAGE: &str = include_str!("../../../docs/reference/launch-files.md");
 const SCHEMA: &str = include_str!("../../launch.schema.json");
 
 #[test]
@@ -73,5 +73,8 @@ fn the_page_leaves_no_key_and_no_type_out() {
         .iter()
         .filter(|key| !words.contains(&key.as_str()))
         .collect();
-    assert!(missing.is_empty(), "docs/launch-files.md lacks {missing:?}");
+    assert!(
+        missing.is_empty(),
+        "docs/reference/launch-files.md lacks {missing:?}"
+    );
 }

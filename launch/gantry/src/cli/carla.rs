@@ -36,6 +36,11 @@ pub struct CarlaRootArgs {
     /// in, and there is no password
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     pub bind: IpAddr,
+
+    /// Servers let programs of all users of this machine in, not only those of their own user and
+    /// root's
+    #[arg(long)]
+    pub any_user: bool,
 }
 
 /// What the script of a CARLA folder hands to the launcher behind it.

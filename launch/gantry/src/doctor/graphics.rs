@@ -1,17 +1,28 @@
-//! Vulkan: loader, drivers, adapters.
+//! Vulkan: loader, drivers, adapters, and whether this user may open the GPU.
 
-use std::path::PathBuf;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::finding::Finding;
+use super::install::{self, Piece};
+use super::python;
 use crate::programs;
 
-const INSTALL: &str = "apt-get install libvulkan1 mesa-vulkan-drivers (as root)";
+/// What cannot render at all lacks one of the two.
+const BOTH: [Piece; 2] = [Piece::VulkanLoader, Piece::VulkanDrivers];
+/// Where the kernel keeps the GPUs of Mesa's drivers.
+const GPUS: &str = "/dev/dri";
+/// A device that only NVIDIA's kernel driver makes.
+const NVIDIA: &str = "/dev/nvidiactl";
 /// Loading a driver for the first time takes seconds on a slow disk.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 pub fn look() -> Vec<Finding> {
-    vec![loader(), drivers(), adapters()]
+    let mut findings = vec![loader(), drivers(Path::new(NVIDIA).exists())];
+    findings.extend(gpus(&render_nodes()));
+    findings.push(adapters());
+    findings
 }
 
 fn loader() -> Finding {
@@ -24,7 +35,7 @@ fn loader() -> Finding {
         None => Finding::fail(
             "vulkan loader",
             "libvulkan.so.1 is in none of the usual folders",
-            INSTALL,
+            install::command(&BOTH[..1]),
         ),
     }
 }
@@ -44,7 +55,7 @@ fn library_folders() -> Vec<PathBuf> {
         .collect()
 }
 
-fn drivers() -> Finding {
+fn drivers(has_nvidia: bool) -> Finding {
     for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
         let Some(files) = std::env::var_os(name).filter(|files| !files.is_empty()) else {
             continue;
@@ -78,11 +89,81 @@ fn drivers() -> Finding {
         .filter_map(|name| Some(name.strip_suffix(".json")?.to_owned()))
         .collect();
     names.sort();
+    judge_drivers(&names, has_nvidia)
+}
+
+/// The finding from the names of the drivers' files.
+fn judge_drivers(names: &[String], has_nvidia: bool) -> Finding {
+    const WHAT: &str = "vulkan drivers";
     if names.is_empty() {
-        Finding::fail("vulkan drivers", "none is installed", INSTALL)
-    } else {
-        Finding::ok("vulkan drivers", names.join(", "))
+        return Finding::fail(WHAT, "none is installed", install::command(&BOTH[1..]));
     }
+    let all = names.join(", ");
+    if has_nvidia && !names.iter().any(|name| name.contains("nvidia")) {
+        return Finding::warn(
+            WHAT,
+            format!("{all}; there is an NVIDIA GPU, but no nvidia_icd.json"),
+            "install the driver's Vulkan part (libnvidia-gl-VERSION or nvidia-vulkan-icd); in a container: \
+             --gpus all -e NVIDIA_DRIVER_CAPABILITIES=all",
+        );
+    }
+    Finding::ok(WHAT, all)
+}
+
+/// A GPU's device: its path, its group, and whether this user may open it.
+struct RenderNode {
+    path: PathBuf,
+    group: u32,
+    may_open: bool,
+}
+
+fn render_nodes() -> Vec<RenderNode> {
+    let entries = std::fs::read_dir(GPUS).into_iter().flatten().flatten();
+    let mut nodes: Vec<_> = entries
+        .filter(|entry| entry.file_name().to_string_lossy().starts_with("renderD"))
+        .filter_map(|entry| {
+            let path = entry.path();
+            let options = std::fs::OpenOptions::new()
+                .read(true)
+                .write(true)
+                .open(&path);
+            Some(RenderNode {
+                group: path.metadata().ok()?.gid(),
+                may_open: options.is_ok(),
+                path,
+            })
+        })
+        .collect();
+    nodes.sort_by(|a, b| a.path.cmp(&b.path));
+    nodes
+}
+
+/// A GPU that the user may not open is left out by its driver without a word.
+fn gpus(nodes: &[RenderNode]) -> Option<Finding> {
+    const WHAT: &str = "gpu devices";
+    let closed = nodes.iter().find(|node| !node.may_open);
+    let Some(node) = closed else {
+        let paths: Vec<_> = nodes
+            .iter()
+            .map(|node| node.path.display().to_string())
+            .collect();
+        return (!nodes.is_empty()).then(|| Finding::ok(WHAT, paths.join(", ")));
+    };
+    let group = nix::unistd::Group::from_gid(node.group.into())
+        .ok()
+        .flatten()
+        .map_or(node.group.to_string(), |group| group.name);
+    Some(Finding::warn(
+        WHAT,
+        format!(
+            "{} may not be opened by this user, so its GPU is not used",
+            node.path.display()
+        ),
+        format!(
+            "{}, then log in again; in a container: --device {GPUS}",
+            install::as_root(&format!("usermod -aG {group} $USER"))
+        ),
+    ))
 }
 
 fn adapters() -> Finding {
@@ -90,16 +171,12 @@ fn adapters() -> Finding {
     let simd = match programs::find("simd") {
         Ok(simd) => simd,
         Err(error) => {
-            return Finding::warn(
-                WHAT,
-                format!("not asked: {error}"),
-                "cargo build --release --workspace",
-            );
+            return Finding::fail(WHAT, format!("not asked: {error}"), python::reinstall());
         }
     };
     let text = match programs::output_of(&simd, &["--adapters", "--json"], PATIENCE) {
         Ok(text) => text,
-        Err(error) => return Finding::fail(WHAT, format!("{error:#}"), INSTALL),
+        Err(error) => return Finding::fail(WHAT, format!("{error:#}"), install::command(&BOTH)),
     };
     judge(&text)
 }
@@ -122,7 +199,7 @@ fn judge(text: &str) -> Finding {
     };
     let all = adapters.iter().map(describe).collect::<Vec<_>>().join("; ");
     if adapters.is_empty() {
-        return Finding::fail(WHAT, "no adapter can render", INSTALL);
+        return Finding::fail(WHAT, "no adapter can render", install::command(&BOTH));
     }
     if adapters.iter().any(|adapter| adapter["import"] == true) {
         return Finding::ok(WHAT, all);
@@ -144,5 +221,31 @@ mod tests {
         assert_eq!(judge(&format!("{slow}\n{fast}\n")).grade, Grade::Ok);
         assert_eq!(judge(slow).grade, Grade::Warn);
         assert_eq!(judge("").grade, Grade::Fail);
+    }
+
+    #[test]
+    fn a_gpu_without_its_driver_or_without_rights_is_named() {
+        let names = ["lvp_icd.x86_64".to_owned()];
+        assert_eq!(judge_drivers(&names, false).grade, Grade::Ok);
+        let finding = judge_drivers(&names, true);
+        assert_eq!(finding.grade, Grade::Warn);
+        assert!(finding.fix.contains("NVIDIA_DRIVER_CAPABILITIES"));
+        let both = ["nvidia_icd".to_owned(), names[0].clone()];
+        assert_eq!(judge_drivers(&both, true).grade, Grade::Ok);
+        assert_eq!(judge_drivers(&[], true).grade, Grade::Fail);
+
+        let node = |may_open| RenderNode {
+            path: "/dev/dri/renderD128".into(),
+            group: 0,
+            may_open,
+        };
+        assert!(gpus(&[]).is_none(), "software renders without a device");
+        assert_eq!(gpus(&[node(true)]).unwrap().grade, Grade::Ok);
+        let finding = gpus(&[node(true), node(false)]).unwrap();
+        assert_eq!(finding.grade, Grade::Warn);
+        assert!(
+            finding.fix.contains("usermod -aG root $USER"),
+            "{finding:?}"
+        );
     }
 }

@@ -1,27 +1,20 @@
-//! Shared memory, the bus, ports, limits.
+//! Shared memory and the bus: how much room there is, whose it is, and who is on it.
 
-use std::net::TcpListener;
-
-use nix::sys::resource::{Resource, getrlimit};
+use std::os::unix::fs::MetadataExt as _;
+use std::path::Path;
 
 use super::finding::Finding;
+use super::install::as_root;
 use crate::bus::Bus;
-use crate::up::quickstart_bytes;
 
-/// File descriptors that the daemon may need for a dozen sensors with eight readers each.
-const OPEN_FILES: u64 = 4096;
-/// Ports of the viewer: data, and the page for the browser.
-const VIEWER_PORTS: [u16; 2] = [9876, 9090];
+/// Where all frames live.
+const SHM: &str = "/dev/shm";
 
-pub fn look(domain: &str) -> Vec<Finding> {
-    let mut findings = vec![shared_memory(
-        schema_bus::shared_memory_free(),
-        quickstart_bytes(),
-    )];
+/// `need`: the shared memory of the quickstart, bytes.
+pub fn look(domain: &str, need: u64) -> Vec<Finding> {
+    let mut findings = vec![shared_memory(schema_bus::shared_memory_free(), need)];
+    findings.extend(owner(Path::new(SHM)));
     findings.extend(bus(domain));
-    findings.extend(VIEWER_PORTS.map(port));
-    findings.push(open_files());
-    findings.push(cpus());
     findings
 }
 
@@ -31,7 +24,7 @@ fn shared_memory(free: Option<u64>, need: u64) -> Finding {
         return Finding::fail(
             WHAT,
             "/dev/shm cannot be looked at",
-            "mount -t tmpfs tmpfs /dev/shm (as root)",
+            as_root("mount -t tmpfs tmpfs /dev/shm"),
         );
     };
     let (free_mib, need_mib) = (free >> 20, need.div_ceil(1 << 20));
@@ -41,7 +34,8 @@ fn shared_memory(free: Option<u64>, need: u64) -> Finding {
     }
     let size = need.div_ceil(1 << 30) + 1;
     let fix = format!(
-        "in Docker --shm-size={size}g, else mount -o remount,size={size}G /dev/shm (as root)"
+        "in Docker --shm-size={size}g, else {}",
+        as_root(&format!("mount -o remount,size={size}G {SHM}"))
     );
     // A warning only, because smaller rigs still run.
     if free_mib < 32 {
@@ -49,6 +43,32 @@ fn shared_memory(free: Option<u64>, need: u64) -> Finding {
     } else {
         Finding::warn(WHAT, text, fix)
     }
+}
+
+/// Whether this user may make files there, and whether the kernel keeps them in memory.
+fn owner(folder: &Path) -> Option<Finding> {
+    const WHAT: &str = "its owner";
+    let about = folder.metadata().ok()?;
+    let (user, mode) = (about.uid(), about.mode() & 0o7777);
+    let text = format!("user {user}, mode {mode:o}");
+    let may_write = nix::unistd::access(folder, nix::unistd::AccessFlags::W_OK).is_ok();
+    if !may_write {
+        let fix = as_root(&format!("chmod 1777 {}", folder.display()));
+        return Some(Finding::fail(
+            WHAT,
+            format!("{text}: this user may not make files there"),
+            fix,
+        ));
+    }
+    let kind = nix::sys::statfs::statfs(folder).ok()?.filesystem_type();
+    if kind != nix::sys::statfs::TMPFS_MAGIC {
+        return Some(Finding::warn(
+            WHAT,
+            format!("{text}: it lies on a disk, so frames are written to it"),
+            as_root("mount -t tmpfs -o mode=1777 tmpfs /dev/shm"),
+        ));
+    }
+    Some(Finding::ok(WHAT, text))
 }
 
 fn bus(domain: &str) -> Vec<Finding> {
@@ -59,7 +79,7 @@ fn bus(domain: &str) -> Vec<Finding> {
             return vec![Finding::fail(
                 WHAT,
                 format!("{error:#}"),
-                "check who owns /dev/shm and /tmp/iceoryx2, and their free space",
+                "`ls -ld /dev/shm /tmp/iceoryx2*; df /dev/shm /tmp` shows whose they are and their free space",
             )];
         }
     };
@@ -91,49 +111,27 @@ fn bus(domain: &str) -> Vec<Finding> {
     vec![Finding::ok(WHAT, format!("{running}{dead}")), daemon]
 }
 
-fn port(number: u16) -> Finding {
-    const WHAT: &str = "port";
-    match TcpListener::bind(("127.0.0.1", number)) {
-        Ok(_) => Finding::ok(WHAT, format!("{number} is free for the viewer")),
-        Err(error) => Finding::warn(
-            WHAT,
-            format!("{number} is not free ({error}); the viewer takes another"),
-            format!("`ss -ltnp 'sport = :{number}'` says who has it"),
-        ),
-    }
-}
-
-fn open_files() -> Finding {
-    const WHAT: &str = "open files";
-    match getrlimit(Resource::RLIMIT_NOFILE) {
-        Ok((_, hard)) if hard >= OPEN_FILES => {
-            Finding::ok(WHAT, format!("a process may have {hard}"))
-        }
-        Ok((_, hard)) => Finding::warn(
-            WHAT,
-            format!("a process may have {hard}; many sensors need {OPEN_FILES}"),
-            format!("ulimit -Hn {OPEN_FILES} (as root)"),
-        ),
-        Err(error) => Finding::warn(WHAT, format!("the limit cannot be read: {error}"), ""),
-    }
-}
-
-fn cpus() -> Finding {
-    match std::thread::available_parallelism() {
-        Ok(n) if n.get() >= 2 => Finding::ok("processors", n.to_string()),
-        Ok(n) => Finding::warn(
-            "processors",
-            n.to_string(),
-            "with one processor readers and the simulator wait for each other; give the machine two",
-        ),
-        Err(error) => Finding::warn("processors", format!("cannot be counted: {error}"), ""),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::Grade;
     use super::*;
+    use crate::up::quickstart_bytes;
+
+    #[test]
+    fn a_folder_on_a_disk_is_slow_and_one_without_rights_is_useless() {
+        use std::os::unix::fs::PermissionsExt as _;
+        let folder = tempfile::tempdir_in(env!("CARGO_MANIFEST_DIR")).unwrap();
+        let finding = owner(folder.path()).unwrap();
+        assert_eq!(finding.grade, Grade::Warn, "{finding:?}");
+        assert!(finding.fix.contains("mount -t tmpfs"), "{finding:?}");
+        std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(0o555)).unwrap();
+        // Root may write anywhere.
+        if !nix::unistd::geteuid().is_root() {
+            let finding = owner(folder.path()).unwrap();
+            assert_eq!(finding.grade, Grade::Fail, "{finding:?}");
+        }
+        assert!(owner(Path::new("/no/such/folder")).is_none());
+    }
 
     #[test]
     fn dockers_64_mib_are_too_little_for_the_quickstart() {

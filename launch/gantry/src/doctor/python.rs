@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::finding::Finding;
+use super::install;
 use crate::programs;
 
 /// Import name and what it is for.
@@ -15,7 +16,34 @@ const MODULES: [(&str, &str); 5] = [
     ("carla", "CARLA scripts"),
 ];
 const PATIENCE: Duration = Duration::from_secs(60);
-const FIX: &str = "./gantry up sets up .venv; or: python3 -m venv .venv && .venv/bin/pip install -r requirements.txt";
+/// Version of the viewer that speaks to `gantry-view`; its protocol changes with every version.
+const VIEWER: &str = "0.36.3";
+const SOURCE_FIX: &str = "./gantry up sets up .venv; or: python3 -m venv .venv && .venv/bin/pip install -r requirements.txt";
+
+/// What to do about a part of Gantry itself that is missing.
+pub fn reinstall() -> String {
+    if programs::in_source_tree() {
+        "cargo build --release --workspace".into()
+    } else {
+        "python3 -m pip install --force-reinstall gantry_sim-*.whl".into()
+    }
+}
+
+/// What installs the packages that Gantry's tools use: in a source tree by the script, else by pip.
+fn fix(missing: &[&str]) -> String {
+    if programs::in_source_tree() || missing.is_empty() {
+        return SOURCE_FIX.into();
+    }
+    let names = missing.iter().map(|name| match *name {
+        "gantry" => "gantry_sim-*.whl".into(),
+        "rerun" => format!("rerun-sdk=={VIEWER}"),
+        other => other.to_owned(),
+    });
+    format!(
+        "python3 -m pip install {}",
+        names.collect::<Vec<_>>().join(" ")
+    )
+}
 
 pub fn look() -> Vec<Finding> {
     const WHAT: &str = "python";
@@ -23,7 +51,7 @@ pub fn look() -> Vec<Finding> {
         return vec![Finding::warn(
             WHAT,
             "there is no .venv here and no python3 on PATH",
-            FIX,
+            install::as_root("apt-get install -y python3 python3-venv"),
         )];
     };
     let names: Vec<String> = MODULES
@@ -31,20 +59,36 @@ pub fn look() -> Vec<Finding> {
         .map(|(module, _)| format!("{module:?}"))
         .collect();
     let script = format!(
-        "import importlib.util as u, platform; print(platform.python_version()); [print(m) for m in [{}] if u.find_spec(m) is None]",
+        "import importlib.util as u, importlib.metadata as v, platform\n\
+         print(platform.python_version())\n\
+         try: print(v.version('rerun-sdk'))\n\
+         except v.PackageNotFoundError: print('none')\n\
+         for m in [{}]:\n if u.find_spec(m) is None: print(m)",
         names.join(", ")
     );
     let answer = match programs::output_of(&python, &["-c", &script], PATIENCE) {
         Ok(answer) => answer,
-        Err(error) => return vec![Finding::warn(WHAT, format!("{error:#}"), FIX)],
+        Err(error) => return vec![Finding::warn(WHAT, format!("{error:#}"), SOURCE_FIX)],
     };
     let mut lines = answer.lines();
     let version = lines.next().unwrap_or("?");
+    let viewer = lines.next().unwrap_or("none");
     let missing: Vec<&str> = lines.collect();
-    vec![judge(
-        &format!("{} ({version})", python.display()),
-        &missing,
-    )]
+    let python = format!("{} ({version})", python.display());
+    std::iter::once(judge(&python, &missing))
+        .chain(judge_viewer(viewer))
+        .collect()
+}
+
+/// A viewer of another version starts, and shows nothing.
+fn judge_viewer(version: &str) -> Option<Finding> {
+    (version != "none" && version != VIEWER).then(|| {
+        Finding::warn(
+            "viewer",
+            format!("rerun-sdk is {version}, but gantry-view speaks to {VIEWER}"),
+            format!("python3 -m pip install rerun-sdk=={VIEWER}"),
+        )
+    })
 }
 
 fn judge(python: &str, missing: &[&str]) -> Finding {
@@ -65,7 +109,7 @@ fn judge(python: &str, missing: &[&str]) -> Finding {
     Finding::warn(
         "python",
         format!("{python} lacks {}", with_use.join(", ")),
-        FIX,
+        fix(missing),
     )
 }
 
@@ -90,5 +134,14 @@ mod tests {
             finding.grade == Grade::Warn && finding.text.contains("rerun (the viewer)"),
             "{finding:?}"
         );
+        assert!(judge_viewer("none").is_none() && judge_viewer(VIEWER).is_none());
+        let finding = judge_viewer("0.41.0").unwrap();
+        assert!(finding.fix.ends_with("rerun-sdk==0.36.3"), "{finding:?}");
+    }
+
+    #[test]
+    fn the_viewers_version_is_the_one_that_is_installed() {
+        let wanted = include_str!("../../../../requirements.txt");
+        assert!(wanted.contains(&format!("rerun-sdk=={VIEWER}")));
     }
 }

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use launch_cli::{Exit, wrong_usage};
+use launch_cli::{CommonArgs, Exit, Progress, wrong_usage};
 use schema_roads::RoadMap;
 
 use super::carla::{self, Client};
@@ -22,7 +22,7 @@ enum Target {
 }
 
 /// Checks every map that was named.
-pub fn run(args: &CheckArgs) -> anyhow::Result<Exit> {
+pub fn run(args: &CheckArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     let targets = targets(args)?;
     let client = match args.carla {
         WithCarla::Never => Err("not asked for (--carla never)".to_owned()),
@@ -34,17 +34,22 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<Exit> {
         )));
     }
     let (mut n_broken, mut n_differ) = (0, 0);
+    let progress = Progress::steps(common, "reading", targets.len() as u64, "maps");
     for target in &targets {
         let report = look(target, args, client.as_ref().ok());
-        if args.json {
-            println!("{}", report.as_json());
-        } else {
-            let max_warnings = if args.all { usize::MAX } else { SHOWN };
-            print!("{}", report.as_text(max_warnings));
-        }
+        progress.add(1);
+        progress.hidden_while(|| {
+            if args.json {
+                println!("{}", report.as_json());
+            } else {
+                let max_warnings = if args.all { usize::MAX } else { SHOWN };
+                print!("{}", report.as_text(max_warnings));
+            }
+        });
         n_broken += usize::from(report.is_broken());
         n_differ += usize::from(report.differs());
     }
+    drop(progress);
     if !args.json {
         let n = targets.len();
         println!(

@@ -11,7 +11,7 @@ mod place;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use launch_cli::{Exit, data_dir, wrong_usage};
+use launch_cli::{CommonArgs, Exit, Progress, data_dir, wrong_usage};
 use schema_roads::RoadMap;
 use serde_json::json;
 
@@ -43,22 +43,26 @@ struct Sound {
 }
 
 /// Runs `gantry map import`.
-pub fn run(args: &ImportArgs) -> anyhow::Result<Exit> {
+pub fn run(args: &ImportArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     let folder = data_dir(args.data.as_deref())?.join("maps");
     let mut found = find::maps(&args.what)?;
     if let Some(name) = &args.name {
         rename(&mut found, name)?;
     }
+    let progress = Progress::steps(common, "reading", found.len() as u64, "maps");
     let read: Vec<(Found, Result<Sound, String>)> = found
         .into_iter()
         .map(|found| {
+            progress.say(format!("reading {}", found.name));
             let sound = match &found.refused {
                 Some(reason) => Err(reason.clone()),
                 None => read(&found.file),
             };
+            progress.add(1);
             (found, sound)
         })
         .collect();
+    drop(progress);
     if !args.dry_run {
         std::fs::create_dir_all(&folder)
             .with_context(|| format!("cannot make the map folder {}", folder.display()))?;

@@ -33,6 +33,16 @@ impl fmt::Display for Origin {
     }
 }
 
+/// The checkout that this program was built in. A package's programs know of none: the folder they
+/// were built in is nobody's, and would make their bytes differ from those built in another one.
+fn own_checkout() -> anyhow::Result<PathBuf> {
+    ensure!(
+        launch_cli::build_info::COMMIT.is_none(),
+        "this program is from a package"
+    );
+    checkout(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")))
+}
+
 impl Origin {
     /// What the options ask for; without any the checkout that this program was built from.
     ///
@@ -47,7 +57,7 @@ impl Origin {
                 )
             })?));
         }
-        let built_from = checkout(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")));
+        let built_from = own_checkout();
         if let Some(url) = &wanted.git {
             ensure!(
                 !url.is_empty() && !url.contains(['"', '\\', '\n', ' ']),

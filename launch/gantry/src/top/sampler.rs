@@ -11,6 +11,7 @@ use sysinfo::{Pid, ProcessRefreshKind, ProcessStatus, ProcessesToUpdate, System}
 
 use super::history::Track;
 use super::measure::Measurer;
+use super::stages::Stages;
 use super::view::{Measured, ProcessRow, SharedMemory, TopicRow, View, World};
 use crate::census::{Census, Kind, Member, Topic};
 
@@ -34,6 +35,7 @@ pub struct Sampler {
     rates: BTreeMap<String, VecDeque<f64>>,
     looked: Instant,
     counted: Instant,
+    stages: Stages,
 }
 
 impl Sampler {
@@ -51,8 +53,12 @@ impl Sampler {
             rates: BTreeMap::new(),
             looked: Instant::now(),
             counted: Instant::now(),
+            stages: Stages::default(),
         };
         sampler.take_census()?;
+        let tick = sampler.world(mono_now().0).map(|world| world.tick);
+        let mut processes = sampler.processes();
+        sampler.stages.look(&mut processes, tick);
         Ok(sampler)
     }
 
@@ -85,12 +91,16 @@ impl Sampler {
             .map(|topic| row(&self.tracks, topic, now, figures.remove(&topic.name)))
             .collect();
         let topics = topics.into_iter().map(|row| self.remember(row)).collect();
+        let world = self.world(now);
+        let mut processes = self.processes();
+        self.stages
+            .look(&mut processes, world.map(|world| world.tick));
         Ok(View {
             domain: self.census.domain.clone(),
             interval_secs,
-            world: self.world(now),
+            world,
             shared_memory: shared_memory(),
-            processes: self.processes(),
+            processes,
             topics,
         })
     }
@@ -257,6 +267,7 @@ impl Sampler {
                 }),
                 writes: of(|topic| &topic.writers, process.pid),
                 reads: of(|topic| &topic.readers, process.pid),
+                stages: Vec::new(),
             })
         };
         self.census.processes.iter().filter_map(row).collect()

@@ -8,7 +8,7 @@ use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 use super::app::{App, Page, Panel, Wish};
 use super::screen::{self, Style};
-use super::view::{Measured, ProcessRow, SharedMemory, TopicRow, View, World};
+use super::view::{Measured, ProcessRow, SharedMemory, StageRow, TopicRow, View, World};
 use super::{json, plain, text_of};
 use crate::census::{Kind, Member};
 use crate::cli::Column;
@@ -78,6 +78,11 @@ fn view() -> View {
                 stopped: false,
                 writes: vec!["ego/front/depth".into(), "ego/front/rgb".into()],
                 reads: vec![],
+                stages: vec![StageRow {
+                    stage: "physics".into(),
+                    cpu_percent: 12.5,
+                    cpu_ms_per_tick: Some(6.25),
+                }],
             },
             ProcessRow {
                 pid: 300,
@@ -287,7 +292,9 @@ fn details_graph_and_help_have_their_pages() {
     assert_eq!(app.panel, Panel::Processes);
     press(&mut app, KeyCode::Enter);
     let text = shown(&app, 120, 30);
-    assert!(text.contains("87.4 % of a core"), "{text}");
+    for part in ["87.4 % of a core", "physics", "12.5 % of a core, 6.25 ms"] {
+        assert!(text.contains(part), "{part} in\n{text}");
+    }
     press(&mut app, KeyCode::Char('g'));
     let text = shown(&app, 120, 30);
     assert!(

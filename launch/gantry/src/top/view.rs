@@ -60,6 +60,20 @@ pub struct ProcessRow {
     pub writes: Vec<String>,
     /// Topics that it reads.
     pub reads: Vec<String>,
+    /// What its time goes into since the look before, the most expensive first; empty at the first
+    /// look, and of a process that counts no stages.
+    pub stages: Vec<StageRow>,
+}
+
+/// A stage of a process's work.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct StageRow {
+    /// Its name.
+    pub stage: String,
+    /// Share of one core, percent.
+    pub cpu_percent: f64,
+    /// Processor time of a tick of the world, milliseconds; `None` if it stood still.
+    pub cpu_ms_per_tick: Option<f64>,
 }
 
 /// A topic.

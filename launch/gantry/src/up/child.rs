@@ -3,7 +3,7 @@
 
 #![expect(
     unsafe_code,
-    reason = "work between fork and exec; the one block proves itself"
+    reason = "work between fork and exec; each block proves itself"
 )]
 
 use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};

@@ -1,4 +1,4 @@
-//! What `--replay`, `--record` and `--view` change in a launch file.
+//! What `--replay`, `--keep-up`, `--record`, `--view` and `--desk` change in a launch file.
 
 use std::path::Path;
 
@@ -6,10 +6,14 @@ use launch_spec::{Launch, Period, Process, Restart, Stop};
 
 use crate::cli::{UpArgs, ViewMode};
 
-/// The launch file with what `--replay`, `--record` and `--view` ask for.
+/// The launch file with what `--replay`, `--keep-up`, `--record`, `--view` and `--desk` ask for.
 pub fn with_extras(mut launch: Launch, args: &UpArgs) -> Launch {
     if let Some(file) = &args.replay {
         replay_into(&mut launch, file, args.rate.as_deref());
+    }
+    if args.keep_up {
+        let simulators = launch.processes.iter_mut().filter(|it| it.is_simulator());
+        simulators.for_each(|simulator| simulator.cmd.push("--keep-up".into()));
     }
     if let Some(file) = &args.record {
         // In lockstep the world waits for the disk: nothing is lost, from the first tick on.
@@ -19,16 +23,11 @@ pub fn with_extras(mut launch: Launch, args: &UpArgs) -> Launch {
             "--out".into(),
             file.display().to_string(),
         ];
-        // To finish a file, the recorder writes what is queued, and the index.
-        let stop = Stop {
-            grace: Period::from_millis(60_000),
-            ..Stop::default()
-        };
         // Required, so that a run without its recording does not look like a success.
         let recorder = Extra {
             name: "record",
             cmd,
-            stop: Some(stop),
+            stop: Some(finishes_a_file()),
             required: true,
             lockstep: true,
         };
@@ -38,17 +37,36 @@ pub fn with_extras(mut launch: Launch, args: &UpArgs) -> Launch {
         None => {}
         Some(None) => launch.processes.retain(|process| process.name != "view"),
         Some(Some(cmd)) => {
+            let saves = matches!(args.view, Some(ViewMode::Save(_)));
             let viewer = Extra {
                 name: "view",
                 cmd,
-                stop: None,
+                stop: saves.then(finishes_a_file),
                 required: false,
                 lockstep: false,
             };
             viewer.put_into(&mut launch);
         }
     }
+    if args.desk {
+        let desk = Extra {
+            name: "desk",
+            cmd: vec!["gantry-desk".into()],
+            stop: None,
+            required: false,
+            lockstep: false,
+        };
+        desk.put_into(&mut launch);
+    }
     launch
+}
+
+/// How a program is stopped that then writes what is queued, and perhaps an index.
+fn finishes_a_file() -> Stop {
+    Stop {
+        grace: Period::from_millis(60_000),
+        ..Stop::default()
+    }
 }
 
 /// Programs of Gantry that act on the world. A recording cannot be acted on.
@@ -73,10 +91,13 @@ fn replay_into(launch: &mut Launch, file: &Path, rate: Option<&str>) {
     let rate = rate.map(|rate| ["--rate".to_owned(), rate.to_owned()]);
     // The processes make results of their own, on topics that the recording may have too.
     let words = ["--results".to_owned(), "none".to_owned()];
+    let idle_s = launch.scenario.lockstep_timeout_s;
+    let timeout = (idle_s > 0.0).then(|| ["--lockstep-timeout".to_owned(), idle_s.to_string()]);
     let cmd: Vec<String> = ["gantry-replay".to_owned(), file.display().to_string()]
         .into_iter()
         .chain(words)
         .chain(rate.into_iter().flatten())
+        .chain(timeout.into_iter().flatten())
         .collect();
     match launch
         .processes
@@ -101,7 +122,7 @@ fn replay_into(launch: &mut Launch, file: &Path, rate: Option<&str>) {
 struct Extra {
     name: &'static str,
     cmd: Vec<String>,
-    /// How it ends; `None` keeps what the launch file says.
+    /// How it ends where the launch file says nothing of it; `None` is the default there.
     stop: Option<Stop>,
     required: bool,
     /// Whether it takes part in lockstep, if there is a daemon.
@@ -134,7 +155,9 @@ impl Extra {
             .find(|process| process.name == name)
         {
             process.cmd = cmd;
-            process.stop = stop.unwrap_or(process.stop);
+            if process.stop == Stop::default() {
+                process.stop = stop.unwrap_or(process.stop);
+            }
             process.required |= required;
             process.lockstep |= lockstep && daemon.is_some();
             if let Some(name) = daemon.filter(|name| lockstep && !process.after.contains(name)) {
@@ -201,6 +224,20 @@ mod tests {
     }
 
     #[test]
+    fn only_the_simulator_is_told_to_keep_up() {
+        let told = |args: &[&str]| {
+            let launch = launch(args);
+            let has = |process: &&Process| process.cmd.iter().any(|word| word == "--keep-up");
+            let names = launch.processes.iter().filter(has);
+            names
+                .map(|process| process.name.clone())
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(told(&["--keep-up"]), ["world"]);
+        assert_eq!(told(&["--record", "a.mcap"]), [""; 0]);
+    }
+
+    #[test]
     fn record_and_view_become_processes_after_the_daemon() {
         let both = launch(&["--record", "a.mcap", "--view", "save:b.rrd"]);
         let record = both.process("record").unwrap();
@@ -244,6 +281,14 @@ mod tests {
         assert!(launch.process("drive").is_none(), "nobody can drive in it");
         let detector = launch.process("detector").unwrap();
         assert_eq!(detector.after, ["world"], "it follows the recording");
+        let patient = driven.replace(
+            "version = 1\n",
+            "version = 1\n[scenario]\nlockstep_timeout_s = 2.5\n",
+        );
+        assert_ne!(patient, driven);
+        let launch = with_extras(Launch::parse(&patient, "x").unwrap(), &args);
+        let cmd = launch.process("world").unwrap().cmd.join(" ");
+        assert!(cmd.ends_with(" --lockstep-timeout 2.5"), "{cmd}");
         let alone = with_extras(
             Launch::parse("version = 1\n[process.a]\ncmd = [\"sh\"]\n", "x").unwrap(),
             &up(&["--replay", "drive.mcap"]),

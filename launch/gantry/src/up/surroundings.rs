@@ -15,6 +15,16 @@ use crate::programs::Search;
 /// The number of CAP_SYS_NICE, which allows any priority.
 const CAP_SYS_NICE: u32 = 23;
 
+/// Variables that processes have unless somebody says otherwise.
+const USUALLY: [(&str, &str); 3] = [
+    // Otherwise Python keeps its lines for itself until some kilobytes have come together.
+    ("PYTHONUNBUFFERED", "1"),
+    // Otherwise Mesa's drivers complain at every start.
+    ("XDG_RUNTIME_DIR", "/tmp"),
+    // Otherwise rerun tells at its first start what it would count.
+    ("DO_NOT_TRACK", "1"),
+];
+
 /// Folder, environment, cores and priority of one process.
 #[derive(Debug)]
 pub struct Surroundings {
@@ -72,10 +82,10 @@ pub fn of(
         .collect();
     env.entry(DOMAIN_VARIABLE.into())
         .or_insert_with(|| domain.into());
-    if std::env::var_os("PYTHONUNBUFFERED").is_none() {
-        // Otherwise Python keeps its lines for itself until some kilobytes have come together.
-        env.entry("PYTHONUNBUFFERED".into())
-            .or_insert_with(|| "1".into());
+    for (variable, value) in USUALLY {
+        if std::env::var_os(variable).is_none() {
+            env.entry(variable.into()).or_insert_with(|| value.into());
+        }
     }
     let mut without = Vec::new();
     let programs = match &process.venv {

@@ -8,6 +8,8 @@ use crate::tree::Table;
 
 /// Ticks per second a scenario may ask for.
 pub(super) const TICK_HZ: (f64, f64) = (0.1, 1000.0);
+/// Wait for an idle lockstep participant, seconds; 0 is for ever.
+const LOCKSTEP_TIMEOUT_S: (f64, f64) = (0.0, 86_400.0);
 /// Most other vehicles.
 const MAX_VEHICLES: u32 = 500;
 /// Most people on foot.
@@ -36,6 +38,11 @@ fn check(scenario: &Scenario, file: &Table, errors: &mut Errors) {
         }
     };
     range("tick_hz", scenario.tick_hz, TICK_HZ);
+    range(
+        "lockstep_timeout_s",
+        scenario.lockstep_timeout_s,
+        LOCKSTEP_TIMEOUT_S,
+    );
     range(
         "vehicles",
         scenario.vehicles.into(),

@@ -1,6 +1,5 @@
 //! Puts a map into the map folder in one step.
 
-use std::io::Write as _;
 use std::path::Path;
 
 /// How a map came into the folder.
@@ -53,17 +52,9 @@ pub(super) fn place(
     if dry {
         return Ok(placed);
     }
-    let part = folder.join(format!(".{name}.{}.part", std::process::id()));
-    let written = std::fs::File::create(&part)
-        .and_then(|mut file| {
-            file.write_all(text.as_bytes())?;
-            file.sync_all()
-        })
-        .and_then(|()| std::fs::rename(&part, &path));
-    written.map(|()| placed).map_err(|error| {
-        let _ = std::fs::remove_file(&part);
-        format!("{} cannot be written: {error}", path.display())
-    })
+    launch_cli::files::replace(&path, text.as_bytes())
+        .map(|()| placed)
+        .map_err(|error| format!("{} cannot be written: {error}", path.display()))
 }
 
 #[cfg(test)]

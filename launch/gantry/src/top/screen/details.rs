@@ -140,6 +140,16 @@ fn process(frame: &mut Frame, row: &ProcessRow, style: Style, area: Rect) {
         };
         lines.push(field(name, text, style));
     }
+    for (i, stage) in row.stages.iter().enumerate() {
+        let of_tick = stage.cpu_ms_per_tick.map_or(String::new(), |ms| {
+            format!(", {ms:.2} ms of processors a tick")
+        });
+        let text = format!(
+            "{:<16} {:5.1} % of a core{of_tick}",
+            stage.stage, stage.cpu_percent
+        );
+        lines.push(field(if i == 0 { "stages" } else { "" }, text, style));
+    }
     let text = Paragraph::new(lines)
         .wrap(Wrap { trim: false })
         .block(Block::bordered().title(format!(" {} ", row.name)));

@@ -7,11 +7,12 @@ use ratatui::widgets::{Block, Paragraph};
 
 use crate::top::app::App;
 
-const LINES: [&str; 27] = [
+const LINES: [&str; 28] = [
     "q, Ctrl-C    quit",
     "↑ ↓ j k      select; also PgUp, PgDn, Home, End",
     "Tab          between processes and topics",
-    "Enter        details of the selected row; again, or Esc: back",
+    "Enter        details of the selected row, such as the stages that a process spends its",
+    "             time in; again, or Esc: back",
     "g            who reads what",
     "s, r         sort topics by the next column, reverse",
     "/            filter by topic, type or process; Esc clears it",

@@ -1,0 +1,341 @@
+"""Makes what users install: a wheel with every program and the Python module, a tarball and a .deb.
+
+`./gantry package` builds the programs and runs this. The same commit gives the same bytes: sources'
+paths are taken out by the build, times are those of the commit, files are sorted.
+"""
+
+import argparse
+import gzip
+import hashlib
+import io
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+import time
+import uuid
+from pathlib import Path
+
+from wheel.wheelfile import WheelFile
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).resolve().parents[2]
+PYTHON = ROOT / "consumers" / "consumer_python"
+# Programs of a package: what `cargo build --workspace` puts beside each other, without the tests' own.
+PROGRAM = re.compile(r"gantry(-[a-z]+)?|simd")
+# Programs that write into a terminal or read from users: these have completions and a man page.
+SHELLS = {
+    "bash": ("bash-completion/completions", "{}"),
+    "zsh": ("zsh/vendor-completions", "_{}"),
+    "fish": ("fish/vendor_completions.d", "{}.fish"),
+}
+# Libraries that a wheel of the tag manylinux may expect of every system, and the Debian package of each.
+SYSTEM = {
+    "libc.so.6": None,
+    "libm.so.6": None,
+    "libpthread.so.0": None,
+    "libdl.so.2": None,
+    "librt.so.1": None,
+    "ld-linux-x86-64.so.2": None,
+    "ld-linux-aarch64.so.1": None,
+    "libgcc_s.so.1": "libgcc-s1",
+    "libstdc++.so.6": "libstdc++6",
+}
+# Newest versions of the C++ library's symbols that the tag manylinux_2_35 and later ones allow.
+NEWEST_CXX = {"GLIBCXX": (3, 4, 30), "CXXABI": (1, 3, 13), "GCC": (12, 0, 0)}
+# What an ELF file calls the processor, and what Python and Debian call it.
+MACHINES = {62: ("x86_64", "amd64"), 183: ("aarch64", "arm64")}
+SUMMARY = "Headless driving simulator whose sensors write straight into shared memory"
+
+
+class Failed(Exception):
+    """A sentence for whoever packages."""
+
+
+def output(*words, **more):
+    """What a program prints."""
+    done = subprocess.run(words, capture_output=True, text=True, check=False, **more)
+    if done.returncode:
+        raise Failed(f"{' '.join(map(str, words))} ended with code {done.returncode}: {done.stderr.strip()}")
+    return done.stdout
+
+
+def version():
+    found = re.search(r'^version = "([^"]+)"', (ROOT / "Cargo.toml").read_text(), re.M)
+    return found[1]
+
+
+def moment():
+    """The time that all files carry, seconds since 1970: that of the commit; in a tree without git's
+    history, that of Cargo.lock."""
+    if given := os.environ.get("SOURCE_DATE_EPOCH"):
+        return int(given)
+    try:
+        return int(output("git", "-C", str(ROOT), "log", "-1", "--format=%ct"))
+    except (Failed, FileNotFoundError):
+        return int((ROOT / "Cargo.lock").stat().st_mtime)
+
+
+def programs(folder):
+    """The programs in `folder`, by name."""
+    found = sorted(p for p in folder.iterdir() if PROGRAM.fullmatch(p.name) and p.is_file() and os.access(p, os.X_OK))
+    names = [p.name for p in found]
+    missing = [name for name in ("gantry", "simd", "gantry-view", "gantry-carla") if name not in names]
+    if missing:
+        raise Failed(f"{folder} lacks {', '.join(missing)}; build with `cargo build --release --workspace` first")
+    return found
+
+
+def strip(files, into):
+    """Copies programs without symbols and line tables: a third of the size, no build paths."""
+    into.mkdir(parents=True)
+    for file in files:
+        shutil.copyfile(file, into / file.name)
+        (into / file.name).chmod(0o755)
+    output("strip", "--strip-all", *(str(into / file.name) for file in files))
+    return [into / file.name for file in files]
+
+
+def machine(file):
+    """The processor that a program is for, as Python and as Debian call it."""
+    with file.open("rb") as elf:
+        number = int.from_bytes(elf.read(20)[18:20], "little")
+    if number not in MACHINES:
+        raise Failed(f"{file} is for a processor with the ELF number {number}; packages are made for {list(MACHINES)}")
+    return MACHINES[number]
+
+
+def needed(files):
+    """The shared libraries that any of these is linked to."""
+    text = output("objdump", "-p", *map(str, files))
+    found = sorted(set(re.findall(r"NEEDED +(\S+)", text)))
+    if foreign := [name for name in found if name not in SYSTEM]:
+        raise Failed(f"the programs need {', '.join(foreign)}, which not every system has")
+    return found
+
+
+def glibc(files):
+    """The newest GNU C library that any of these needs, as (2, 35), and at least that: the number in
+    the wheel's tag, whose limits for the C++ library are checked too."""
+    text = output("objdump", "-T", *map(str, files))
+    versions = {tuple(map(int, match.split("."))) for match in re.findall(r"GLIBC_(\d+\.\d+)", text)}
+    if not versions:
+        raise Failed("objdump names no version of the C library; are these programs linked dynamically?")
+    for name, newest in NEWEST_CXX.items():
+        for match in re.findall(rf"\b{name}_(\d+(?:\.\d+)*)", text):
+            if tuple(map(int, match.split("."))) > newest:
+                raise Failed(f"the programs need {name}_{match}, newer than {name}_{'.'.join(map(str, newest))} of the tag manylinux")
+    return max(max(versions), (2, 35))
+
+
+def pages(stripped, share):
+    """Completions and man pages, as the programs print them."""
+    quiet = {**os.environ, "NO_COLOR": "1"}
+    for program in stripped:
+        with tempfile.TemporaryDirectory() as folder:
+            output(program, "man", "--into", folder, env=quiet)
+            for page in sorted(Path(folder).iterdir()):
+                write(share / "man" / "man1" / f"{page.name}.gz", gzip.compress(page.read_bytes(), mtime=0))
+        for shell, (folder, name) in SHELLS.items():
+            script = output(program, "completions", shell, env=quiet)
+            write(share / folder / name.format(program.name), script.encode())
+
+
+def write(path, data):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+
+
+def sbom(when):
+    """What the programs are made of: every crate with its version, licence and checksum, as CycloneDX and
+    as SPDX, by cargo-sbom. None where that is not installed."""
+    tool = shutil.which("cargo-sbom")
+    if tool is None:
+        return {}
+    label = f"gantry-sim-{version()}"
+    made = {}
+    for ending, form in (("cdx.json", "cyclonedx_json_1_4"), ("spdx.json", "spdx_json_2_3")):
+        text = output(tool, "sbom", "--output-format", form, "--project-directory", str(ROOT))
+        made[f"{label}.{ending}"] = stable(json.loads(text), label, when)
+    return made
+
+
+def stable(document, label, when):
+    """A document without what differs from call to call: its own number, the time, the order, this
+    machine's paths."""
+    moment_text = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(when))
+    if "serialNumber" in document:
+        document["serialNumber"] = f"urn:uuid:{uuid.uuid5(uuid.NAMESPACE_URL, f'{label}/{when}')}"
+    if "documentNamespace" in document:
+        document["documentNamespace"] = f"https://spdx.org/spdxdocs/{uuid.uuid5(uuid.NAMESPACE_URL, f'{label}/{when}')}"
+    document.get("metadata", {})["timestamp"] = moment_text
+    if "creationInfo" in document:
+        document["creationInfo"]["created"] = moment_text
+        document.pop("metadata", None)
+    for key in ("components", "dependencies", "packages", "relationships", "files"):
+        if isinstance(document.get(key), list):
+            document[key].sort(key=lambda item: json.dumps(item, sort_keys=True))
+    text = json.dumps(document, indent=1, sort_keys=True)
+    return text.replace(str(ROOT), "gantry").encode() + b"\n"
+
+
+def tree(stripped, into, name, boms):
+    """`bin` and `share` as below a prefix of a file system."""
+    for program in stripped:
+        (into / "bin").mkdir(parents=True, exist_ok=True)
+        shutil.copy2(program, into / "bin" / program.name)
+    pages(stripped, into / "share")
+    launch = into / "share" / "gantry" / "launch"
+    for file in sorted((ROOT / "launch").glob("*.toml")) + [ROOT / "launch" / "launch.schema.json"]:
+        write(launch / file.name, file.read_bytes())
+    for file in sorted((ROOT / "examples").rglob("*")):
+        if file.is_file() and "__pycache__" not in file.parts and "target" not in file.parts:
+            write(into / "share" / "gantry" / "examples" / file.relative_to(ROOT / "examples"), file.read_bytes())
+    for file, text in boms.items():
+        write(into / "share" / "doc" / name / file, text)
+    write(into / "share" / "doc" / name / "README.md", (ROOT / "README.md").read_bytes())
+    write(into / "share" / "doc" / name / "CHANGELOG.md", (ROOT / "CHANGELOG.md").read_bytes())
+
+
+def tarball(folder, out, prefix, when):
+    """A compressed archive of `folder`: sorted, of nobody, at one time."""
+
+    def plain(entry):
+        entry.uid = entry.gid = 0
+        entry.uname = entry.gname = "root"
+        entry.mtime = when
+        entry.mode = 0o755 if entry.isdir() or entry.mode & 0o100 else 0o644
+        return entry
+
+    data = io.BytesIO()
+    with tarfile.open(fileobj=data, mode="w", format=tarfile.PAX_FORMAT) as archive:
+        for path in sorted(folder.rglob("*")):
+            archive.add(path, f"{prefix}/{path.relative_to(folder)}", recursive=False, filter=plain)
+    out.write_bytes(gzip.compress(data.getvalue(), mtime=0))
+    return out
+
+
+def deb(folder, out, name, libc, libraries, architecture, when):
+    """A Debian package of `folder` below /usr."""
+    root = folder.parent / "deb"
+    shutil.copytree(folder, root / "usr")
+    size = sum(path.stat().st_size for path in root.rglob("*") if path.is_file()) // 1024
+    packages = [SYSTEM[library] for library in libraries if SYSTEM[library]]
+    depends = ", ".join([f"libc6 (>= {libc[0]}.{libc[1]})", *packages, "libvulkan1"])
+    control = f"""Package: {name}
+Version: {version()}
+Architecture: {architecture}
+Maintainer: Gantry developers <gantry@example.invalid>
+Installed-Size: {size}
+Depends: {depends}
+Recommends: mesa-vulkan-drivers | nvidia-driver
+Section: science
+Priority: optional
+Description: {SUMMARY}
+ The daemon simd, the launcher gantry and the programs that view, record, replay, export,
+ drive, benchmark and serve unmodified CARLA clients. The live viewer comes with the Python
+ package rerun-sdk.
+"""
+    write(root / "DEBIAN" / "control", control.encode())
+    for path in [root, *sorted(root.rglob("*"))]:
+        path.chmod(0o755 if path.is_dir() or path.parent.name == "bin" else 0o644)
+        os.utime(path, (when, when))
+    output("dpkg-deb", "--root-owner-group", "-Zxz", "--build", str(root), str(out), env={**os.environ, "SOURCE_DATE_EPOCH": str(when)})
+    return out
+
+
+def metadata():
+    """What the wheel says of itself, from pyproject.toml."""
+    project = tomllib.loads((PYTHON / "pyproject.toml").read_text())["project"]
+    lines = [
+        "Metadata-Version: 2.1",
+        f"Name: {project['name']}",
+        f"Version: {version()}",
+        f"Summary: {SUMMARY}",
+        f"License: {project['license']['text']}",
+        f"Requires-Python: {project['requires-python']}",
+        *(f"Classifier: {classifier}" for classifier in project["classifiers"]),
+        *(f"Requires-Dist: {need}" for need in project["dependencies"] + project["optional-dependencies"]["programs"]),
+        "Description-Content-Type: text/markdown",
+    ]
+    return "\n".join(lines) + "\n\n" + (PYTHON / "README.md").read_text()
+
+
+def wheel(stripped, module, out, work, libc, processor, boms, when):
+    """The Python package, its native module, and the programs as its scripts."""
+    root = work / "wheel"
+    shutil.copytree(PYTHON / "python" / "gantry", root / "gantry", ignore=shutil.ignore_patterns("__pycache__", "_native*.so"))
+    native = root / "gantry" / "_native.abi3.so"
+    shutil.copyfile(module, native)
+    name = f"gantry_sim-{version()}"
+    scripts = root / f"{name}.data" / "scripts"
+    scripts.mkdir(parents=True)
+    for program in stripped:
+        shutil.copy2(program, scripts / program.name)
+    tag = f"cp310-abi3-manylinux_{libc[0]}_{libc[1]}_{processor}"
+    about = root / f"{name}.dist-info"
+    write(about / "METADATA", metadata().encode())
+    write(about / "WHEEL", f"Wheel-Version: 1.0\nGenerator: gantry {version()}\nRoot-Is-Purelib: false\nTag: {tag}\n".encode())
+    for file, text in boms.items():
+        write(about / "sboms" / file, text)
+    for path in root.rglob("*"):
+        path.chmod(0o755 if path.is_dir() or path.parent == scripts else 0o644)
+    os.environ["SOURCE_DATE_EPOCH"] = str(when)
+    file = out / f"{name}-{tag}.whl"
+    file.unlink(missing_ok=True)
+    with WheelFile(file, "w") as archive:
+        archive.write_files(root)
+    return file
+
+
+def main():
+    parser = argparse.ArgumentParser(prog="./gantry package", description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the packages [default: target/packages]")
+    parser.add_argument("--binaries", type=Path, required=True, metavar="DIR", help="pack the programs of this folder as they are [default: those of a build without paths of this machine]")
+    parser.add_argument("--only", choices=["wheel", "tar", "deb"], action="append", help="make this one alone; may be given more than once")
+    args = parser.parse_args()
+    wanted = args.only or ["wheel", "tar", "deb"]
+    when = moment()
+    args.out.mkdir(parents=True, exist_ok=True)
+    work = args.out / ".work"
+    shutil.rmtree(work, ignore_errors=True)
+    module = args.binaries / "libconsumer_python.so"
+    if not module.is_file():
+        raise Failed(f"{args.binaries} lacks {module.name}; build with `cargo build --release --workspace` first")
+    *stripped, module = strip([*programs(args.binaries), module], work / "stripped")
+    libc = glibc([*stripped, module])
+    libraries = needed([*stripped, module])
+    processor, architecture = machine(module)
+    boms = sbom(when)
+    name = "gantry-sim"
+    made = []
+    try:
+        if "tar" in wanted or "deb" in wanted:
+            tree(stripped, work / "tree", name, boms)
+        if "tar" in wanted:
+            label = f"{name}-{version()}-{processor}-linux"
+            made.append(tarball(work / "tree", args.out / f"{label}.tar.gz", label, when))
+        if "deb" in wanted:
+            made.append(deb(work / "tree", args.out / f"{name}_{version()}_{architecture}.deb", name, libc, libraries, architecture, when))
+        if "wheel" in wanted:
+            made.append(wheel(stripped, module, args.out, work, libc, processor, boms, when))
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    for file in made:
+        data = file.read_bytes()
+        print(f"{hashlib.sha256(data).hexdigest()}  {file}  {len(data) / 1e6:.1f} MB")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except Failed as error:
+        sys.exit(f"error: {error}")
