@@ -1,7 +1,7 @@
 //! Drives straight on and stops before whatever `lidar_clusters` finds in the way. One step per
 //! tick, in lockstep.
 //!
-//! `cargo run --release -p consumer_kit --example brake`; `docs/pipelines.md` explains it.
+//! `cargo run --release -p consumer_kit --example brake`; `docs/how-to/pipelines.md` explains it.
 
 use std::error::Error;
 use std::time::{Duration, Instant};

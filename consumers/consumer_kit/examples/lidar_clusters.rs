@@ -1,7 +1,7 @@
 //! Finds what stands on the road: drops the ground from a lidar's points, joins the rest to
 //! clusters, and publishes a box round each. One step per tick, in lockstep.
 //!
-//! `cargo run --release -p consumer_kit --example lidar_clusters`; `docs/pipelines.md` explains it.
+//! `cargo run --release -p consumer_kit --example lidar_clusters`; `docs/how-to/pipelines.md` explains it.
 
 use std::collections::{HashMap, HashSet};
 use std::error::Error;

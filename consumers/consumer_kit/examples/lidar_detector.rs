@@ -2,7 +2,7 @@
 //! clusters, and keeps those of a size that fits. One of the benchmark's worked programs.
 //!
 //! `cargo run --release -p consumer_kit --example lidar_detector -- '{"height_m": 2.0}'`;
-//! `docs/perception-benchmark.md` explains it.
+//! `docs/how-to/perception-benchmark.md` explains it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::error::Error;

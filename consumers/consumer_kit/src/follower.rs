@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use schema_bus::{Bus, BusError, Frame};
+use schema_bus::{Bus, BusError, Frame, TopicDetails};
 
 use crate::{FollowedTopic, SnapshotTrail, Take, TopicReport, WakeUps, WorldAt};
 
@@ -19,9 +19,23 @@ pub struct TopicId(usize);
 pub struct Follower {
     // Before `bus`: ports go before their node.
     topics: Vec<FollowedTopic>,
+    /// Places of topics that were left, for new ones.
+    left: Vec<TopicId>,
+    /// Events beside those of the topics.
+    events: Vec<String>,
     trail: SnapshotTrail,
     wake_ups: WakeUps,
     bus: Bus,
+}
+
+/// How long a topic may be without a writer before who follows everything leaves it: longer than a
+/// simulator takes to start again.
+pub const LEAVE_AFTER: Duration = Duration::from_secs(15);
+
+/// Whether a topic has no writer and is in the list only because others still read it: its sensor
+/// has ended. A topic without a writer that nobody reads is none: its writer may wait for a reader.
+pub fn is_left_over(topic: &TopicDetails) -> bool {
+    topic.publishers == 0 && topic.subscribers > 0
 }
 
 impl Follower {
@@ -37,6 +51,8 @@ impl Follower {
     pub fn on(bus: Bus) -> Follower {
         Follower {
             topics: Vec::new(),
+            left: Vec::new(),
+            events: Vec::new(),
             trail: SnapshotTrail::new(),
             wake_ups: WakeUps::new(),
             bus,
@@ -50,6 +66,10 @@ impl Follower {
 
     /// Follows `topic` (without the domain, `ego/front/rgb`).
     pub fn follow(&mut self, topic: &str, take: Take) -> TopicId {
+        if let Some(id) = self.left.pop() {
+            self.topics[id.0] = FollowedTopic::new(topic, take);
+            return id;
+        }
         self.topics.push(FollowedTopic::new(topic, take));
         TopicId(self.topics.len() - 1)
     }
@@ -83,7 +103,9 @@ impl Follower {
 
     /// Numbers of all topics, in the order of `follow`.
     pub fn ids(&self) -> impl Iterator<Item = TopicId> + use<> {
-        (0..self.topics.len()).map(TopicId)
+        let left = self.left.clone();
+        let all = (0..self.topics.len()).map(TopicId);
+        all.filter(move |id| !left.contains(id))
     }
 
     /// Wakes [`Follower::wait`] also by `event`, for example a topic of results that is read beside
@@ -92,7 +114,35 @@ impl Follower {
     /// # Errors
     /// [`BusError`] if the event cannot be opened.
     pub fn listen(&mut self, event: &str) -> Result<(), BusError> {
+        if !self.events.iter().any(|known| known == event) {
+            self.events.push(event.to_owned());
+        }
         self.wake_ups.listen(&self.bus, event).map(drop)
+    }
+
+    /// Follows some topics no longer and hears some events of [`Follower::listen`] no longer: their
+    /// ports are closed, and their numbers and counters belong to later topics.
+    ///
+    /// # Errors
+    /// [`BusError`] if the event of a topic that is kept cannot be opened anew.
+    pub fn leave(&mut self, topics: &[TopicId], events: &[String]) -> Result<(), BusError> {
+        for id in topics {
+            if !self.left.contains(id) {
+                self.topics[id.0] = FollowedTopic::new("", Take::Newest);
+                self.left.push(*id);
+            }
+        }
+        self.events.retain(|event| !events.contains(event));
+        self.wake_ups = WakeUps::new();
+        for event in &self.events {
+            self.wake_ups.listen(&self.bus, event)?;
+        }
+        let kept = |topic: &&FollowedTopic| topic.found();
+        for topic in self.topics.iter().filter(kept) {
+            let followed = self.topics.iter().map(FollowedTopic::topic);
+            self.wake_ups.attach(&self.bus, topic.topic(), followed)?;
+        }
+        Ok(())
     }
 
     /// Looks for topics that are missing, then waits for a frame of any topic, at most `timeout` and
@@ -104,6 +154,9 @@ impl Follower {
     pub fn wait(&mut self, timeout: Duration) -> Result<bool, BusError> {
         let mut is_new = false;
         for idx in 0..self.topics.len() {
+            if self.left.contains(&TopicId(idx)) {
+                continue;
+            }
             if self.topics[idx].found() || !self.topics[idx].look(&self.bus)? {
                 continue;
             }
@@ -146,6 +199,6 @@ impl Follower {
 
     /// The counters of every topic, for a consumer's last output.
     pub fn reports(&self) -> Vec<TopicReport> {
-        self.topics.iter().map(FollowedTopic::report).collect()
+        self.ids().map(|id| self.topic(id).report()).collect()
     }
 }

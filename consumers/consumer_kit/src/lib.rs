@@ -43,7 +43,7 @@ mod topic;
 mod wake;
 
 pub use document::FollowedDocument;
-pub use follower::{Follower, MAX_WAIT, TopicId};
+pub use follower::{Follower, LEAVE_AFTER, MAX_WAIT, TopicId, is_left_over};
 pub use lockstep::{Lockstep, LockstepError};
 pub use program::{Frames, InputId, Program, ProgramError};
 pub use publish::{ListLoan, PublishError, Publisher};

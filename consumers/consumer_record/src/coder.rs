@@ -12,6 +12,7 @@ use schema_recording::messages::Entry;
 use crate::frames::{TopicName, frame, frame_entries};
 use crate::options::{Coding, KEY_EVERY_NANOS};
 use crate::previews::{compressed, has_preview, preview};
+use crate::stages;
 use crate::video::{H264_NAME, Videos};
 
 /// Name of JPEG in `foxglove.CompressedImage` and `gantry.Frame`.
@@ -71,6 +72,7 @@ impl FrameCoder {
         payload: &[u8],
         reuse: &mut dyn FnMut(usize) -> Vec<u8>,
     ) -> Vec<Entry> {
+        let _span = stages::CODE.span();
         let Some(modality) = header.modality() else {
             return Vec::new();
         };
@@ -105,6 +107,7 @@ impl FrameCoder {
         }
         let mut entries = vec![frame(name, header, Some(bytes), false, codec, reuse)];
         if self.coding.previews {
+            let _span = stages::PREVIEW.span();
             entries.extend(preview(name, header, modality, payload));
         }
         entries

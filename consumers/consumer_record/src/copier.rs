@@ -1,8 +1,9 @@
-//! Writes a new recording of records from others. It is called OUT.part until it is finished.
+//! Writes a new recording of records from others. Until it is finished it is called OUT.part, or
+//! OUT.copy.part if there is an OUT.part, which may be what is copied.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufWriter, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
@@ -13,6 +14,10 @@ use schema_recording::write::{ChunkCompression, options, part_path};
 /// Which input an id belongs to, and the id.
 type Id = (usize, u16);
 
+/// Most bytes of schemas and channels that a recording of others may have: its writer keeps them
+/// until the end, and packed they can be any number.
+pub const MAX_DESCRIBED_BYTES: usize = 64 << 20;
+
 /// A recording that is made of others.
 pub(crate) struct Copier {
     writer: Writer<BufWriter<File>>,
@@ -20,29 +25,37 @@ pub(crate) struct Copier {
     target: PathBuf,
     schemas: HashMap<Id, u16>,
     channels: HashMap<Id, u16>,
+    /// Bytes of schemas and channels so far.
+    described_bytes: usize,
     /// Messages so far.
     pub(crate) n_messages: u64,
 }
 
 impl Copier {
-    /// Creates `target.part`.
+    /// Creates the unfinished file.
     ///
     /// # Errors
-    /// If one of the two exists already or cannot be made.
+    /// If `target` exists already, or there is no free name for the unfinished file.
     pub(crate) fn create(target: &Path) -> anyhow::Result<Copier> {
-        let part = part_path(target);
         if target.exists() {
             bail!(
                 "{} exists already; choose another name or remove it first",
                 target.display()
             );
         }
-        let file = File::options()
-            .write(true)
-            .create(true)
-            .truncate(true)
-            .open(&part)
-            .with_context(|| format!("cannot create {}", part.display()))?;
+        let create = |part: &Path| File::options().write(true).create_new(true).open(part);
+        let mut part = part_path(target);
+        let mut made = create(&part);
+        if matches!(&made, Err(error) if error.kind() == ErrorKind::AlreadyExists) {
+            part = part_path(&target.with_added_extension("copy"));
+            made = create(&part);
+        }
+        let file = made.with_context(|| {
+            format!(
+                "cannot create {}; if it is left from a copy that was broken off, remove it",
+                part.display()
+            )
+        })?;
         Ok(Copier {
             writer: options(ChunkCompression::Lz4)
                 .create(BufWriter::with_capacity(1 << 20, file))?,
@@ -50,8 +63,20 @@ impl Copier {
             target: target.to_path_buf(),
             schemas: HashMap::new(),
             channels: HashMap::new(),
+            described_bytes: 0,
             n_messages: 0,
         })
+    }
+
+    fn describe(&mut self, bytes: usize) -> anyhow::Result<()> {
+        self.described_bytes += bytes;
+        if self.described_bytes > MAX_DESCRIBED_BYTES {
+            bail!(
+                "its schemas and channels have more than {MAX_DESCRIBED_BYTES} bytes, as no recording has; what was copied so far stays in {}",
+                self.part.display()
+            );
+        }
+        Ok(())
     }
 
     pub(crate) fn schema(
@@ -60,7 +85,9 @@ impl Copier {
         header: &SchemaHeader,
         data: &[u8],
     ) -> anyhow::Result<()> {
-        if header.id != 0 {
+        // Every chunk of some writers repeats what it uses.
+        if header.id != 0 && !self.schemas.contains_key(&(input, header.id)) {
+            self.describe(header.name.len() + header.encoding.len() + data.len())?;
             let id = self
                 .writer
                 .add_schema(&header.name, &header.encoding, data)?;
@@ -75,7 +102,12 @@ impl Copier {
             0 => Some(0),
             id => self.schemas.get(&(input, id)).copied(),
         };
-        if let Some(schema) = schema {
+        if let Some(schema) = schema
+            && !self.channels.contains_key(&(input, channel.id))
+        {
+            let pairs = channel.metadata.iter();
+            let bytes: usize = pairs.map(|(key, value)| key.len() + value.len()).sum();
+            self.describe(channel.topic.len() + channel.message_encoding.len() + bytes)?;
             let id = self.writer.add_channel(
                 schema,
                 &channel.topic,
@@ -131,9 +163,8 @@ impl Copier {
             .into_inner()
             .into_inner()
             .map_err(|error| error.into_error())?;
-        file.sync_all()
-            .with_context(|| format!("cannot write {} to disk", self.part.display()))?;
-        std::fs::rename(&self.part, &self.target)
+        drop(file);
+        launch_cli::files::rename(&self.part, &self.target)
             .with_context(|| format!("cannot name {}", self.target.display()))?;
         Ok(self.n_messages)
     }

@@ -1,7 +1,7 @@
 //! Looks for topics on a thread of its own, because listing a domain opens every service and takes
 //! longer than a fast sensor's buffer lasts.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
@@ -9,6 +9,11 @@ use schema_bus::{Bus, BusError, BusOptions, TopicDetails};
 
 /// How often topics are listed.
 const LIST_EVERY: Duration = Duration::from_millis(500);
+/// Where listing is slow, because much else is on this machine's bus, it is done less often: it takes
+/// at most one part in so many of the time, and comes every [`LONGEST`] at least.
+const SHARE: u32 = 50;
+/// Longest time between lists.
+const LONGEST: Duration = Duration::from_secs(2);
 
 /// A thread that lists the topics of a domain until it is dropped.
 #[derive(Debug)]
@@ -44,9 +49,12 @@ impl Discovery {
 
 fn list(bus: &Bus, found: &Sender<Result<Vec<TopicDetails>, BusError>>, stopped: &Receiver<()>) {
     loop {
+        let began = Instant::now();
+        let topics = bus.topics();
+        let wait = (SHARE * began.elapsed()).clamp(LIST_EVERY, LONGEST);
         // If the previous list was not taken yet, it is as good as a new one.
-        let _ = found.try_send(bus.topics());
-        if stopped.recv_timeout(LIST_EVERY) == Err(RecvTimeoutError::Disconnected) {
+        let _ = found.try_send(topics);
+        if stopped.recv_timeout(wait) == Err(RecvTimeoutError::Disconnected) {
             return;
         }
     }

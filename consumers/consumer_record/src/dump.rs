@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use anyhow::{Context as _, ensure};
 use crossbeam_channel::{Receiver, Sender, bounded};
+use launch_cli::accept::AcceptPause;
 use serde::{Deserialize, Serialize};
 
 /// How long a dump may take.
@@ -105,9 +106,17 @@ impl Server {
         std::thread::Builder::new()
             .name("dump-requests".to_string())
             .spawn(move || {
-                for stream in listener.incoming().flatten() {
-                    if let Err(error) = serve(stream, &to_writer) {
-                        tracing::warn!(error = %format!("{error:#}"), "a request to dump failed");
+                let mut pause = AcceptPause::new("requests to dump");
+                loop {
+                    match listener.accept() {
+                        Ok((stream, _)) => {
+                            pause.over();
+                            if let Err(error) = serve(stream, &to_writer) {
+                                let error = format!("{error:#}");
+                                tracing::warn!(error, "a request to dump failed");
+                            }
+                        }
+                        Err(error) => pause.wait(&error),
                     }
                 }
             })

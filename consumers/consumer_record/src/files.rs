@@ -14,6 +14,7 @@ use schema_recording::write::{ChunkCompression, Recording, Written};
 use crate::context::Context;
 use crate::options::{KEY_EVERY_NANOS, Split};
 use crate::queue::Job;
+use crate::stages;
 
 /// Metadata record at the beginning of a file of a set.
 pub const SET: &str = "set";
@@ -239,7 +240,12 @@ impl Syncer {
         let (requests, asked) = bounded::<()>(1);
         let thread = std::thread::Builder::new()
             .name("sync".to_string())
-            .spawn(move || asked.iter().try_for_each(|()| file.sync_data()))
+            .spawn(move || {
+                asked.iter().try_for_each(|()| {
+                    let _span = stages::SYNC.span();
+                    file.sync_data()
+                })
+            })
             .context("cannot start the thread that brings the file to the disk")?;
         Ok(Syncer {
             requests: Some(requests),

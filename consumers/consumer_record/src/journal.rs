@@ -6,7 +6,9 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use schema_bus::mono_now;
-use schema_frames::{Command, CommandBatch, CommandReply, JournalEntry, JournalHead, ReplyBatch};
+use schema_frames::{
+    Command, CommandBatch, CommandReply, JournalAct, JournalEntry, JournalHead, ReplyBatch,
+};
 use schema_recording::journal::{JOURNAL_CHANNEL, Piece};
 use schema_recording::messages::{Batch, Content, Entry};
 
@@ -22,6 +24,8 @@ const FETCH_EVERY: Duration = Duration::from_millis(200);
 pub(crate) struct Journal {
     asker: Asker,
     told: Told,
+    /// Whether entries since [`Journal::made_topics`] tell of new topics.
+    has_new_topics: bool,
 }
 
 /// What the file has of it.
@@ -44,7 +48,13 @@ impl Journal {
         Journal {
             asker,
             told: Told::default(),
+            has_new_topics: false,
         }
+    }
+
+    /// Whether a command has made topics, as far as the journal was taken since the last call.
+    pub(crate) fn made_topics(&mut self) -> bool {
+        std::mem::take(&mut self.has_new_topics)
     }
 
     /// Prepares for a new file, which must hold the journal from its beginning.
@@ -131,6 +141,7 @@ impl Journal {
                 }
                 if self.put(head.as_deref(), answer.tick, entries, run, sink)? {
                     self.told.after = *next;
+                    self.has_new_topics |= entries.iter().any(makes_topics);
                     return Ok(*more);
                 }
                 Ok(false)
@@ -184,6 +195,18 @@ impl Journal {
         self.told.n_messages += u64::from(is_queued);
         Ok(is_queued)
     }
+}
+
+/// Whether the commands of an entry made sensors.
+fn makes_topics(entry: &JournalEntry) -> bool {
+    let JournalAct::Commands { outcomes, .. } = &entry.act else {
+        return false;
+    };
+    let made = |outcome: &String| {
+        let reply = serde_json::from_str(outcome);
+        matches!(reply, Ok(CommandReply::Spawned { topics, .. }) if !topics.is_empty())
+    };
+    outcomes.iter().any(made)
 }
 
 /// Says in the file what run it is of: metadata `run` and the attachment `launch.toml`.

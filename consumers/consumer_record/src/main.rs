@@ -19,7 +19,7 @@ use consumer_record::options::{Coding, Options, Ring, Split};
 use consumer_record::select::Select;
 use consumer_record::session::{Report, record};
 use consumer_record::{info::file_info, recover::recover_file};
-use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
+use launch_cli::{CommonArgs, Exit, Progress, Shutdown, run, wrong_usage};
 use schema_recording::write::ChunkCompression;
 
 /// Records every sensor, every result of users' programs, every snapshot and the map into one MCAP
@@ -50,9 +50,10 @@ struct Args {
     #[arg(long, value_name = "NAME", num_args = 0..=1, require_equals = true, default_missing_value = "")]
     lockstep: Option<String>,
 
-    /// Compression of the file's chunks
-    #[arg(long, value_enum, default_value_t = CompressionArg::Lz4)]
-    compression: CompressionArg,
+    /// Compression of the file's chunks [default: lz4, or none if payloads are coded, which leaves
+    /// little to find]
+    #[arg(long, value_enum)]
+    compression: Option<CompressionArg>,
 
     /// How payloads of frames are stored
     #[arg(long, value_enum, default_value_t = CodecArg::Lossless)]
@@ -128,6 +129,9 @@ enum Action {
         /// Why, for the file's metadata
         #[arg(long, value_name = "TEXT", default_value = "")]
         note: String,
+        /// One JSON object a file
+        #[arg(long)]
+        json: bool,
     },
     /// Write the messages of a recording as text, one a line
     Cat {
@@ -245,15 +249,25 @@ fn main() -> ExitCode {
                 ended(out.flush())
             }
             Some(Action::Trim { input, output, cut }) => {
+                let _sign = sign_of_life(&args.common, "trimming", std::slice::from_ref(input));
                 told(output, trim(input, output, &cut.cut())?)
             }
             Some(Action::Merge { files }) => match files.split_last() {
-                Some((output, inputs)) => told(output, merge(inputs, output)?),
+                Some((output, inputs)) => {
+                    let _sign = sign_of_life(&args.common, "merging", inputs);
+                    told(output, merge(inputs, output)?)
+                }
                 None => Err(wrong_usage("name the recordings and the new file")),
             },
-            Some(Action::Convert { input, output }) => convert(input, output).map(|()| Exit::Done),
-            Some(Action::Dump { note }) => dump(&args.common.domain, note),
-            Some(Action::Recover { input, output }) => rescue(input, output),
+            Some(Action::Convert { input, output }) => {
+                let _sign = sign_of_life(&args.common, "converting", std::slice::from_ref(input));
+                convert(input, output).map(|()| Exit::Done)
+            }
+            Some(Action::Dump { note, json }) => dump(&args.common.domain, note, *json),
+            Some(Action::Recover { input, output }) => {
+                let _sign = sign_of_life(&args.common, "rescuing", std::slice::from_ref(input));
+                rescue(input, output)
+            }
             None => start(&args),
         }
     })
@@ -282,9 +296,10 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
         },
         out: out.clone(),
         compression: match args.compression {
-            CompressionArg::None => ChunkCompression::None,
-            CompressionArg::Lz4 => ChunkCompression::Lz4,
-            CompressionArg::Zstd => ChunkCompression::Zstd,
+            None if args.codec == CodecArg::Lossless => ChunkCompression::None,
+            Some(CompressionArg::None) => ChunkCompression::None,
+            None | Some(CompressionArg::Lz4) => ChunkCompression::Lz4,
+            Some(CompressionArg::Zstd) => ChunkCompression::Zstd,
         },
         coding: Coding {
             lossless: args.codec == CodecArg::Lossless,
@@ -359,12 +374,27 @@ fn print_report(report: &Report) -> anyhow::Result<Exit> {
     Ok(Exit::DataLost)
 }
 
-fn dump(domain: &str, note: &str) -> anyhow::Result<Exit> {
+/// What terminals show while files are copied: their number, size, and the time that has passed.
+fn sign_of_life(common: &CommonArgs, verb: &str, files: &[PathBuf]) -> Progress {
+    let sizes = files.iter().filter_map(|file| file.metadata().ok());
+    let megabytes = sizes.map(|it| it.len()).sum::<u64>() as f64 / 1e6;
+    let what = match files {
+        [only] => only.display().to_string(),
+        _ => format!("{} recordings", files.len()),
+    };
+    Progress::endless(common, &format!("{verb} {what} ({megabytes:.1} MB)"))
+}
+
+fn dump(domain: &str, note: &str, json: bool) -> anyhow::Result<Exit> {
     let mut outcome = Exit::Done;
     for answer in ask_all(domain, note)? {
         match answer {
             Ok(done) => {
                 let mut stdout = std::io::stdout().lock();
+                if json {
+                    writeln!(stdout, "{}", serde_json::to_string(&done)?)?;
+                    continue;
+                }
                 writeln!(
                     stdout,
                     "{}: {} messages, {:.2} simulated seconds, {:.1} MB",

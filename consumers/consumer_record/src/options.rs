@@ -45,7 +45,7 @@ impl Options {
             bus: BusOptions::default(),
             select: Select::default(),
             out,
-            compression: ChunkCompression::Lz4,
+            compression: ChunkCompression::None,
             coding: Coding::default(),
             split: Split::default(),
             ring: None,

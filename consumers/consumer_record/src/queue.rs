@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, Sender, TrySendError, bounded, unbounded};
+use schema_bus::Frame;
 use schema_frames::{FrameHeader, Modality};
 use schema_recording::messages::Batch;
 
@@ -50,7 +51,53 @@ pub struct FrameJob {
     /// Its header.
     pub header: FrameHeader,
     /// Its payload.
-    pub payload: Vec<u8>,
+    pub payload: Payload,
+}
+
+/// Bytes of a frame.
+#[derive(Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "few are queued at a time, and borrowing allocates nothing"
+)]
+pub enum Payload {
+    /// A copy.
+    Copied(Vec<u8>),
+    /// Those in shared memory, which the simulator does not write to until this is dropped.
+    Borrowed(Frame, Hold),
+}
+
+/// Counts the frames of a topic that are borrowed.
+#[derive(Clone, Debug, Default)]
+pub struct Hold(Arc<()>);
+
+/// Frames of a topic that may be borrowed: a reader can hold three at a time, and one is the next.
+const MAX_HELD: usize = 2;
+/// Smaller frames are copied, which costs less than giving them back.
+const MIN_BORROWED_BYTES: usize = 64 << 10;
+
+impl Payload {
+    /// The frame itself, or a copy if too many of its topic are borrowed; `buffer` hands in what is
+    /// copied into.
+    pub fn of(frame: Frame, hold: &Hold, buffer: impl FnOnce(usize) -> Vec<u8>) -> Payload {
+        if frame.len() >= MIN_BORROWED_BYTES && Arc::strong_count(&hold.0) <= MAX_HELD {
+            return Payload::Borrowed(frame, hold.clone());
+        }
+        let mut copy = buffer(frame.len());
+        copy.extend_from_slice(&frame);
+        Payload::Copied(copy)
+    }
+}
+
+impl std::ops::Deref for Payload {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        match self {
+            Payload::Copied(bytes) => bytes,
+            Payload::Borrowed(frame, _) => frame,
+        }
+    }
 }
 
 impl Job {
@@ -373,6 +420,9 @@ impl Workbench {
             second,
             done,
         } = work;
+        if self.shared.writers.load(Ordering::Acquire) == 0 {
+            return;
+        }
         let before = job.batch.queued_bytes() + job.payload.len();
         let mut entries = code(&job, second, &mut |n| self.shared.buffer(n));
         entries.append(&mut job.batch.entries);
@@ -389,7 +439,10 @@ impl Workbench {
                 .bytes
                 .fetch_sub(before - after, Ordering::AcqRel);
         }
-        self.shared.give_back(std::iter::once(job.payload));
+        // What was borrowed is given back here, before the writer hears of it.
+        if let Payload::Copied(bytes) = job.payload {
+            self.shared.give_back(std::iter::once(bytes));
+        }
         // A writer that has ended does not want it any more.
         let _ = done.send(batch);
     }
@@ -499,7 +552,7 @@ mod tests {
                 batch,
                 name: Arc::new(TopicName::new("ego/front/rgb").unwrap()),
                 header: FrameHeader::new(schema_frames::Modality::Rgb),
-                payload: vec![0; 100_000],
+                payload: Payload::Copied(vec![0; 100_000]),
             }))
         };
         for sequence in 0..20 {

@@ -1,8 +1,8 @@
 //! The topics of results that are recorded: followed, taken in order, converted.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use consumer_kit::items::ResultParts;
 use consumer_kit::{FollowedResult, Take, TopicReport};
@@ -18,6 +18,8 @@ pub(crate) const MAX_A_TURN: usize = 64;
 /// All topics of results of a recording.
 pub(crate) struct ResultTopics {
     topics: Vec<ResultTopic>,
+    /// Topics that are followed no longer, because their writers have ended.
+    ended: BTreeSet<String>,
     converter: ResultConverter,
     /// What the converters of earlier files could not show.
     bad_items: BTreeMap<String, u64>,
@@ -33,12 +35,15 @@ struct ResultTopic {
     described: Option<(u64, u64)>,
     /// Whether it cannot be read, which was said.
     given_up: bool,
+    /// When it was last listed with a writer.
+    alive: Option<Instant>,
 }
 
 impl ResultTopics {
     pub(crate) fn new() -> Self {
         ResultTopics {
             topics: Vec::new(),
+            ended: BTreeSet::new(),
             converter: ResultConverter::default(),
             bad_items: BTreeMap::new(),
             began: Instant::now(),
@@ -49,14 +54,51 @@ impl ResultTopics {
         self.topics.iter().any(|known| &*known.source == topic)
     }
 
-    pub(crate) fn follow(&mut self, topic: &str) {
+    /// Follows a topic, which had a writer at `alive`.
+    pub(crate) fn follow(&mut self, topic: &str, alive: Option<Instant>) {
         self.topics.push(ResultTopic {
             followed: FollowedResult::new(topic, Take::All),
             source: topic.into(),
             about: names::about(topic).into(),
             described: None,
             given_up: false,
+            alive,
         });
+        self.ended.remove(topic);
+    }
+
+    /// Whether the topic's writer has ended and none has come since.
+    pub(crate) fn has_ended(&self, topic: &str) -> bool {
+        self.ended.contains(topic)
+    }
+
+    /// Notes that a topic has a writer.
+    pub(crate) fn is_alive(&mut self, topic: &str, now: Instant) {
+        let known = self.topics.iter_mut().find(|t| &*t.source == topic);
+        if let Some(known) = known {
+            known.alive = Some(now);
+        }
+    }
+
+    /// Takes out topics that had a writer and have been without one for `kept`, and returns what was
+    /// counted of them.
+    pub(crate) fn leave_gone(&mut self, now: Instant, kept: Duration) -> Vec<TopicReport> {
+        let is_gone = |topic: &mut ResultTopic| {
+            topic
+                .alive
+                .is_some_and(|alive| now.duration_since(alive) >= kept)
+        };
+        let gone = self.topics.extract_if(.., is_gone);
+        let reports: Vec<TopicReport> = gone.map(|topic| topic.followed.report()).collect();
+        let names = reports.iter().map(|report| report.topic.clone());
+        self.ended.extend(names);
+        reports
+    }
+
+    /// Whether a call of [`ResultTopics::leave_gone`] would take topics out.
+    pub(crate) fn has_gone(&self, now: Instant, kept: Duration) -> bool {
+        let mut alive = self.topics.iter().filter_map(|topic| topic.alive);
+        alive.any(|alive| now.duration_since(alive) >= kept)
     }
 
     pub(crate) fn len(&self) -> usize {

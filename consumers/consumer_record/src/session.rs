@@ -3,9 +3,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use consumer_kit::{Follower, Take};
+use consumer_kit::{Follower, LEAVE_AFTER, Take, TopicId, is_left_over};
 use schema_bus::{Bus, BusError, SnapshotReader, TopicDetails, mono_now, names};
 
 use crate::asker::Asker;
@@ -15,10 +16,12 @@ use crate::frames::{TopicName, frame_entries};
 use crate::in_step::InStep;
 use crate::journal::Journal;
 use crate::options::Options;
+use crate::queue::{Hold, Payload};
 use crate::result_topics::{MAX_A_TURN, ResultTopics};
 use crate::scenery::Scenery;
 use crate::sink::{Loss, Output, Sink, wall_minus_mono_nanos};
 use crate::snapshots::SnapshotConverter;
+use crate::stages;
 use schema_recording::write::Written;
 
 /// Longest wait for a wake-up: how often documents and the shutdown flag are checked.
@@ -52,6 +55,18 @@ pub fn record(options: &Options, stop: &dyn Fn() -> bool) -> anyhow::Result<Repo
     outcome.map(|()| report)
 }
 
+/// A followed topic: its names in the file, kept so that no frame has to build them.
+#[derive(Debug)]
+struct Followed {
+    id: TopicId,
+    name: Arc<TopicName>,
+    source: Arc<str>,
+    /// Its frames that coders have borrowed.
+    held: Hold,
+    /// When it was last listed with a writer.
+    alive: Instant,
+}
+
 struct Session {
     // Dropped in this order: ports before the node that made them.
     lockstep: Option<InStep>,
@@ -61,8 +76,10 @@ struct Session {
     journal: Journal,
     scenery: Scenery,
     follower: Follower,
-    /// By followed topic: its names in the file, kept so that no frame has to build them.
-    names: BTreeMap<String, (std::sync::Arc<TopicName>, std::sync::Arc<str>)>,
+    /// By followed topic.
+    names: BTreeMap<String, Followed>,
+    /// What was lost of topics that are followed no longer.
+    left: BTreeMap<String, Loss>,
     full: BTreeSet<String>,
     options: Options,
     discovery: Discovery,
@@ -70,7 +87,8 @@ struct Session {
     sink: Sink,
     run: Run,
     newest_tick: u64,
-    /// Whether topics are listed once more before the next tick is acknowledged.
+    /// Whether topics are listed once more before the next tick is acknowledged, as after a command
+    /// that made some.
     list_before_ack: bool,
     /// Whether the first snapshot of this run has arrived. Before it, documents have no simulated
     /// time.
@@ -105,6 +123,7 @@ impl Session {
             scenery: Scenery::new(asker("scenery")?),
             follower: Follower::on(bus),
             names: BTreeMap::new(),
+            left: BTreeMap::new(),
             full: BTreeSet::new(),
             options: options.clone(),
             discovery: Discovery::start(&options.domain, &format!("{name}-look"), &options.bus)?,
@@ -124,6 +143,7 @@ impl Session {
         while !stop() {
             self.discover()?;
             self.wait()?;
+            schema_stages::post(self.newest_tick);
             self.drain()?;
             self.fetch_scenery(self.lockstep.is_some())?;
             match self.lockstep {
@@ -149,7 +169,14 @@ impl Session {
     }
 
     fn follow_new(&mut self, topics: Vec<TopicDetails>) -> anyhow::Result<()> {
+        let now = Instant::now();
         for topic in topics {
+            if topic.publishers > 0 {
+                self.results.is_alive(&topic.name, now);
+                if let Some(known) = self.names.get_mut(&topic.name) {
+                    known.alive = now;
+                }
+            }
             let wanted = self.options.select.takes(&topic.name);
             let is_known = self.names.contains_key(&topic.name) || self.results.knows(&topic.name);
             let is_recorded = topic.modality.is_some() || topic.result.is_some();
@@ -168,20 +195,50 @@ impl Session {
             }
             self.full.remove(&topic.name);
             if topic.result.is_some() {
-                self.follower.listen(&topic.name)?;
-                self.results.follow(&topic.name);
-            } else if let Some(name) = TopicName::new(&topic.name) {
-                self.follower.follow(&topic.name, Take::All);
-                self.names.insert(
-                    topic.name.clone(),
-                    (name.into(), topic.name.as_str().into()),
-                );
+                // Other readers keep a topic in the list after its writer has ended.
+                if topic.publishers > 0 || !self.results.has_ended(&topic.name) {
+                    self.follower.listen(&topic.name)?;
+                    let alive = (topic.publishers > 0).then_some(now);
+                    self.results.follow(&topic.name, alive);
+                }
+            } else if let Some(name) = TopicName::new(&topic.name)
+                && !is_left_over(&topic)
+            {
+                let followed = Followed {
+                    id: self.follower.follow(&topic.name, Take::All),
+                    name: name.into(),
+                    source: topic.name.as_str().into(),
+                    held: Hold::default(),
+                    alive: now,
+                };
+                self.names.insert(topic.name, followed);
             }
         }
         if self.snapshots.is_none() {
             self.snapshots = absent_is_none(self.follower.bus().snapshot_reader())?;
         }
-        Ok(())
+        self.leave_gone(now)
+    }
+
+    /// Closes the ports of topics whose writers have ended, and keeps what was lost of them.
+    fn leave_gone(&mut self, now: Instant) -> anyhow::Result<()> {
+        let is_gone = |topic: &Followed| now.duration_since(topic.alive) >= LEAVE_AFTER;
+        let gone = self.names.values().filter(|topic| is_gone(topic));
+        let ids: Vec<TopicId> = gone.map(|topic| topic.id).collect();
+        if ids.is_empty() && !self.results.has_gone(now, LEAVE_AFTER) {
+            return Ok(());
+        }
+        self.drain()?;
+        let results = self.results.leave_gone(now, LEAVE_AFTER);
+        let events: Vec<String> = results.iter().map(|report| report.topic.clone()).collect();
+        let frames = ids.iter().map(|id| self.follower.topic(*id).report());
+        for report in frames.chain(results) {
+            let loss = self.left.entry(report.topic).or_default();
+            loss.on_the_bus += report.counts.lost;
+            loss.refused += report.counts.refused;
+        }
+        self.names.retain(|_, topic| !is_gone(topic));
+        Ok(self.follower.leave(&ids, &events)?)
     }
 
     fn join_lockstep(&mut self) -> anyhow::Result<()> {
@@ -237,6 +294,7 @@ impl Session {
     }
 
     fn drain(&mut self) -> anyhow::Result<()> {
+        let _span = stages::TAKE.span();
         // Before the first snapshot a document has no simulated time, so it waits on the bus.
         if self.has_snapshot {
             self.drain_documents(false)?;
@@ -250,10 +308,13 @@ impl Session {
                     self.drain_snapshots()?;
                 }
                 let topic = self.follower.topic(id).topic();
-                let Some((name, source)) = self.names.get(topic) else {
+                let Some(Followed {
+                    name, source, held, ..
+                }) = self.names.get(topic)
+                else {
                     continue;
                 };
-                let header = frame.header();
+                let header = *frame.header();
                 if self.run.epoch != 0 && header.epoch != self.run.epoch {
                     tracing::debug!(
                         topic,
@@ -262,14 +323,16 @@ impl Session {
                     );
                     continue;
                 }
-                let extras = self.snapshot_converter.frame_extras(name, header);
+                let extras = self.snapshot_converter.frame_extras(name, &header);
+                let sink = &self.sink;
                 if !self.options.coding.is_plain() {
-                    self.sink.put_frame(source, name, header, &frame, extras)?;
+                    let payload = Payload::of(frame, held, |n_bytes| sink.buffer(n_bytes));
+                    self.sink
+                        .put_frame(source, name, &header, payload, extras)?;
                     continue;
                 }
-                let sink = &self.sink;
                 let mut entries =
-                    frame_entries(name, header, &frame, &mut |n_bytes| sink.buffer(n_bytes));
+                    frame_entries(name, &header, &frame, &mut |n_bytes| sink.buffer(n_bytes));
                 entries.extend(extras);
                 self.sink.put(
                     source,
@@ -343,6 +406,7 @@ impl Session {
                     if is_first {
                         self.drain_documents(true)?;
                     }
+                    let _span = stages::SNAPSHOTS.span();
                     let entries = self
                         .snapshot_converter
                         .snapshot_entries(header, snapshot.records());
@@ -412,9 +476,10 @@ impl Session {
         if !step.is_complete(tick, &mut self.journal, self.run, &mut self.sink)? {
             return Ok(());
         }
-        if std::mem::take(&mut self.list_before_ack) {
-            // Others may have joined later, but before this tick, and brought topics of their own.
-            // The list of the thread may be half a second old, and a fast run over by then.
+        if std::mem::take(&mut self.list_before_ack) | self.journal.made_topics() {
+            // Others may have joined later, but before this tick, and brought topics of their own,
+            // or a command has made a sensor. The list of the thread may be seconds old, and a fast
+            // run over by then.
             let topics = self.follower.bus().topics()?;
             self.follow_new(topics)?;
             self.follower.wait(Duration::ZERO)?;
@@ -427,7 +492,7 @@ impl Session {
     }
 
     fn losses(&self) -> BTreeMap<String, Loss> {
-        let mut lost: BTreeMap<String, Loss> = BTreeMap::new();
+        let mut lost = self.left.clone();
         for report in self
             .follower
             .reports()
@@ -435,7 +500,8 @@ impl Session {
             .chain(self.results.reports())
         {
             let loss = lost.entry(report.topic).or_default();
-            (loss.on_the_bus, loss.refused) = (report.counts.lost, report.counts.refused);
+            loss.on_the_bus += report.counts.lost;
+            loss.refused += report.counts.refused;
         }
         for (topic, n) in &self.sink.full {
             lost.entry(topic.clone()).or_default().queue_full = *n;

@@ -14,7 +14,7 @@ use schema_types::class::CLASSES;
 use crate::files::Files;
 use crate::frames::TopicName;
 use crate::options::Options;
-use crate::queue::{FrameJob, Job, Queue, Refused, queue};
+use crate::queue::{FrameJob, Job, Payload, Queue, Refused, queue};
 use crate::ring::Ring;
 use crate::writer::{Target, run, start_coders};
 use schema_recording::messages::{Batch, Entry};
@@ -43,6 +43,7 @@ pub(crate) struct Output {
     pub(crate) path: PathBuf,
     pub(crate) queue: Queue,
     pub(crate) writer: JoinHandle<anyhow::Result<Vec<(PathBuf, Written)>>>,
+    coders: Vec<JoinHandle<()>>,
 }
 
 impl Output {
@@ -64,7 +65,7 @@ impl Output {
             }
         };
         let (queue, bench, outlet) = queue(options.queue_bytes);
-        start_coders(&bench, options.coding)?;
+        let coders = start_coders(&bench, options.coding)?;
         let writer = std::thread::Builder::new()
             .name("writer".to_string())
             .spawn(move || run(target, outlet));
@@ -72,6 +73,7 @@ impl Output {
             path,
             queue,
             writer: writer.context("cannot start the writer thread")?,
+            coders,
         };
         output.push(file_metadata(&options.domain))?;
         output.push(class_metadata())?;
@@ -92,7 +94,12 @@ impl Output {
             pairs: losses,
         });
         drop(self.queue);
-        let written = self.writer.join().map_err(|_| {
+        let written = self.writer.join();
+        // They hold no frame of the simulator any more. One that panicked is the writer's error.
+        for coder in self.coders {
+            let _ = coder.join();
+        }
+        let written = written.map_err(|_| {
             anyhow!("the writer thread panicked; the part file holds what was flushed before")
         })?;
         written.context(
@@ -141,11 +148,9 @@ impl Sink {
         source: &std::sync::Arc<str>,
         name: &std::sync::Arc<TopicName>,
         header: &FrameHeader,
-        payload: &[u8],
+        payload: Payload,
         extras: Vec<Entry>,
     ) -> anyhow::Result<()> {
-        let mut kept = self.buffer(payload.len());
-        kept.extend_from_slice(payload);
         let job = FrameJob {
             batch: Batch {
                 source: source.clone(),
@@ -156,7 +161,7 @@ impl Sink {
             },
             name: name.clone(),
             header: *header,
-            payload: kept,
+            payload,
         };
         self.queue(source, Job::Frame(Box::new(job)))
     }

@@ -5,6 +5,7 @@
 //! recorder therefore loses at most the last second, and a loss of power what was on its way.
 
 use std::path::PathBuf;
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
@@ -15,6 +16,7 @@ use crate::files::{FLUSH_EVERY, Files};
 use crate::options::Coding;
 use crate::queue::{Closed, Job, Outlet, Workbench};
 use crate::ring::Ring;
+use crate::stages;
 
 /// How often requests to dump are looked for while nothing arrives.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
@@ -34,9 +36,10 @@ pub enum Target {
 ///
 /// # Errors
 /// If a thread cannot be started.
-pub fn start_coders(bench: &Workbench, coding: Coding) -> anyhow::Result<()> {
+pub fn start_coders(bench: &Workbench, coding: Coding) -> anyhow::Result<Vec<JoinHandle<()>>> {
+    let mut coders = Vec::new();
     if coding.is_plain() {
-        return Ok(());
+        return Ok(coders);
     }
     if coding.video_qp.is_some() {
         bench.keep_colour_in_order();
@@ -45,7 +48,7 @@ pub fn start_coders(bench: &Workbench, coding: Coding) -> anyhow::Result<()> {
     for _ in 0..coding.threads() {
         let bench = bench.clone();
         let mut coder = first.another().context("cannot set up the codecs")?;
-        std::thread::Builder::new()
+        let thread = std::thread::Builder::new()
             .name("coder".to_string())
             .spawn(move || {
                 bench.run(|job, second, reuse| {
@@ -53,8 +56,9 @@ pub fn start_coders(bench: &Workbench, coding: Coding) -> anyhow::Result<()> {
                 });
             })
             .context("cannot start a coding thread")?;
+        coders.push(thread);
     }
-    Ok(())
+    Ok(coders)
 }
 
 /// Writes jobs until the reading side is gone and the queue is empty, then finishes the files.
@@ -73,7 +77,9 @@ fn into_files(mut files: Files, outlet: &Outlet) -> anyhow::Result<Vec<(PathBuf,
     loop {
         match outlet.next(FLUSH_EVERY / 4) {
             Ok(Some(job)) => {
+                let span = stages::WRITE.span();
                 files.write(&job)?;
+                drop(span);
                 give_back(outlet, job);
             }
             Ok(None) => {}
@@ -81,6 +87,7 @@ fn into_files(mut files: Files, outlet: &Outlet) -> anyhow::Result<Vec<(PathBuf,
             Err(Closed::CoderLost) => bail!(CODER_LOST),
         }
         if flushed.elapsed() >= FLUSH_EVERY {
+            let _span = stages::WRITE.span();
             files.flush()?;
             flushed = Instant::now();
         }

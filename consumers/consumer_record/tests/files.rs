@@ -121,6 +121,23 @@ fn a_cut_file_gives_back_its_complete_chunks() {
 }
 
 #[test]
+fn a_part_file_is_rescued_under_the_name_that_it_would_have_had() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, part] = ["a.mcap", "a.mcap.part"].map(|name| folder.path().join(name));
+    sample::record(&path, 21, ChunkCompression::Lz4).unwrap();
+    let n_messages = file_info(&path).unwrap().n_messages;
+    std::fs::rename(&path, &part).unwrap();
+    let before = std::fs::read(&part).unwrap();
+    assert_eq!(recover_file(&part, &path).unwrap().n_messages, n_messages);
+    assert_eq!(file_info(&path).unwrap().n_messages, n_messages);
+    assert!(
+        std::fs::read(&part).unwrap() == before,
+        "what is rescued stays as it was"
+    );
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+}
+
+#[test]
 fn one_damaged_chunk_costs_only_itself() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");

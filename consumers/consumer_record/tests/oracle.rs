@@ -1,4 +1,4 @@
-//! Python decodes what the codecs made, with the functions that `docs/recording.md` shows.
+//! Python decodes what the codecs made, with the functions that `docs/how-to/recording.md` shows.
 
 use std::path::{Path, PathBuf};
 
@@ -121,9 +121,9 @@ fn the_page_shows_the_functions_that_are_tested() {
     let script = include_str!("oracle/codecs.py");
     let (_, rest) = script.split_once("# begin\n").unwrap();
     let (functions, _) = rest.split_once("# end\n").unwrap();
-    let page = std::fs::read_to_string(root().join("docs/recording.md")).unwrap();
+    let page = std::fs::read_to_string(root().join("docs/how-to/recording.md")).unwrap();
     assert!(
         page.contains(functions.trim()),
-        "docs/recording.md must show what is between `# begin` and `# end` of tests/oracle/codecs.py"
+        "docs/how-to/recording.md must show what is between `# begin` and `# end` of tests/oracle/codecs.py"
     );
 }

@@ -8,7 +8,7 @@ use std::process::Command;
 use consumer_record::files::Files;
 use consumer_record::frames::TopicName;
 use consumer_record::options::{self, Coding, Split};
-use consumer_record::queue::{FrameJob, Job, queue};
+use consumer_record::queue::{FrameJob, Job, Payload, queue};
 use consumer_record::ring::Ring;
 use consumer_record::writer::{Target, run, start_coders};
 use foxglove::Decode as _;
@@ -72,7 +72,7 @@ fn recorded(target: Target, coding: Coding) -> Vec<PathBuf> {
                 batch,
                 name,
                 header,
-                payload,
+                payload: Payload::Copied(payload),
             };
             queue.push(Job::Frame(Box::new(job))).unwrap();
         }

@@ -16,7 +16,7 @@ const MAX_CUE: u64 = 8_640_000;
 /// By how much `+` and `-` change the speed.
 const SPEED_STEP: f64 = 1.25;
 
-/// Runs the requests that wait, at most four of each client, by (client, seq), and answers.
+/// Runs the requests that have their turn, by (client, seq), and answers.
 pub fn serve(session: &mut Session) -> anyhow::Result<()> {
     let requests = match session.ports.commands.take_all() {
         Ok(requests) => requests,

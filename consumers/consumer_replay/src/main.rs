@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
-use consumer_replay::options::{Options, Rate, Results, rate, renaming, time};
+use consumer_replay::options::{Options, Rate, Results, idle_nanos, rate, renaming, time};
 use consumer_replay::{Report, replay};
 use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
 
@@ -65,8 +65,8 @@ struct Args {
 
     /// Remove a lockstep participant that has been idle for this many seconds although it lives
     /// [default: wait for ever]
-    #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u32).range(1..))]
-    lockstep_timeout: Option<u32>,
+    #[arg(long, value_name = "SECONDS", value_parser = idle_nanos)]
+    lockstep_timeout: Option<u64>,
 
     /// Begin paused, in stepped mode
     #[arg(long)]
@@ -126,9 +126,7 @@ fn options(args: &Args) -> anyhow::Result<Options> {
         results,
         n_awaited: args.await_lockstep.max(at_least) as usize,
         awaited: args.await_participant.clone(),
-        lockstep_timeout_nanos: args
-            .lockstep_timeout
-            .map(|secs| u64::from(secs) * 1_000_000_000),
+        lockstep_timeout_nanos: args.lockstep_timeout,
         paused: args.paused,
         hold: args.hold,
         keys: std::io::stdin().is_terminal() && std::io::stderr().is_terminal(),

@@ -113,6 +113,18 @@ pub enum Results {
     Matching(Vec<String>),
 }
 
+/// Reads how long a participant may be idle, seconds, as nanoseconds.
+///
+/// # Errors
+/// A sentence with what is allowed.
+pub fn idle_nanos(text: &str) -> Result<u64, String> {
+    let seconds = text.parse().ok();
+    let seconds = seconds.filter(|seconds: &f64| (0.001..=86_400.0).contains(seconds));
+    seconds
+        .map(|seconds| (seconds * 1e9).round() as u64)
+        .ok_or_else(|| "it must be seconds from 0.001 to 86400, for example 2.5".to_owned())
+}
+
 /// Reads a speed: a ratio, or `max`.
 ///
 /// # Errors

@@ -5,12 +5,10 @@ use schema_bus::{
     ResultPublisher, SnapshotPublisher, check_shared_memory, names,
 };
 use schema_frames::FrameHeader;
+use schema_frames::limits::MAX_ACTORS;
 
 use crate::plan::{Plan, PlannedFrames};
 use crate::world::Documents;
-
-/// Most actors that a snapshot can carry, as in the simulator.
-const MAX_ACTORS: usize = 4096;
 
 /// A topic of frames.
 #[derive(Debug)]

@@ -8,6 +8,7 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use schema_bus::{FrameLoan, LoanError, mono_now};
+use schema_frames::limits::MAX_ACTORS;
 use schema_frames::{ActorRecord, FrameHeader, InputRecord, ResultHeader, SnapshotHeader};
 use schema_recording::read::{Damage, Place, RecordedDocument, RecordingFile};
 use schema_types::noise::mix;
@@ -20,8 +21,6 @@ use crate::ports::Ports;
 
 /// Most bytes of results that wait for their tick; beyond that a tick counts as read.
 const MAX_RESULT_BYTES: usize = 256 << 20;
-/// Most actors of a snapshot, as in the simulator.
-const MAX_ACTORS: usize = 4096;
 
 /// What was sent and what could not be.
 #[derive(Clone, Copy, Debug, Default)]

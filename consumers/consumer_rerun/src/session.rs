@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use launch_cli::{Exit, Shutdown, wrong_usage};
+use launch_cli::{Exit, Progress, Shutdown, wrong_usage};
 use schema_bus::Bus;
 use schema_recording::read::RecordingFile;
 
@@ -23,6 +23,8 @@ const LOOK_EVERY: Duration = Duration::from_millis(100);
 
 /// How the folders of runs in the folder for temporary files are called, before the process id.
 const FOLDER: &str = "gantry-rerun-";
+/// Steps of the progress bar.
+const NANOS_PER_MS: u64 = 1_000_000;
 
 /// Runs a recording again as the arguments ask.
 ///
@@ -92,7 +94,20 @@ pub fn run(args: &Args, shutdown: &Shutdown) -> anyhow::Result<Exit> {
         is_complete: file.is_complete(),
         report,
     };
-    let is_whole = pair.run(&mut live, &mut simulator, &mut recorder, shutdown)?;
+    let progress = Progress::steps(
+        &args.common,
+        "running again",
+        until_nanos / NANOS_PER_MS,
+        "ms of simulated time",
+    );
+    let is_whole = pair.run(
+        &mut live,
+        &mut simulator,
+        &mut recorder,
+        &progress,
+        shutdown,
+    )?;
+    drop(progress);
     let mut report = pair.finish();
     report.close();
     print(&report, args.json)?;
@@ -148,6 +163,7 @@ impl Pair<'_> {
         live: &mut Live,
         simulator: &mut Running,
         recorder: &mut Option<Running>,
+        progress: &Progress,
         shutdown: &Shutdown,
     ) -> anyhow::Result<bool> {
         let mut tick = 0;
@@ -161,6 +177,7 @@ impl Pair<'_> {
             };
             tick = next;
             self.report.end_nanos = sim_nanos;
+            progress.set(sim_nanos / NANOS_PER_MS);
             self.compare(live, tick)?;
             let is_last = self.reader.is_at_end()
                 || tick >= self.script.complete_to

@@ -1,4 +1,4 @@
-"""Decodes the payloads of `gantry.Frame` with numpy; shares no code with the recorder. docs/recording.md shows the same functions.
+"""Decodes the payloads of `gantry.Frame` with numpy; shares no code with the recorder. docs/how-to/recording.md shows the same functions.
 
     python codecs.py FOLDER
 

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use consumer_record::files::Files;
 use consumer_record::frames::{TopicName, frame_entries};
 use consumer_record::options::{Coding, Split};
-use consumer_record::queue::{FrameJob, Job, queue};
+use consumer_record::queue::{FrameJob, Job, Payload, queue};
 use consumer_record::snapshots::{SnapshotConverter, document};
 use consumer_record::writer::{Target, run, start_coders};
 use schema_frames::document::{DOCUMENT_MAGIC, DocumentHeader};
@@ -191,7 +191,7 @@ pub fn record_to(
                 batch,
                 name: name.into(),
                 header,
-                payload,
+                payload: Payload::Copied(payload),
             })))?;
         }
     }
