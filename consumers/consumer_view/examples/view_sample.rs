@@ -5,13 +5,18 @@
 
 mod sample;
 
+use consumer_view::look::Look;
+use consumer_view::rerun;
 use consumer_view::stage::Stage;
 
 fn main() -> anyhow::Result<()> {
     let out = std::env::args()
         .nth(1)
         .unwrap_or_else(|| "sample.rrd".to_string());
-    let mut stage = Stage::new(rerun::RecordingStreamBuilder::new("gantry").save(&out)?)?;
+    let mut stage = Stage::new(
+        rerun::RecordingStreamBuilder::new("gantry").save(&out)?,
+        Look::default(),
+    )?;
     let topics = sample::MODALITIES.map(sample::topic);
     stage.set_topics(topics.iter().map(String::as_str))?;
     if let Some(map) = std::env::args().nth(2) {

@@ -11,6 +11,9 @@ use schema_frames::{About, ActorList, WorldInfo};
 use schema_recording::read::{RecordingFile, Selection, TopicKind, What};
 
 use crate::layout::{APPLICATION, Place};
+use crate::look::Look;
+use crate::rerun;
+use crate::rrd_file::record_into;
 use crate::session::Shown;
 use crate::stage::Stage;
 
@@ -21,7 +24,7 @@ const FLUSH_TIMEOUT: Duration = Duration::from_secs(60);
 ///
 /// # Errors
 /// If `input` cannot be read or holds nothing of ours, or `output` exists or cannot be written.
-pub fn convert(input: &Path, output: &Path) -> anyhow::Result<Shown> {
+pub fn convert(input: &Path, output: &Path, look: &Look) -> anyhow::Result<Shown> {
     anyhow::ensure!(
         !output.exists(),
         "{} exists already; choose another name or remove it first",
@@ -33,7 +36,8 @@ pub fn convert(input: &Path, output: &Path) -> anyhow::Result<Shown> {
         "{} was not recorded by Gantry; rerun itself opens MCAP files of other programs",
         input.display()
     );
-    let mut stage = Stage::new(RecordingStreamBuilder::new(APPLICATION).save(output)?)?;
+    let (rec, health) = record_into(RecordingStreamBuilder::new(APPLICATION), output)?;
+    let mut stage = Stage::new(rec, look.clone())?;
     let frames = file
         .topics()
         .iter()
@@ -50,6 +54,7 @@ pub fn convert(input: &Path, output: &Path) -> anyhow::Result<Shown> {
     let mut n_unread = 0u64;
     let mut samples = file.samples(&Selection::default());
     while let Some(sample) = samples.next()? {
+        health.check()?;
         match sample.what {
             What::Document { topic, text, .. } => match &**topic {
                 names::WORLD_MAP => stage.set_map(text)?,
@@ -124,6 +129,8 @@ pub fn convert(input: &Path, output: &Path) -> anyhow::Result<Shown> {
         );
     }
     shown.bad_items = stage.bad_items().clone();
-    stage.flush(FLUSH_TIMEOUT)?;
+    let flushed = stage.flush(FLUSH_TIMEOUT);
+    health.check()?;
+    flushed?;
     Ok(shown)
 }

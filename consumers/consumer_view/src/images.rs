@@ -1,24 +1,25 @@
 //! Frames as images and coloured points for people: header and payload in, pixels out. Any payload
 //! is safe if its header passed the check.
 
+use std::borrow::Cow;
+use std::sync::LazyLock;
+
 use bytemuck::pod_read_unaligned;
 use consumer_kit::items::f32_of_half;
 use schema_frames::{DvsEvent, FrameHeader, LidarPoint, Modality, SemanticLidarPoint};
 use schema_types::noise::mix;
 
-/// The rows of an image without padding, in one piece.
-pub fn tight(header: &FrameHeader, payload: &[u8]) -> Vec<u8> {
+/// The rows of an image without padding, in one piece; a copy only of rows that have some.
+pub fn tight<'a>(header: &FrameHeader, payload: &'a [u8]) -> Cow<'a, [u8]> {
     let row_bytes = header.width as usize * header.element_bytes as usize;
     if header.row_stride as usize == row_bytes || header.height <= 1 {
-        return payload[..row_bytes * header.height as usize].to_vec();
+        return Cow::Borrowed(&payload[..row_bytes * header.height as usize]);
     }
-    (0..header.height as usize)
-        .flat_map(|row| {
-            payload[row * header.row_stride as usize..][..row_bytes]
-                .iter()
-                .copied()
-        })
-        .collect()
+    let mut pixels = Vec::with_capacity(row_bytes * header.height as usize);
+    for row in 0..header.height as usize {
+        pixels.extend_from_slice(&payload[row * header.row_stride as usize..][..row_bytes]);
+    }
+    Cow::Owned(pixels)
 }
 
 /// A colour that differs between neighbouring ids; the background is black.
@@ -88,23 +89,47 @@ fn wheel() -> Vec<[f32; 3]> {
     (0..WHEEL_STEPS).map(colour).collect()
 }
 
-/// Optical flow as RGB: hue is the direction (red right, then through yellow-green down), white is
-/// standing still, full colour is `full_px` or more.
-pub fn flow_rgb(header: &FrameHeader, payload: &[u8], full_px: f32) -> Vec<u8> {
+/// Colours of flows by their parts, in steps of a 128th of the full length, up to twice that length:
+/// `STEPS × STEPS` of them, row after row.
+static FLOW_COLOURS: LazyLock<Vec<[u8; 3]>> = LazyLock::new(|| {
     let wheel = wheel();
-    let flow = tight(header, payload);
-    let mut pixels = vec![0; flow.len() / 8 * 3];
-    for (pixel, bytes) in pixels.chunks_exact_mut(3).zip(flow.chunks_exact(8)) {
-        let [u, v]: [f32; 2] = pod_read_unaligned(bytes);
-        let length = (u * u + v * v).sqrt();
-        if !length.is_finite() {
-            continue;
-        }
-        let share = (length / full_px).min(1.0);
+    let part = |step: usize| (step as f32 - FLOW_MIDDLE) / FLOW_FULL;
+    let colour = |at: usize| {
+        let (u, v) = (part(at % FLOW_STEPS), part(at / FLOW_STEPS));
+        let share = u.hypot(v).min(1.0);
         // A pixel without motion has no direction: NaN becomes index 0, and its share of colour is
         // zero.
         let full = wheel[(diamond_angle(u, v) * (WHEEL_STEPS / 4) as f32) as usize % WHEEL_STEPS];
-        pixel.copy_from_slice(&full.map(|full| (255.0 + (full - 255.0) * share) as u8));
+        full.map(|full| (255.0 + (full - 255.0) * share) as u8)
+    };
+    (0..FLOW_STEPS * FLOW_STEPS).map(colour).collect()
+});
+const FLOW_STEPS: usize = 512;
+const FLOW_MIDDLE: f32 = 256.0;
+const FLOW_FULL: f32 = 128.0;
+
+/// Optical flow as RGB: hue is the direction (red right, then through yellow-green down), white is
+/// standing still, full colour is `full_px` or more.
+pub fn flow_rgb(header: &FrameHeader, payload: &[u8], full_px: f32) -> Vec<u8> {
+    let colours = FLOW_COLOURS.as_slice();
+    let flow = tight(header, payload);
+    let scale = FLOW_FULL / full_px;
+    let limit = FLOW_MIDDLE - 1.0;
+    let mut pixels = vec![0; flow.len() / 8 * 3];
+    for (pixel, bytes) in pixels.chunks_exact_mut(3).zip(flow.chunks_exact(8)) {
+        let [mut u, mut v] = pod_read_unaligned::<[f32; 2]>(bytes).map(|part| part * scale);
+        let greatest = u.abs().max(v.abs());
+        if !(u + v).is_finite() {
+            continue;
+        }
+        if greatest > limit {
+            let shorter = limit / greatest;
+            (u, v) = (u * shorter, v * shorter);
+        }
+        let [column, row] = [u, v].map(|part| (part + FLOW_MIDDLE + 0.5) as usize);
+        if let Some(colour) = colours.get(row * FLOW_STEPS + column) {
+            pixel.copy_from_slice(colour);
+        }
     }
     pixels
 }
@@ -162,36 +187,43 @@ pub fn image_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
     (usable(size[0]) && usable(size[1])).then(|| size.map(|px| px as u32))
 }
 
-/// Events of a window as RGB on dark grey: red where the last change was brighter, blue where it
-/// was darker.
-pub fn events_rgb(size_px: [u32; 2], payload: &[u8]) -> Vec<u8> {
+/// Colours of a picture of events: nothing, darker, brighter.
+pub const EVENT_COLOURS: [[u8; 3]; 3] = [[24; 3], [70, 130, 255], [255, 70, 60]];
+
+/// Events of a window as numbers of [`EVENT_COLOURS`], by the last change of each pixel.
+pub fn event_numbers(size_px: [u32; 2], payload: &[u8]) -> Vec<u8> {
     let [width, height] = size_px.map(|px| px as usize);
-    let mut pixels = vec![24u8; width * height * 3];
+    let mut pixels = vec![0u8; width * height];
     for bytes in payload.chunks_exact(size_of::<DvsEvent>()) {
         let event: DvsEvent = pod_read_unaligned(bytes);
         let (x, y) = (event.x_px as usize, event.y_px as usize);
         if x < width && y < height {
-            let at = (y * width + x) * 3;
-            pixels[at..at + 3].copy_from_slice(if event.polarity == 1 {
-                &[255, 70, 60]
-            } else {
-                &[70, 130, 255]
-            });
+            pixels[y * width + x] = 1 + (event.polarity == 1) as u8;
         }
     }
     pixels
 }
 
-/// Largest number of points shown of a cloud; larger clouds are thinned evenly.
-pub const MAX_POINTS: usize = 60_000;
+/// Numbers of colours as RGB.
+pub fn rgb_of(colours: &[[u8; 3]], numbers: &[u8]) -> Vec<u8> {
+    let colour = |number: &u8| colours.get(*number as usize).copied().unwrap_or_default();
+    numbers.iter().flat_map(colour).collect()
+}
 
-/// A lidar's points, metres in the sensor's axes, and their colours.
-pub fn cloud(header: &FrameHeader, payload: &[u8]) -> (Vec<[f32; 3]>, Vec<[u8; 3]>) {
+/// A lidar's points, metres in the sensor's axes, and their colours; of more than `max_points`
+/// every so manieth.
+pub fn cloud(
+    header: &FrameHeader,
+    payload: &[u8],
+    max_points: usize,
+) -> (Vec<[f32; 3]>, Vec<[u8; 3]>) {
     let point_bytes = header.element_bytes as usize;
     if point_bytes < 12 {
         return (Vec::new(), Vec::new());
     }
-    let step = (payload.len() / point_bytes).div_ceil(MAX_POINTS).max(1);
+    let step = (payload.len() / point_bytes)
+        .div_ceil(max_points.max(1))
+        .max(1);
     let semantic = header.modality() == Some(Modality::SemanticLidar);
     let coloured = |bytes: &[u8]| {
         if semantic {
@@ -276,7 +308,7 @@ mod tests {
         header.row_stride = 5;
         header.payload_bytes = 8;
         assert_eq!(
-            tight(&header, &[1, 2, 3, 9, 9, 4, 5, 6]),
+            tight(&header, &[1, 2, 3, 9, 9, 4, 5, 6]).as_ref(),
             [1, 2, 3, 4, 5, 6]
         );
     }
@@ -346,7 +378,10 @@ mod tests {
         };
         let events = [event(1, 1), event(1, 0), event(0, 1), event(7, 1)];
         assert_eq!(
-            events_rgb([2, 1], bytemuck::cast_slice(&events)),
+            rgb_of(
+                &EVENT_COLOURS,
+                &event_numbers([2, 1], bytemuck::cast_slice(&events))
+            ),
             [255, 70, 60, 70, 130, 255]
         );
     }
@@ -391,7 +426,7 @@ mod tests {
             150_000
         ];
         points[0].hit_in_sensor_m[0] = f32::NAN;
-        let (positions, colours) = cloud(&header, bytemuck::cast_slice(&points));
+        let (positions, colours) = cloud(&header, bytemuck::cast_slice(&points), 60_000);
         assert_eq!(positions.len(), 49_999);
         assert_eq!(colours.len(), positions.len());
     }

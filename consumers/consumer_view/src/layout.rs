@@ -2,17 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use rerun::blueprint::components::{BackgroundKind, PanelState};
-use rerun::blueprint::{
-    BarChartView, Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Grid, Horizontal,
-    SelectionPanel, Spatial2DView, Spatial3DView, Tabs, TensorView, TextDocumentView, TextLogView,
-    TimePanel, TimeSeriesView, Vertical,
-};
-use rerun::external::re_sdk_types::blueprint::archetypes::{Background, EyeControls3D};
-use rerun::log::LogMsg;
-use rerun::{RecordingStream, RecordingStreamBuilder, Rgba32};
+use rerun::blueprint::components::{BackgroundKind, ContainerKind};
+use rerun::re_sdk_types::blueprint::archetypes::{Background, EyeControls3D, MapZoom};
+use rerun::{RecordingStream, Rgba32};
 use schema_bus::names;
 use schema_frames::{Modality, SensorKind};
+
+use crate::blueprint::{self, Part};
+use crate::rerun;
 
 /// Everything that stands in the world.
 pub const WORLD: &str = "/world";
@@ -26,6 +23,12 @@ pub const PLOTS: &str = "/plots";
 pub const LOG: &str = "/logs";
 /// Results of users' programs that have views of their own.
 pub const RESULTS: &str = "/results";
+/// Places on Earth.
+pub const GEO: &str = "/geo";
+/// What event sensors saw, in words.
+pub const EVENTS: &str = "/events";
+/// What the rigs' vehicles are doing: lights, gear.
+pub const STATES: &str = "/states";
 /// Timeline of simulated time.
 pub const SIM_TIME: &str = "sim_time";
 /// Timeline of ticks.
@@ -92,6 +95,26 @@ impl Place {
         format!("{}/{}", self.sensor_path(), self.modality.name())
     }
 
+    /// `/world/ego/front/dvs/surface`: when each pixel changed last.
+    pub fn surface_path(&self) -> String {
+        format!("{}/surface", self.frame_path())
+    }
+
+    /// `/plots/force/ego/imu`: a curve that belongs to the sensor.
+    pub fn curve_path(&self, curve: &str) -> String {
+        format!("{PLOTS}/{curve}/{}", self.camera())
+    }
+
+    /// `/geo/ego/gnss`.
+    pub fn geo_path(&self) -> String {
+        format!("{GEO}/{}", self.camera())
+    }
+
+    /// `/events/ego/bumper/collision`.
+    pub fn events_path(&self) -> String {
+        format!("{EVENTS}/{}", self.topic())
+    }
+
     /// `/plots/latency/ego/front/rgb`.
     pub fn latency_path(&self) -> String {
         latency_path(&self.topic())
@@ -150,7 +173,7 @@ const LOOK_M: [f32; 3] = [10.0, 0.0, 0.5];
 
 /// Divides the window among the topics that exist: on the left one view per camera and modality,
 /// below them the views of results and curves, on the right the world, seen from behind the first
-/// rig and following it.
+/// rig and following it, and behind a tab the map.
 ///
 /// # Errors
 /// If the recording's other end refuses.
@@ -158,209 +181,163 @@ pub fn arrange(
     rec: &RecordingStream,
     places: &BTreeSet<Place>,
     results: &BTreeSet<ResultView>,
+    time_surface: bool,
 ) -> anyhow::Result<()> {
-    let mut left: Vec<ContainerLike> = Vec::new();
+    let mut left = Vec::new();
     let mut shares = Vec::new();
-    let mut cameras = camera_grids(places);
-    match cameras.len() {
-        0 => {}
-        1 => left.extend(cameras.pop()),
-        _ => left.push(Tabs::new(cameras).into()),
+    let cameras = camera_grids(places, time_surface);
+    if !cameras.is_empty() {
+        left.push(Part::tabs(cameras));
+        shares.push(3.0);
     }
-    shares.extend(left.first().map(|_| 3.0));
     if !results.is_empty() {
         left.push(result_grid(results));
         shares.push(if results.len() > 4 { 2.2 } else { 1.5 });
     }
-    left.push(plots());
+    left.push(plots(places));
     shares.push(1.3);
     let carried = places.iter().filter(|place| !place.sensor.is_empty());
-    let followed = carried.map(Place::rig_path).min();
-    let world = world(places, followed.as_deref());
-    let ContainerLike::View(view) = &world else {
-        unreachable!("a Spatial3DView is a view")
-    };
-    let world_path = view.blueprint_path().to_string();
-    let root = Horizontal::new([Vertical::new(left).with_row_shares(shares).into(), world])
-        .with_column_shares(vec![1.35, 1.0]);
-    let blueprint = Blueprint::new(root)
-        .with_auto_views(false)
-        .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Collapsed))
-        .with_selection_panel(SelectionPanel::from_state(PanelState::Collapsed))
-        .with_time_panel(
-            TimePanel::new()
-                .with_timeline(SIM_TIME)
-                .with_state(PanelState::Collapsed),
-        );
-    send(rec, &blueprint, &world_path, followed.is_some())
+    let followed = carried
+        .min_by_key(|place| (place.rig != EGO, &place.rig))
+        .map(Place::rig_path);
+    let mut right = vec![world(places, followed.as_deref())];
+    if places.iter().any(|place| place.modality == Modality::Gnss) {
+        right.push(Part::view("Map", "map", GEO).with("MapZoom", MapZoom::new(17.0)));
+    }
+    let left = Part::group(ContainerKind::Vertical, left).with_shares(shares);
+    let root = Part::group(ContainerKind::Horizontal, vec![left, Part::tabs(right)])
+        .with_shares(vec![1.35, 1.0]);
+    blueprint::send(rec, &root, SIM_TIME)
 }
 
-/// Sends the blueprint together with the 3D view's eye and background. The blueprint types of this
-/// rerun version cannot carry these two, so they are logged into the same blueprint store under the
-/// view's path.
-fn send(
-    rec: &RecordingStream,
-    blueprint: &Blueprint,
-    world_path: &str,
-    follow: bool,
-) -> anyhow::Result<()> {
-    let scratch = match rec.store_info() {
-        Some(info) => RecordingStreamBuilder::new(info.application_id().clone()),
-        None => RecordingStreamBuilder::new(APPLICATION),
-    };
-    let (scratch, storage) = scratch.memory()?;
-    blueprint.send(
-        &scratch,
-        BlueprintActivation {
-            make_active: true,
-            make_default: true,
-        },
-    )?;
-    scratch.flush_blocking()?;
-    let messages = storage.take();
-    let activation = messages.iter().find_map(|message| match message {
-        LogMsg::BlueprintActivationCommand(command) => Some(command.clone()),
-        _ => None,
-    });
-    let Some(activation) = activation else {
-        return Ok(());
-    };
-    let mut messages: Vec<LogMsg> = messages
-        .into_iter()
-        .filter(|message| {
-            *message.store_id() == activation.blueprint_id
-                && !matches!(message, LogMsg::BlueprintActivationCommand(_))
-        })
-        .collect();
-    let (extra, storage) =
-        RecordingStreamBuilder::from_store_id(&activation.blueprint_id).memory()?;
-    extra.set_time_sequence("blueprint", 0);
-    extra.log(
-        format!("{world_path}/Background"),
-        &Background::new(BackgroundKind::SolidColor).with_color(Rgba32::from_rgb(22, 25, 30)),
-    )?;
-    if follow {
-        let eye = EyeControls3D::new()
-            .with_position(EYE_M)
-            .with_look_target(LOOK_M)
-            .with_eye_up([0.0, 0.0, 1.0]);
-        extra.log(format!("{world_path}/EyeControls3D"), &eye)?;
-    }
-    extra.flush_blocking()?;
-    messages.extend(
-        storage
-            .take()
-            .into_iter()
-            .filter(|message| matches!(message, LogMsg::ArrowMsg(..))),
-    );
-    rec.send_blueprint(messages, activation);
-    Ok(())
-}
+/// The rig that goes before others.
+const EGO: &str = "ego";
 
 /// Name of the application in rerun.
 pub const APPLICATION: &str = "gantry";
 
 /// The 3D view. It contains only the colour images of cameras: a depth image would become a cloud
 /// that hides the world.
-fn world(places: &BTreeSet<Place>, followed: Option<&str>) -> ContainerLike {
+fn world(places: &BTreeSet<Place>, followed: Option<&str>) -> Part {
     let mut contents = vec![format!("+ {WORLD}/**")];
     for place in places.iter().filter(|place| {
         place.modality.sensor_kind() == SensorKind::Camera && place.modality != Modality::Rgb
     }) {
         contents.push(format!("- {}/**", place.frame_path()));
     }
-    Spatial3DView::new("world")
-        .with_origin(followed.unwrap_or(WORLD))
-        .with_contents(contents)
-        .into()
+    let background =
+        Background::new(BackgroundKind::SolidColor).with_color(Rgba32::from_rgb(22, 25, 30));
+    let view = Part::showing("3D", "world", followed.unwrap_or(WORLD), contents)
+        .with("Background", background);
+    if followed.is_none() {
+        return view;
+    }
+    let eye = EyeControls3D::new()
+        .with_position(EYE_M)
+        .with_look_target(LOOK_M)
+        .with_eye_up([0.0, 0.0, 1.0]);
+    view.with("EyeControls3D", eye)
 }
 
-/// One grid per camera.
-fn camera_grids(places: &BTreeSet<Place>) -> Vec<ContainerLike> {
-    let mut by_camera: BTreeMap<String, Vec<&Place>> = BTreeMap::new();
+/// One grid per camera, those of the ego first.
+fn camera_grids(places: &BTreeSet<Place>, time_surface: bool) -> Vec<Part> {
+    let mut by_camera: BTreeMap<(bool, String), Vec<&Place>> = BTreeMap::new();
     for place in places
         .iter()
         .filter(|place| place.modality.sensor_kind() == SensorKind::Camera)
     {
-        by_camera.entry(place.camera()).or_default().push(place);
+        let key = (place.rig != EGO, place.camera());
+        by_camera.entry(key).or_default().push(place);
     }
-    let grid = |(camera, places): (String, Vec<&Place>)| -> ContainerLike {
-        let order = |modality| {
-            CAMERA_ORDER
-                .iter()
-                .position(|m| *m == modality)
-                .unwrap_or(CAMERA_ORDER.len())
-        };
-        let mut places = places;
-        places.sort_by_key(|place| order(place.modality));
-        let views = places.iter().map(|place| -> ContainerLike {
-            let name = format!("{camera} {}", place.modality.name());
-            Spatial2DView::new(name)
-                .with_origin(place.sensor_path())
-                .with_contents([format!("$origin/{}/**", place.modality.name())])
-                .into()
-        });
-        Grid::new(views)
-            .with_name(camera.clone())
-            .with_grid_columns(columns(places.len()))
-            .into()
+    let grid = |((_, camera), mut places): ((bool, String), Vec<&Place>)| {
+        let order = |modality| CAMERA_ORDER.iter().position(|m| *m == modality);
+        places.sort_by_key(|place| order(place.modality).unwrap_or(CAMERA_ORDER.len()));
+        let view = |place: &&Place| picture_view(place, &camera, time_surface);
+        let views = places.iter().map(view).collect();
+        grid_of(views).with_name(camera.clone())
     };
     by_camera.into_iter().map(grid).collect()
 }
 
+/// The view of one modality; of events, their image and their time surface.
+fn picture_view(place: &Place, camera: &str, time_surface: bool) -> Part {
+    let name = format!("{camera} {}", place.modality.name());
+    let all = format!("+ $origin/{}/**", place.modality.name());
+    let of = |name: String, contents: Vec<String>| {
+        Part::showing("2D", name, place.sensor_path(), contents)
+    };
+    if place.modality != Modality::Dvs || !time_surface {
+        return of(name, vec![all]);
+    }
+    let surface = place.surface_path();
+    let tab = of(format!("{name} time surface"), vec![format!("+ {surface}")]);
+    Part::tabs(vec![tab, of(name, vec![all, format!("- {surface}")])])
+}
+
+fn grid_of(views: Vec<Part>) -> Part {
+    let columns = columns(views.len());
+    let mut grid = Part::group(ContainerKind::Grid, views);
+    if let Part::Group(group) = &mut grid {
+        group.columns = Some(columns);
+    }
+    grid
+}
+
 /// The views of results: beside one another while there are few, each behind a tab otherwise.
-fn result_grid(results: &BTreeSet<ResultView>) -> ContainerLike {
+fn result_grid(results: &BTreeSet<ResultView>) -> Part {
     let is_line = |view: &&ResultView| view.kind == ViewKind::Lines;
-    let mut views: Vec<ContainerLike> = results
+    let mut views: Vec<Part> = results
         .iter()
         .filter(|view| !is_line(view))
         .map(result_view)
         .collect();
     if results.iter().any(|view| is_line(&view)) {
-        views.push(TextLogView::new("texts").with_origin(LOG).into());
+        views.push(Part::view("TextLog", "texts", LOG));
     }
     match views.len() {
-        1..=MAX_BESIDE => {
-            let columns = columns(views.len());
-            Grid::new(views).with_grid_columns(columns).into()
-        }
-        _ => Tabs::new(views).into(),
+        1..=MAX_BESIDE => grid_of(views),
+        _ => Part::tabs(views),
     }
 }
 
-fn result_view(view: &ResultView) -> ContainerLike {
+fn result_view(view: &ResultView) -> Part {
     let (topic, origin) = (view.topic.as_str(), format!("{RESULTS}/{}", view.topic));
     match view.kind {
-        ViewKind::Picture => Spatial2DView::new(topic).with_origin(origin).into(),
-        ViewKind::Tensor => TensorView::new(topic)
-            .with_origin(origin)
-            .with_contents(["$origin"])
-            .into(),
-        ViewKind::Histogram => BarChartView::new(format!("{topic} histogram"))
-            .with_origin(format!("{origin}/histogram"))
-            .into(),
-        ViewKind::Series | ViewKind::Lines => TimeSeriesView::new(topic).with_origin(origin).into(),
-        ViewKind::Page => TextDocumentView::new(topic).with_origin(origin).into(),
+        ViewKind::Picture => Part::view("2D", topic, origin),
+        ViewKind::Tensor => Part::showing("Tensor", topic, origin, ["$origin".to_owned()]),
+        ViewKind::Histogram => Part::view(
+            "BarChart",
+            format!("{topic} histogram"),
+            format!("{origin}/histogram"),
+        ),
+        ViewKind::Series | ViewKind::Lines => Part::view("TimeSeries", topic, origin),
+        ViewKind::Page => Part::view("TextDocument", topic, origin),
     }
 }
 
 fn columns(n_views: usize) -> u32 {
-    if n_views <= 1 {
-        1
-    } else if n_views <= 4 {
-        2
-    } else {
-        3
+    match n_views {
+        0..=1 => 1,
+        2..=4 => 2,
+        _ => 3,
     }
 }
 
-fn plots() -> ContainerLike {
-    let plot = |name: &str| -> ContainerLike {
-        TimeSeriesView::new(name)
-            .with_origin(format!("{PLOTS}/{name}"))
-            .into()
-    };
-    Horizontal::new([plot("speed"), plot("control"), plot("latency")]).into()
+/// Curves beside one another; what is looked at more rarely is behind tabs.
+fn plots(places: &BTreeSet<Place>) -> Part {
+    let plot = |name: &str| Part::view("TimeSeries", name, format!("{PLOTS}/{name}"));
+    let has = |modality: Modality| places.iter().any(|place| place.modality == modality);
+    let mut rest = vec![
+        plot("latency"),
+        Part::view("StateTimeline", "states", STATES),
+    ];
+    if has(Modality::Imu) {
+        rest.extend([plot("force"), plot("turn")]);
+    }
+    let lines = [format!("+ {EVENTS}/**"), format!("+ {LOG}/**")];
+    rest.push(Part::showing("TextLog", "log", "/", lines));
+    let parts = vec![plot("speed"), plot("control"), Part::tabs(rest)];
+    Part::group(ContainerKind::Horizontal, parts)
 }
 
 #[cfg(test)]

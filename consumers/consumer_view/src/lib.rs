@@ -8,7 +8,15 @@
 //! recording and what it contains), [`layout`] (entities and the window), [`images`] (frames as
 //! pixels and points), `results` (results of
 //! users' programs), [`pace`] (how often a topic is shown), [`viewer`] (the rerun process),
-//! [`mod@convert`] (a recording as a file of rerun), [`mod@fly`] (the spectator in a window of our own).
+//! [`mod@rerun`] (its SDK),
+//! [`rrd_file`] (a file that is written as data comes), [`screenshot`] (a picture of the window),
+//! [`mod@convert`] (a recording as a file of rerun), [`mod@fly`] (the spectator in a window of our
+//! own).
+//!
+//! Below [`stage`]: [`look`] (what users choose), `pictures` (images, coded as chosen), `ids` and
+//! `surface` (what images of ids and lists of events are made into), `senses` (sensors that make no
+//! images), `traffic` (lights, trails, states), `geo` (places on Earth); below [`layout`]:
+//! `blueprint` (how rerun is told of it).
 //!
 //! ```
 //! use consumer_view::layout::Place;
@@ -20,12 +28,23 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+mod blueprint;
 pub mod convert;
 pub mod fly;
+mod geo;
+mod ids;
 pub mod images;
 pub mod layout;
+pub mod look;
 pub mod pace;
+mod pictures;
+pub mod rerun;
 mod results;
+pub mod rrd_file;
+pub mod screenshot;
+mod senses;
 pub mod session;
 pub mod stage;
+mod surface;
+mod traffic;
 pub mod viewer;

@@ -20,6 +20,8 @@ use rerun::RecordingStream;
 use schema_frames::{FrameHeader, Modality, ResultType, SensorKind};
 
 use crate::layout::{Place, ResultView};
+use crate::pictures::Pictures;
+use crate::rerun;
 use canvas::Canvas;
 pub(crate) use state::Results;
 
@@ -62,6 +64,7 @@ impl Results {
         &mut self,
         rec: &RecordingStream,
         rigs: &BTreeMap<u32, String>,
+        pictures: &mut Pictures,
         parts: &ResultParts<'_>,
     ) -> anyhow::Result<bool> {
         let frame = self.frame_behind(parts).and_then(|it| Place::new(&it));
@@ -80,7 +83,7 @@ impl Results {
         match parts.kind {
             ResultType::Boxes2d => self.boxes2d(&canvas)?,
             ResultType::Tracks => self.tracks(&canvas)?,
-            ResultType::Masks => self.masks(&canvas)?,
+            ResultType::Masks => self.masks(&canvas, pictures)?,
             ResultType::Keypoints => self.keypoints(&canvas)?,
             ResultType::Boxes3d => self.boxes3d(&canvas)?,
             ResultType::Points => self.points(&canvas)?,
@@ -90,7 +93,7 @@ impl Results {
             | ResultType::Flow
             | ResultType::Depth
             | ResultType::Semantic
-            | ResultType::Instance => self.picture(&canvas)?,
+            | ResultType::Instance => self.picture(&canvas, pictures)?,
             ResultType::Tensor => self.tensor(&canvas)?,
             ResultType::Control => self.controls(&canvas)?,
             ResultType::Scalars => self.scalars(&canvas)?,

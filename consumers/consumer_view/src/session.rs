@@ -8,29 +8,120 @@ use std::time::{Duration, Instant};
 
 use consumer_kit::items::ResultParts;
 use consumer_kit::{
-    FollowedDocument, FollowedResult, Follower, MAX_WAIT, Take, TopicId, WorldAt, file_of_run,
+    FollowedDocument, FollowedResult, Follower, LEAVE_AFTER, MAX_WAIT, Take, TopicId, WorldAt,
+    file_of_run, is_left_over,
 };
 use rerun::RecordingStreamBuilder;
-use schema_bus::{Bus, BusOptions, ResultSample, TopicDetails, mono_now, names};
-use schema_frames::{ActorList, ResultType, WorldInfo};
+use schema_bus::{Bus, BusOptions, DocumentPublisher, ResultSample, TopicDetails, mono_now, names};
+use schema_frames::{ActorList, Modality, ResultType, WorldInfo};
+use schema_recording::pattern::matches;
 
-use crate::layout::{APPLICATION, Place};
+use crate::layout::{APPLICATION, Place, SIM_TIME, TICK};
+use crate::look::Look;
 use crate::pace::Pace;
+use crate::rerun;
+use crate::rrd_file::{Health, record_into};
 use crate::stage::Stage;
+use crate::viewer::RERUN_VERSION;
 
 /// How often topics are listed.
 const DISCOVER_EVERY: Duration = Duration::from_secs(1);
-/// How long a topic without a writer keeps its view; a restarting simulator comes back sooner.
-const KEEP_VIEW: Duration = Duration::from_secs(15);
 /// How often small messages are sent although they fill no batch.
 const HURRY_EVERY: Duration = Duration::from_millis(250);
 /// How long sending the last data may take.
 const FLUSH_TIMEOUT: Duration = Duration::from_secs(20);
 
+/// Document that says where the view is.
+pub const VIEW: &str = "control/view";
+/// How long topics may take to be found when the viewing ends by itself.
+const SETTLE: Duration = Duration::from_secs(3);
+/// Frames of one topic that are taken in one turn at most; as many as a reader may hold.
+const MAX_FRAMES_A_TURN: usize = 2;
 /// Results of one topic that are shown in one turn at most.
 const MAX_RESULTS_A_TURN: usize = 32;
 /// Most results per second that are shown of topics whose every result counts.
 const EVERY_HZ: f64 = 200.0;
+
+/// Where a view is: what another program needs to log into the same recording.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct ViewPlace {
+    /// Address of the viewer, as rerun's SDKs take it; empty for a file.
+    pub url: String,
+    /// Name of the application in rerun.
+    pub application_id: String,
+    /// Name of the recording of this run of the simulator.
+    pub recording_id: String,
+    /// Version of rerun that the viewer has.
+    pub rerun_version: String,
+    /// Timeline of ticks.
+    pub tick_timeline: String,
+    /// Timeline of simulated time.
+    pub time_timeline: String,
+}
+
+impl ViewPlace {
+    fn new(options: &Options, run: u32) -> ViewPlace {
+        let url = match &options.target {
+            Target::Connect(url) => url.clone(),
+            Target::Save(_) => String::new(),
+        };
+        // Two viewers of one domain into one window are two recordings.
+        let process = std::process::id();
+        ViewPlace {
+            url,
+            application_id: APPLICATION.to_owned(),
+            recording_id: format!("{}-{process}-{run}", options.domain),
+            rerun_version: RERUN_VERSION.to_owned(),
+            tick_timeline: TICK.to_owned(),
+            time_timeline: SIM_TIME.to_owned(),
+        }
+    }
+}
+
+/// How old frames are when they have been handed over, by milliseconds.
+struct Ages {
+    by_ms: Vec<u64>,
+}
+
+impl Default for Ages {
+    fn default() -> Ages {
+        // The last place is for all that are older.
+        Ages {
+            by_ms: vec![0; 2001],
+        }
+    }
+}
+
+impl Ages {
+    fn note(&mut self, age_nanos: u64) {
+        let at = (age_nanos / 1_000_000).min(self.by_ms.len() as u64 - 1);
+        self.by_ms[at as usize] += 1;
+    }
+
+    /// The age that this share of frames does not exceed, milliseconds.
+    fn percentile(&self, share: f64) -> usize {
+        let n: u64 = self.by_ms.iter().sum();
+        let mut rest = (n as f64 * share).ceil() as u64;
+        let reached = self.by_ms.iter().position(|n| {
+            rest = rest.saturating_sub(*n);
+            rest == 0
+        });
+        reached.unwrap_or(0) + 1
+    }
+
+    fn say(&self) {
+        let n: u64 = self.by_ms.iter().sum();
+        if n > 0 {
+            let [p50_ms, p99_ms] = [0.5, 0.99].map(|share| self.percentile(share));
+            tracing::info!(
+                frames = n,
+                p50_ms,
+                p99_ms,
+                "age of frames when handed to rerun"
+            );
+        }
+    }
+}
 
 /// Where the recording goes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -43,10 +134,11 @@ pub enum Target {
 
 impl Target {
     /// The stage of a run of the simulator; runs are counted from 1.
-    fn open(&self, run: u32) -> anyhow::Result<Stage> {
-        let builder = RecordingStreamBuilder::new(APPLICATION);
-        let rec = match self {
-            Target::Connect(url) => builder.connect_grpc_opts(url.as_str())?,
+    fn open(&self, place: &ViewPlace, run: u32, look: &Look) -> anyhow::Result<(Stage, Health)> {
+        let builder =
+            RecordingStreamBuilder::new(APPLICATION).recording_id(place.recording_id.as_str());
+        let (rec, health) = match self {
+            Target::Connect(url) => (builder.connect_grpc_opts(url.as_str())?, Health::default()),
             Target::Save(path) => {
                 let path = file_of_run(path, run);
                 anyhow::ensure!(
@@ -54,10 +146,10 @@ impl Target {
                     "{} exists already; choose another name or remove it first",
                     path.display()
                 );
-                builder.save(path)?
+                record_into(builder, &path)?
             }
         };
-        Stage::new(rec)
+        Ok((Stage::new(rec, look.clone())?, health))
     }
 }
 
@@ -70,10 +162,26 @@ pub struct Options {
     pub bus: BusOptions,
     /// Most frames per second and topic.
     pub max_hz: f64,
+    /// How things are drawn.
+    pub look: Look,
+    /// Patterns of the topics that are shown, with `*` and `?`; all if empty.
+    pub topics: Vec<String>,
     /// Where to.
     pub target: Target,
     /// Whether to show the spectator's image too, which is rendered only for its readers.
     pub spectator: bool,
+    /// Ends by itself after so many frames of every topic that has a writer.
+    pub enough: Option<u64>,
+}
+
+impl Options {
+    fn takes(&self, topic: &str) -> bool {
+        let is_asked = self.topics.iter().any(|pattern| matches(pattern, topic));
+        if topic == names::SPECTATOR_RGB {
+            return self.spectator || is_asked;
+        }
+        is_asked || self.topics.is_empty()
+    }
 }
 
 /// What was shown.
@@ -102,16 +210,21 @@ pub fn show(options: &Options, stop: &mut dyn FnMut() -> bool) -> anyhow::Result
     )?;
     let documents = [names::WORLD_INFO, names::WORLD_MAP, names::WORLD_ACTORS]
         .map(|name| (name, FollowedDocument::new(name)));
+    let view = ViewPlace::new(options, 1);
+    let (stage, health) = options.target.open(&view, 1, &options.look)?;
     let mut session = Session {
+        view,
+        told: None,
+        ages: Ages::default(),
+        begun: Instant::now(),
         documents,
         follower: Follower::on(bus),
-        stage: options.target.open(1)?,
-        target: options.target.clone(),
+        stage,
+        health,
+        options: options.clone(),
         topics: BTreeMap::new(),
         results: BTreeMap::new(),
         full: BTreeSet::new(),
-        max_hz: options.max_hz,
-        spectator: options.spectator,
         world_pace: Pace::new(options.max_hz),
         shown_tick: 0,
         epoch: 0,
@@ -122,11 +235,12 @@ pub fn show(options: &Options, stop: &mut dyn FnMut() -> bool) -> anyhow::Result
             ..Default::default()
         },
     };
-    while !stop() {
+    while !stop() && !session.has_enough() {
         session.turn()?;
     }
+    session.ages.say();
     session.count_bad_items();
-    session.stage.flush(FLUSH_TIMEOUT)?;
+    session.finish_stage()?;
     Ok(session.shown)
 }
 
@@ -143,15 +257,19 @@ fn age_nanos(result: &ResultSample) -> u64 {
 struct Session {
     // Dropped in this order: ports before the node that made them.
     results: BTreeMap<String, Results>,
+    /// The document that says where this view is; `None` while another viewer's is there.
+    told: Option<DocumentPublisher>,
     documents: [(&'static str, FollowedDocument); 3],
     follower: Follower,
     stage: Stage,
-    target: Target,
+    health: Health,
+    options: Options,
+    view: ViewPlace,
+    ages: Ages,
+    begun: Instant,
     topics: BTreeMap<String, Topic>,
     /// Topics of results without a place for us, which was said.
     full: BTreeSet<String>,
-    max_hz: f64,
-    spectator: bool,
     world_pace: Pace,
     shown_tick: u64,
     epoch: u64,
@@ -181,6 +299,10 @@ impl Session {
     fn turn(&mut self) -> anyhow::Result<()> {
         self.discover()?;
         self.follower.wait(MAX_WAIT)?;
+        if let Some(told) = &self.told {
+            told.greet();
+        }
+        schema_stages::post(self.shown_tick);
         self.take_documents()?;
         self.take_frames()?;
         self.take_results()?;
@@ -188,8 +310,17 @@ impl Session {
         if self.hurried.elapsed() >= HURRY_EVERY {
             self.hurried = Instant::now();
             self.stage.hurry()?;
+            self.health.check()?;
         }
         Ok(())
+    }
+
+    /// Waits until all of this run's recording has left this process.
+    fn finish_stage(&self) -> anyhow::Result<()> {
+        let flushed = self.stage.flush(FLUSH_TIMEOUT);
+        // Why a file could not be written says more than that it was not.
+        self.health.check()?;
+        flushed
     }
 
     /// Follows topics that are new and forgets the views of those that have gone.
@@ -201,18 +332,25 @@ impl Session {
             return Ok(());
         }
         self.discovered = Some(Instant::now());
+        self.tell_place();
         for found in self.follower.bus().topics()? {
+            if !self.options.takes(&found.name) {
+                continue;
+            }
             if let Some(kind) = found.result {
                 self.discover_result(&found, kind)?;
                 continue;
             }
-            let is_unwanted = found.name == names::SPECTATOR_RGB && !self.spectator;
-            if found.modality.is_none() || is_unwanted || Place::new(&found.name).is_none() {
+            let Some(place) = Place::new(&found.name).filter(|_| found.modality.is_some()) else {
+                continue;
+            };
+            if is_left_over(&found) && !self.topics.contains_key(&found.name) {
                 continue;
             }
+            let (take, max_hz) = self.rhythm(place.modality);
             let fresh = || Topic {
                 id: None,
-                pace: Pace::new(self.max_hz),
+                pace: Pace::new(max_hz),
                 alive: Instant::now(),
             };
             let full = found.subscribers >= found.max_subscribers;
@@ -221,7 +359,7 @@ impl Session {
             }
             let topic = self.topics.entry(found.name.clone()).or_insert_with(fresh);
             if topic.id.is_none() && !full {
-                topic.id = Some(self.follower.follow(&found.name, Take::Newest));
+                topic.id = Some(self.follower.follow(&found.name, take));
             }
             if found.publishers > 0 {
                 topic.alive = Instant::now();
@@ -230,15 +368,81 @@ impl Session {
         let results = &self.results;
         let is_visible = |topic: &str| {
             let known = results.get(topic);
-            known.is_some_and(|topic| topic.alive.elapsed() < KEEP_VIEW)
+            known.is_some_and(|topic| topic.alive.elapsed() < LEAVE_AFTER)
         };
         self.stage.keep_results(is_visible)?;
+        self.leave_gone_topics()?;
         let visible = self
             .topics
             .iter()
-            .filter(|(_, topic)| topic.id.is_some() && topic.alive.elapsed() < KEEP_VIEW);
+            .filter(|(_, topic)| topic.id.is_some() && topic.alive.elapsed() < LEAVE_AFTER);
         self.stage
             .set_topics(visible.map(|(name, _)| name.as_str()))
+    }
+
+    /// How frames of a modality are taken, and how many are shown per second at most: of what
+    /// happens seldom or makes a curve every one, of all others the newest.
+    fn rhythm(&self, modality: Modality) -> (Take, f64) {
+        let max_hz = self.options.max_hz;
+        match modality {
+            Modality::Imu => (Take::All, max_hz.max(EVERY_HZ)),
+            Modality::Dvs if self.options.look.time_surface => (Take::All, max_hz),
+            event if event.is_event() => (Take::All, max_hz.max(EVERY_HZ)),
+            _ => (Take::Newest, max_hz),
+        }
+    }
+
+    /// Says on the bus where this view is, for programs that log into it, too; not while another
+    /// viewer of the domain does.
+    fn tell_place(&mut self) {
+        if self.told.is_some() || self.view.url.is_empty() {
+            return;
+        }
+        if let Ok(told) = self.follower.bus().document_publisher(VIEW) {
+            self.told = Some(told);
+            self.send_place();
+        }
+    }
+
+    fn send_place(&mut self) {
+        if let Some(told) = &mut self.told
+            && let Err(error) = told.send_json(&self.view, self.epoch, self.shown_tick)
+        {
+            tracing::warn!(%error, "other programs cannot find this view");
+        }
+    }
+
+    /// Whether what was asked for has been shown.
+    fn has_enough(&self) -> bool {
+        let Some(enough) = self.options.enough else {
+            return false;
+        };
+        let is_due = |(name, topic): (&String, &Topic)| {
+            let is_seldom = Place::new(name).is_some_and(|place| place.modality.is_event());
+            topic.id.is_some() && !is_seldom
+        };
+        let mut due = self.topics.iter().filter(|it| is_due(*it));
+        let has = |name: &String| self.shown.frames.get(name).is_some_and(|n| *n >= enough);
+        let is_settled = self.begun.elapsed() >= SETTLE && self.shown_tick > 0;
+        is_settled && due.all(|(name, _)| has(name))
+    }
+
+    /// Closes what has had no writer for so long that it is no longer shown: sensors that come and go
+    /// would otherwise leave a port each.
+    fn leave_gone_topics(&mut self) -> anyhow::Result<()> {
+        let now = Instant::now();
+        let is_gone = |alive: Instant| now.duration_since(alive) >= LEAVE_AFTER;
+        let topics = self.topics.values().filter(|topic| is_gone(topic.alive));
+        let ids: Vec<TopicId> = topics.filter_map(|topic| topic.id).collect();
+        let all = self.results.iter();
+        let results = all.filter(|(_, topic)| is_gone(topic.alive));
+        let events: Vec<String> = results.map(|(name, _)| name.clone()).collect();
+        if !ids.is_empty() || !events.is_empty() {
+            self.follower.leave(&ids, &events)?;
+        }
+        self.topics.retain(|_, topic| !is_gone(topic.alive));
+        self.results.retain(|_, topic| !is_gone(topic.alive));
+        Ok(())
     }
 
     /// Follows a topic of results that is new; clears what a writer that has ended left drawn.
@@ -252,6 +456,9 @@ impl Session {
             }
             return Ok(());
         }
+        if found.publishers == 0 {
+            return Ok(());
+        }
         if found.subscribers >= found.max_subscribers {
             if self.full.insert(found.name.clone()) {
                 self.say_full(found)?;
@@ -261,9 +468,9 @@ impl Session {
         // Curves and lines show every result, all others the newest.
         let (take, max_hz) = match kind {
             ResultType::Scalars | ResultType::Control | ResultType::Text | ResultType::Bytes => {
-                (Take::All, self.max_hz.max(EVERY_HZ))
+                (Take::All, self.options.max_hz.max(EVERY_HZ))
             }
-            _ => (Take::Newest, self.max_hz),
+            _ => (Take::Newest, self.options.max_hz),
         };
         self.follower.listen(&found.name)?;
         let topic = Results {
@@ -299,8 +506,14 @@ impl Session {
                 "the simulator was restarted; its new run is a new recording"
             );
             self.count_bad_items();
-            self.stage.flush(FLUSH_TIMEOUT)?;
-            self.stage = self.target.open(self.shown.n_runs)?;
+            self.finish_stage()?;
+            self.view = ViewPlace::new(&self.options, self.shown.n_runs);
+            let run = self.shown.n_runs;
+            (self.stage, self.health) =
+                self.options
+                    .target
+                    .open(&self.view, run, &self.options.look)?;
+            self.send_place();
             self.shown_tick = 0;
             self.discovered = None;
         }
@@ -337,18 +550,24 @@ impl Session {
     /// Takes the newest frame of every topic, then shows them all, so that the time for showing one
     /// frame does not count as latency of the next.
     fn take_frames(&mut self) -> anyhow::Result<()> {
+        static TAKE: schema_stages::Stage = schema_stages::Stage::new("take");
         let mut taken = Vec::new();
         for (name, topic) in &mut self.topics {
+            let _span = TAKE.span();
             let Some(id) = topic.id else { continue };
-            let Some(frame) = self.follower.take(id)? else {
-                continue;
-            };
-            topic.alive = Instant::now();
-            if topic.pace.admits(Instant::now()) {
-                let latency_nanos = mono_now()
-                    .0
-                    .saturating_sub(frame.header().published_mono_nanos);
-                taken.push((name.clone(), frame, latency_nanos));
+            for _ in 0..MAX_FRAMES_A_TURN {
+                let Some(frame) = self.follower.take(id)? else {
+                    break;
+                };
+                topic.alive = Instant::now();
+                if topic.pace.admits(Instant::now()) {
+                    let latency_nanos = mono_now()
+                        .0
+                        .saturating_sub(frame.header().published_mono_nanos);
+                    taken.push((name.clone(), frame, latency_nanos));
+                } else {
+                    self.stage.pass(name, frame.header(), &frame);
+                }
             }
         }
         for (name, frame, latency_nanos) in taken {
@@ -360,6 +579,8 @@ impl Session {
             }
             self.stage
                 .show_frame(&name, &header, &frame, latency_nanos)?;
+            self.ages
+                .note(mono_now().0.saturating_sub(header.published_mono_nanos));
             *self.shown.frames.entry(name).or_insert(0) += 1;
         }
         Ok(())
@@ -427,5 +648,19 @@ impl Session {
             self.show_world(&world)?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ages_are_told_as_the_millisecond_that_they_do_not_exceed() {
+        let mut ages = Ages::default();
+        (0..100).for_each(|ms| ages.note(ms * 1_000_000 + 5));
+        assert_eq!((ages.percentile(0.5), ages.percentile(0.99)), (50, 99));
+        ages.note(u64::MAX);
+        assert_eq!(ages.percentile(1.0), 2001);
     }
 }

@@ -4,26 +4,35 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use consumer_kit::KEPT_SNAPSHOTS;
 use consumer_kit::items::ResultParts;
-use rerun::components::{Colormap, ViewCoordinates};
-use rerun::{ChannelDatatype, ColorModel, RecordingStream, Rgba32};
+use rerun::components::ViewCoordinates;
+use rerun::{RecordingStream, Rgba32};
 use schema_frames::{
-    ActorKind, ActorList, ActorRecord, BodyBox, FrameHeader, ImuSample, Modality, SensorKind,
-    SnapshotHeader,
+    ActorKind, ActorList, ActorRecord, BodyBox, FrameHeader, Modality, SensorKind, SnapshotHeader,
 };
 use schema_roads::MarkColour;
 use schema_roads::RoadMap;
 use schema_types::{Pose, class::CLASSES};
 
+use crate::geo;
+use crate::ids::Ids;
 use crate::images;
 use crate::layout::{self, Place};
+use crate::look::Look;
+use crate::pictures::{DEPTH_RANGE_M, Pictures};
+use crate::rerun;
 use crate::results::Results;
+use crate::senses::Senses;
+use crate::surface::{self, Surface};
+use crate::traffic::{self, Traffic};
 
-/// Depth that is shown in the last colour of the colour map, metres.
-const DEPTH_RANGE_M: f64 = 60.0;
 /// Distance between points of a lane line, metres.
 const MAP_STEP_M: f64 = 2.0;
 /// Class number of boxes whose class has no name.
 const NO_CLASS: u16 = 0;
+/// Thickness of the lines of actors' boxes over images, points of the screen.
+const TRUTH_LINE: f32 = 1.0;
+/// Pieces of the scale beside distances.
+const SCALE_STEPS: usize = 48;
 
 /// One recording and what it already contains.
 pub struct Stage {
@@ -36,6 +45,14 @@ pub struct Stage {
     cameras: BTreeMap<String, [u64; 6]>,
     mounts: BTreeMap<String, Pose>,
     results: Results,
+    pictures: Pictures,
+    senses: Senses,
+    traffic: Traffic,
+    surfaces: BTreeMap<String, Surface>,
+    /// Size of the image for which a scale was drawn.
+    scales: BTreeMap<String, [u32; 2]>,
+    /// Latitude and longitude of the world's origin, degrees.
+    origin_deg: Option<(f64, f64)>,
     /// Tick and simulated time of the newest that is shown; results without a time are shown there.
     newest: (u64, u64),
 }
@@ -45,7 +62,7 @@ impl Stage {
     ///
     /// # Errors
     /// If the recording's other end refuses.
-    pub fn new(rec: RecordingStream) -> anyhow::Result<Stage> {
+    pub fn new(rec: RecordingStream, look: Look) -> anyhow::Result<Stage> {
         let classes = CLASSES.iter().enumerate().map(|(number, info)| {
             let [r, g, b] = info.rgb;
             rerun::ClassDescription::from((number as u16, info.name, Rgba32::from_rgb(r, g, b)))
@@ -71,6 +88,12 @@ impl Stage {
             cameras: BTreeMap::new(),
             mounts: BTreeMap::new(),
             results: Results::default(),
+            pictures: Pictures::new(look),
+            senses: Senses::default(),
+            traffic: Traffic::default(),
+            surfaces: BTreeMap::new(),
+            scales: BTreeMap::new(),
+            origin_deg: None,
             newest: (0, 0),
         };
         stage.arrange()?;
@@ -83,7 +106,16 @@ impl Stage {
     }
 
     fn arrange(&self) -> anyhow::Result<()> {
-        layout::arrange(&self.rec, &self.places, self.results.views())
+        let look = self.pictures.look();
+        match look.arranges {
+            true => layout::arrange(
+                &self.rec,
+                &self.places,
+                self.results.views(),
+                look.time_surface,
+            ),
+            false => Ok(()),
+        }
     }
 
     /// Sets the sensor topics that exist; lays the window out again if they changed.
@@ -131,17 +163,36 @@ impl Stage {
         let mut edges = Vec::new();
         for lane in map.lanes().iter().filter(|lane| lane.kind.is_drivable()) {
             let (left, right) = map.boundaries(lane.key, MAP_STEP_M);
-            edges.push(strip(&left));
-            edges.push(strip(&right));
+            edges.extend([left, right]);
         }
+        self.origin_deg = Some(map.geo_reference());
+        self.draw_geo_lanes(&edges)?;
         let grey = Rgba32::from_rgb(95, 100, 110);
         self.rec.log_static(
             format!("{}/lanes", layout::MAP),
-            &rerun::LineStrips3D::new(edges)
+            &rerun::LineStrips3D::new(edges.iter().map(|edge| strip(edge)))
                 .with_colors([grey])
                 .with_radii([0.03]),
         )?;
         Ok(())
+    }
+
+    /// Puts the lanes on the map view, so that it says something without pictures from elsewhere.
+    fn draw_geo_lanes(&self, edges: &[Vec<[f64; 3]>]) -> anyhow::Result<()> {
+        let Some(origin_deg) = self.origin_deg else {
+            return Ok(());
+        };
+        let located = |edge: &Vec<[f64; 3]>| {
+            let points = edge.iter();
+            let points = points.map(|[x, y, _]| geo::locate(origin_deg, [*x, *y]));
+            rerun::components::GeoLineString::from_iter(points)
+        };
+        let lines = rerun::GeoLineStrings::from_lat_lon(edges.iter().map(located))
+            .with_colors([Rgba32::from_rgb(120, 125, 140)])
+            .with_radii([rerun::Radius::new_ui_points(1.0)]);
+        Ok(self
+            .rec
+            .log_static(format!("{}/lanes", layout::GEO), &lines)?)
     }
 
     /// Takes over who is there.
@@ -249,6 +300,8 @@ impl Stage {
         .with_show_labels(false)
         .with_colors(bodies.iter().map(|r| self.box_colour(r)));
         self.rec.log(layout::ACTORS, &boxes)?;
+        self.traffic.show_lights(&self.rec, records, centre)?;
+        self.senses.tidy(&self.rec, header.sim_nanos)?;
         for record in records {
             if let Some(rig) = self.rigs.get(&record.id) {
                 self.rec.log(
@@ -256,6 +309,9 @@ impl Stage {
                     &transform(&record.world_from_actor),
                 )?;
                 self.plot_vehicle(rig, record)?;
+                let place_m = record.world_from_actor.translation_m;
+                self.traffic.follow(&self.rec, rig, place_m)?;
+                self.traffic.show_states(&self.rec, rig, record)?;
             }
         }
         Ok(())
@@ -312,22 +368,29 @@ impl Stage {
         self.scalar(&place.latency_path(), latency_nanos as f64 * 1e-6)?;
         self.place_sensor(&place, header)?;
         self.results.see(&place, header);
-        match place.modality.sensor_kind() {
-            SensorKind::Camera => self.show_image(&place, header, payload),
-            SensorKind::Lidar => {
-                let (positions, colours) = images::cloud(header, payload);
-                let colours = colours
-                    .into_iter()
-                    .map(|[r, g, b]| Rgba32::from_rgb(r, g, b));
-                Ok(self.rec.log(
-                    place.frame_path(),
-                    &rerun::Points3D::new(positions)
-                        .with_colors(colours)
-                        .with_radii([0.05]),
-                )?)
-            }
-            SensorKind::Imu => self.plot_imu(&place, payload),
-            _ => Ok(()),
+        if place.modality.sensor_kind() == SensorKind::Camera {
+            return self.show_image(&place, header, payload);
+        }
+        let labels = &self.labels;
+        let name = |id: u32| labels.get(&id).cloned().unwrap_or_else(|| id.to_string());
+        let look = self.pictures.look();
+        self.senses
+            .show(&self.rec, look, &place, header, payload, &name)
+    }
+
+    /// Takes in a frame that is not shown itself, because too many come: events, whose time surface
+    /// holds all of them. `header` must have passed its check.
+    pub fn pass(&mut self, topic: &str, header: &FrameHeader, payload: &[u8]) {
+        let Some(place) = Place::new(topic).filter(|place| place.modality == Modality::Dvs) else {
+            return;
+        };
+        if !self.pictures.look().time_surface {
+            return;
+        }
+        if let Some(size) = images::image_size_px(header) {
+            let begin_nanos = header.sim_nanos.saturating_sub(header.window_nanos);
+            let surface = self.surfaces.entry(place.topic()).or_default();
+            surface.take(size, begin_nanos, payload);
         }
     }
 
@@ -345,7 +408,10 @@ impl Stage {
         };
         self.set_clock(tick, sim_nanos);
         self.scalar(&layout::latency_path(parts.topic), age_nanos as f64 * 1e-6)?;
-        if self.results.show(&self.rec, &self.rigs, parts)? {
+        let drawn = self
+            .results
+            .show(&self.rec, &self.rigs, &mut self.pictures, parts)?;
+        if drawn {
             self.arrange()?;
         }
         Ok(())
@@ -379,7 +445,7 @@ impl Stage {
     }
 
     fn show_image(
-        &self,
+        &mut self,
         place: &Place,
         header: &FrameHeader,
         payload: &[u8],
@@ -387,85 +453,67 @@ impl Stage {
         let path = place.frame_path();
         let size = [header.width, header.height];
         match place.modality {
-            Modality::Rgb => {
-                let pixels = images::tight(header, payload);
-                self.rec.log(
-                    path,
-                    &rerun::Image::from_color_model_and_bytes(
-                        pixels,
-                        size,
-                        ColorModel::BGRA,
-                        ChannelDatatype::U8,
-                    ),
-                )?;
+            Modality::Instance => {
+                let ids = Ids::read(size, &images::tight(header, payload));
+                self.pictures.ids(&self.rec, &path, size, &ids)?;
+                self.show_truth(place, header, &ids)
             }
-            Modality::Depth => {
-                let image = rerun::DepthImage::from_data_type_and_bytes(
-                    images::tight(header, payload),
-                    size,
-                    ChannelDatatype::F32,
-                );
-                self.rec.log(
-                    path,
-                    &image
-                        .with_meter(1.0)
-                        .with_colormap(Colormap::Turbo)
-                        .with_depth_range([0.0, DEPTH_RANGE_M]),
-                )?;
-            }
-            Modality::Semantic => {
-                let format =
-                    rerun::components::ImageFormat::segmentation(size, ChannelDatatype::U8);
-                self.rec.log(
-                    path,
-                    &rerun::SegmentationImage::new(images::tight(header, payload), format),
-                )?;
-            }
-            Modality::Instance => self.rec.log(
-                path,
-                &rerun::Image::from_rgb24(images::instance_rgb(header, payload), size),
-            )?,
-            Modality::Flow => {
-                let full_px = images::flow_full_px(header, payload);
-                self.rec.log(
-                    path,
-                    &rerun::Image::from_rgb24(images::flow_rgb(header, payload, full_px), size),
-                )?;
-            }
-            Modality::Normals => self.rec.log(
-                path,
-                &rerun::Image::from_rgb24(images::normals_rgb(header, payload), size),
-            )?,
             Modality::Dvs => {
-                if let Some(size) = images::image_size_px(header) {
-                    self.rec.log(
-                        path,
-                        &rerun::Image::from_rgb24(images::events_rgb(size, payload), size),
-                    )?;
-                }
+                let Some(size) = images::image_size_px(header) else {
+                    return Ok(());
+                };
+                let numbers = images::event_numbers(size, payload);
+                let colours = &images::EVENT_COLOURS;
+                self.pictures
+                    .numbered(&self.rec, &path, size, colours, &numbers)?;
+                self.pass(&place.topic(), header, payload);
+                let Some(surface) = self.surfaces.get(&place.topic()) else {
+                    return Ok(());
+                };
+                let numbers = surface.numbers(header.sim_nanos);
+                let path = place.surface_path();
+                self.pictures
+                    .numbered(&self.rec, &path, size, &surface::colours(), &numbers)
             }
-            _ => {}
+            modality => {
+                self.pictures
+                    .show(&self.rec, &path, modality, header, payload)?;
+                Ok(())
+            }
         }
-        Ok(())
     }
 
-    fn plot_imu(&self, place: &Place, payload: &[u8]) -> anyhow::Result<()> {
-        let Some(bytes) = payload.get(..size_of::<ImuSample>()) else {
+    /// Draws the boxes of the actors that a camera sees, from the pixels that show them, over its
+    /// colour image; over its ids if it has none.
+    fn show_truth(&self, place: &Place, header: &FrameHeader, ids: &Ids) -> anyhow::Result<()> {
+        if !self.pictures.look().truth {
             return Ok(());
-        };
-        let sample: ImuSample = bytemuck::pod_read_unaligned(bytes);
-        for (axis, force) in ["x", "y", "z"].iter().zip(sample.specific_force_mps2) {
-            self.scalar(
-                &format!(
-                    "{}/imu/{}/{}/force_{axis}",
-                    layout::PLOTS,
-                    place.rig,
-                    place.sensor
-                ),
-                force,
-            )?;
         }
-        Ok(())
+        let colour = Place {
+            modality: Modality::Rgb,
+            ..place.clone()
+        };
+        let on = match self.places.contains(&colour) {
+            true => colour.frame_path(),
+            false => place.frame_path(),
+        };
+        let known = |extent: &&crate::ids::Extent| {
+            extent.id != header.parent_id && self.labels.contains_key(&extent.id)
+        };
+        let seen: Vec<_> = ids.visible().filter(known).collect();
+        let boxes = rerun::Boxes2D::from_mins_and_sizes(
+            seen.iter().map(|it| it.min_px.map(|px| px as f32)),
+            seen.iter()
+                .map(|it| [0, 1].map(|axis| (it.max_px[axis] - it.min_px[axis]) as f32)),
+        )
+        .with_labels(seen.iter().map(|it| self.labels[&it.id].as_str()))
+        .with_show_labels(false)
+        .with_colors(seen.iter().map(|it| {
+            let [r, g, b] = images::id_colour(it.id);
+            Rgba32::from_rgb(r, g, b)
+        }))
+        .with_radii([rerun::Radius::new_ui_points(TRUTH_LINE)]);
+        Ok(self.rec.log(format!("{on}/truth"), &boxes)?)
     }
 
     /// Places the sensor in the tree: on its rig if the parent's pose at that tick is known, else
@@ -478,6 +526,7 @@ impl Stage {
             if let std::collections::btree_map::Entry::Vacant(e) = self.rigs.entry(header.parent_id)
             {
                 e.insert(place.rig.clone());
+                traffic::colour_states(&self.rec, &place.rig)?;
                 self.rec.log(place.rig_path(), &transform(&parent))?;
             }
             let mount =
@@ -536,7 +585,39 @@ impl Stage {
             .with_image_plane_distance(1.5);
             self.rec.log(path, &lens)?;
         }
+        if place.modality == Modality::Depth
+            && self.scales.insert(place.frame_path(), size) != Some(size)
+        {
+            self.draw_scale(place, size)?;
+        }
         Ok(())
+    }
+
+    /// Draws the colours of distances along the lower edge of their image.
+    fn draw_scale(&self, place: &Place, size: [u32; 2]) -> anyhow::Result<()> {
+        let [width, height] = size.map(|px| px as f32);
+        let (left, length, y) = (width * 0.2, width * 0.6, height * 0.95);
+        let at = |share: f32| [left + length * share, y];
+        let ends = |step: usize| [step, step + 1].map(|step| at(step as f32 / SCALE_STEPS as f32));
+        let colour = |step: usize| {
+            let [r, g, b] = images::turbo((step as f32 + 0.5) / SCALE_STEPS as f32);
+            Rgba32::from_rgb(r, g, b)
+        };
+        let bar = rerun::LineStrips2D::new((0..SCALE_STEPS).map(ends))
+            .with_colors((0..SCALE_STEPS).map(colour))
+            .with_radii([rerun::Radius::new_ui_points(4.0)])
+            .with_draw_order(20.0);
+        let path = format!("{}/scale", place.frame_path());
+        self.rec.log_static(path.as_str(), &bar)?;
+        let shares = [0.0, 0.5, 1.0];
+        let words = shares.map(|share| format!("{:.0} m", share * DEPTH_RANGE_M));
+        let marks = rerun::Points2D::new(shares.map(|share| at(share as f32)))
+            .with_labels(words)
+            .with_show_labels(true)
+            .with_colors([Rgba32::from_rgb(255, 255, 255)])
+            .with_radii([rerun::Radius::new_ui_points(1.5)])
+            .with_draw_order(21.0);
+        Ok(self.rec.log_static(format!("{path}/marks"), &marks)?)
     }
 
     /// Sends small messages that wait for their batch to fill, so that curves and boxes keep up

@@ -37,18 +37,18 @@ pub struct Viewer {
     pub page_url: Option<String>,
 }
 
-/// Looks for the `rerun` program: in `.venv/bin` of the working folder, in `.venv/bin` above this
-/// program, then on the search path.
+/// Looks for the `rerun` program: in `.venv/bin` of the working folder, beside this program (where
+/// pip puts both), in `.venv/bin` above it, then on the search path.
 ///
 /// # Errors
 /// A sentence that says how to install it.
 pub fn find_rerun(search_path: Option<&std::ffi::OsStr>) -> anyhow::Result<PathBuf> {
     let mut places = vec![PathBuf::from(".venv/bin")];
     places.extend(std::env::current_exe().ok().iter().flat_map(|exe| {
-        exe.ancestors()
-            .skip(1)
-            .take(4)
-            .map(|folder| folder.join(".venv/bin"))
+        let above = exe.ancestors().skip(1);
+        let beside = above.clone().take(1).map(PathBuf::from);
+        beside
+            .chain(above.take(4).map(|folder| folder.join(".venv/bin")))
             .collect::<Vec<_>>()
     }));
     places.extend(
@@ -64,12 +64,42 @@ pub fn find_rerun(search_path: Option<&std::ffi::OsStr>) -> anyhow::Result<PathB
     })
 }
 
+/// Tells a rerun that has never run for this user to send nothing about its use, and so spares its
+/// notice of that; a choice that the user has made stays. It heeds no environment variable.
+pub fn decline_analytics(program: &Path) {
+    let home = std::env::var_os("HOME").map(|home| PathBuf::from(home).join(".config"));
+    let folder = std::env::var_os("XDG_CONFIG_HOME")
+        .map(PathBuf::from)
+        .filter(|folder| folder.is_absolute())
+        .or(home);
+    let is_chosen = folder.is_none_or(|it| it.join("rerun/analytics.json").exists());
+    if is_chosen {
+        return;
+    }
+    let declined = Command::new(program)
+        .args(["analytics", "disable"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status();
+    if let Err(error) = declined {
+        tracing::debug!(%error, "rerun will show its notice");
+    }
+}
+
 impl Viewer {
-    /// Starts `program` and waits until it takes data. `memory_limit` is passed on, e.g. `2GB`.
+    /// Starts `program` and waits until it takes data. `memory_limit` is passed on, e.g. `2GB`, and
+    /// a `blueprint` that divides the window.
     ///
     /// # Errors
     /// If it cannot be started, ends at once, or does not listen in time.
-    pub fn start(program: &Path, kind: ViewerKind, memory_limit: &str) -> anyhow::Result<Viewer> {
+    pub fn start(
+        program: &Path,
+        kind: ViewerKind,
+        memory_limit: &str,
+        blueprint: Option<&Path>,
+    ) -> anyhow::Result<Viewer> {
+        decline_analytics(program);
         let port = free_port(9876)?;
         let mut command = Command::new(program);
         command.args([
@@ -95,6 +125,7 @@ impl Viewer {
                 memory_limit,
             ]);
         }
+        command.args(blueprint);
         if std::env::var_os("RUST_LOG").is_none() {
             command.env("RUST_LOG", "warn");
         }
@@ -200,7 +231,7 @@ mod tests {
         write!(file, "#!/bin/sh\nexec 2>/dev/null\npython3 -c 'import socket,sys,time\ns=socket.create_server((\"127.0.0.1\",int(sys.argv[4])))\nopen(\"{}\",\"w\").write(str(__import__(\"os\").getpid()))\ntime.sleep(60)' \"$@\" &\nwait\n", folder.join("pid").display()).unwrap();
         drop(file);
         std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
-        let mut viewer = Viewer::start(&program, ViewerKind::Native, "1GB").unwrap();
+        let mut viewer = Viewer::start(&program, ViewerKind::Native, "1GB", None).unwrap();
         assert!(viewer.is_running());
         while !folder.join("pid").exists() {
             std::thread::sleep(Duration::from_millis(10));

@@ -9,6 +9,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use consumer_kit::items::ResultParts;
+use consumer_view::look::Look;
+use consumer_view::rerun;
 use consumer_view::session::{Options, Target, show};
 use consumer_view::stage::Stage;
 use rerun::log::{Chunk, LogMsg};
@@ -25,7 +27,7 @@ struct Shown {
 impl Shown {
     fn new() -> Shown {
         let (rec, storage) = RecordingStreamBuilder::new("test").memory().unwrap();
-        let mut stage = Stage::new(rec).unwrap();
+        let mut stage = Stage::new(rec, Look::default()).unwrap();
         stage.set_topics(["ego/front/rgb"]).unwrap();
         let mut header = FrameHeader::new(Modality::Rgb);
         header.set_image(8, 6);
@@ -105,7 +107,7 @@ fn every_type_is_drawn_where_it_belongs() {
         (format!("{camera}/boxes2d"), "Boxes2D"),
         (format!("{camera}/boxes2d"), "AnnotationContext"),
         (format!("{camera}/tracks"), "Boxes2D"),
-        (format!("{camera}/masks/pixels"), "Image"),
+        (format!("{camera}/masks/pixels"), "EncodedImage"),
         (format!("{camera}/masks"), "Boxes2D"),
         (format!("{camera}/keypoints"), "Points2D"),
         (format!("{camera}/keypoints/bones"), "LineStrips2D"),
@@ -118,11 +120,11 @@ fn every_type_is_drawn_where_it_belongs() {
         ("/world/results/user/odometry/pose".into(), "Transform3D"),
         ("/world/trails/user/pose".into(), "LineStrips3D"),
         ("/world/results/user/path/path".into(), "LineStrips3D"),
-        ("/results/user/image".into(), "Image"),
-        ("/results/user/flow".into(), "Image"),
-        ("/results/user/depth".into(), "DepthImage"),
+        ("/results/user/image".into(), "EncodedImage"),
+        ("/results/user/flow".into(), "EncodedImage"),
+        ("/results/user/depth".into(), "EncodedDepthImage"),
         ("/results/user/semantic".into(), "SegmentationImage"),
-        ("/results/user/instance".into(), "Image"),
+        ("/results/user/instance".into(), "EncodedImage"),
         ("/results/user/tensor".into(), "Tensor"),
         ("/results/user/tensor/histogram".into(), "BarChart"),
         ("/results/user/scalars/speed_mps".into(), "Scalars"),
@@ -230,6 +232,9 @@ fn results_of_a_running_program_are_shown_and_garbage_is_counted() {
         domain: "test".into(),
         bus: place.clone(),
         max_hz: 100.0,
+        look: Look::default(),
+        topics: Vec::new(),
+        enough: None,
         spectator: false,
         target: Target::Save(folder.join("results.rrd")),
     };

@@ -48,6 +48,8 @@ pub enum Input {
         /// Whether the next.
         next: bool,
     },
+    /// Follow this actor.
+    FollowActor(u32),
     /// Fly freely.
     Free,
     /// Look from above, or no longer.

@@ -61,6 +61,8 @@ pub struct Pilot {
     turned_rad: [f64; 2],
     notches: f64,
     follow_steps: i64,
+    /// Actor that was asked for by its id since the last step.
+    wanted: Option<u32>,
     has_pose: bool,
     sent: Option<Pose>,
     /// Tick of the newest world when it was sent.
@@ -89,6 +91,7 @@ impl Default for Pilot {
             turned_rad: [0.0; 2],
             notches: 0.0,
             follow_steps: 0,
+            wanted: None,
             has_pose: false,
             sent: None,
             sent_tick: 0,
@@ -125,8 +128,9 @@ impl Pilot {
             }
             Input::Wheel(notches) => self.notches += notches,
             Input::Follow { next } => self.follow_steps += if next { 1 } else { -1 },
+            Input::FollowActor(id) => (self.wanted, self.follow_steps) = (Some(id), 0),
             Input::Free => {
-                (self.followed, self.from_above) = (None, false);
+                (self.wanted, self.followed, self.from_above) = (None, None, false);
                 self.pitch_rad = self.pitch_rad.min(MAX_PITCH_RAD);
             }
             Input::Top => self.toggle_top(),
@@ -201,6 +205,10 @@ impl Pilot {
 
     /// Goes on to another actor as often as was asked for.
     fn choose(&mut self, world: &WorldAt) {
+        if let Some(id) = self.wanted.take() {
+            self.followed = Some(id);
+            (self.chased_yaw_rad, self.around_rad) = (None, 0.0);
+        }
         let steps = std::mem::take(&mut self.follow_steps);
         let all = self.order(world);
         if steps == 0 || all.is_empty() {

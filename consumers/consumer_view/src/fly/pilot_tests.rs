@@ -195,3 +195,23 @@ fn a_new_episode_begins_anew_where_its_spectator_is() {
     assert_eq!(pilot.advance(0.1, &world), None);
     assert!(near(pilot.position_m.into(), [0.0, 0.0, 20.0]));
 }
+
+/// Also one that was asked for before the first world was seen.
+#[test]
+fn an_actor_is_followed_by_its_id_until_it_is_let_go() {
+    let mut pilot = Pilot::default();
+    pilot.take(Input::FollowActor(WALKER));
+    pilot.advance(0.1, &world());
+    assert!(
+        pilot.describe().starts_with("behind "),
+        "{}",
+        pilot.describe()
+    );
+    pilot.take(Input::FollowActor(4_000_000));
+    pilot.advance(0.1, &world());
+    assert!(pilot.describe().starts_with("free"), "nobody has this id");
+    pilot.take(Input::FollowActor(CAR));
+    pilot.take(Input::Free);
+    pilot.advance(0.1, &world());
+    assert!(pilot.describe().starts_with("free"), "{}", pilot.describe());
+}

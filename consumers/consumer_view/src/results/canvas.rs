@@ -6,6 +6,7 @@ use schema_types::class::CLASSES;
 
 use crate::images;
 use crate::layout::{self, Place};
+use crate::rerun;
 
 /// What one result is drawn with.
 pub(super) struct Canvas<'a> {

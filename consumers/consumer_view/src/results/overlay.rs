@@ -1,11 +1,16 @@
 //! Boxes, tracks, masks and key points on the image that they answer.
 
+use std::collections::BTreeSet;
+
 use consumer_kit::items::{MAX_KEYPOINTS, MAX_MASK_PIXELS, is_box, mask_columns, part};
 use rerun::{Radius, Rgba32};
 use schema_frames::{Box2d, Keypoint, KeypointSet, MaskRecord, Track};
 
 use super::canvas::{Canvas, class_id};
 use super::state::Results;
+use crate::pictures::{Over, Pictures};
+
+use crate::rerun;
 
 /// Order in which rerun draws: images have −10, boxes 10.
 const MASK_ORDER: f32 = 1.0;
@@ -91,12 +96,17 @@ impl Results {
         self.draw(canvas, path, good.is_empty(), &list)
     }
 
-    pub(super) fn masks(&mut self, canvas: &Canvas<'_>) -> anyhow::Result<()> {
+    pub(super) fn masks(
+        &mut self,
+        canvas: &Canvas<'_>,
+        pictures: &mut Pictures,
+    ) -> anyhow::Result<()> {
         let parts = canvas.parts;
         let (masks, runs) = (parts.records::<MaskRecord>(), parts.tail::<u32>());
         let size = [parts.header.width, parts.header.height];
         let (mut n_bad, mut budget) = (0, MAX_MASK_PIXELS);
-        let mut pixels: Vec<u8> = Vec::new();
+        let mut numbers: Vec<u8> = Vec::new();
+        let mut colours = vec![[0; 3]];
         for mask in &masks {
             let columns = part(&runs, mask.first_run, mask.n_runs)
                 .and_then(|runs| mask_columns(runs, size))
@@ -107,30 +117,36 @@ impl Results {
                 continue;
             }
             budget -= n_pixels;
-            if pixels.is_empty() {
-                pixels = vec![0; size[0] as usize * size[1] as usize * 4];
+            if numbers.is_empty() {
+                numbers = vec![0; size[0] as usize * size[1] as usize];
             }
-            let colour = canvas.colour(mask.class, mask.id, true).to_array();
+            let [r, g, b, _] = canvas.colour(mask.class, mask.id, true).to_array();
+            let number = number_of([r, g, b], &mut colours);
             for column in columns {
                 for y in column.first..column.end {
-                    let at = (y as usize * size[0] as usize + column.x as usize) * 4;
-                    pixels[at..at + 4].copy_from_slice(&colour);
+                    numbers[y as usize * size[0] as usize + column.x as usize] = number;
                 }
             }
         }
         let why = "a mask's runs go beyond the list of runs or beyond the image";
         self.bad.note(parts.topic, n_bad, why);
         let path = self.on_image(canvas)?;
-        let is_empty = pixels.is_empty();
+        let is_empty = numbers.is_empty();
         if is_empty {
             // One clear pixel takes the place of the picture before.
-            pixels = vec![0; 4];
+            numbers = vec![0];
         }
         let shown = if is_empty { [1, 1] } else { size };
-        let image = rerun::Image::from_rgba32(pixels, shown)
-            .with_opacity(MASK_OPACITY)
-            .with_draw_order(MASK_ORDER);
-        self.draw(canvas, &format!("{path}/pixels"), is_empty, &image)?;
+        let layer = format!("{path}/pixels");
+        let is_drawn = |drawn: &BTreeSet<String>| drawn.contains(&layer);
+        if !is_empty || self.drawn.get(parts.topic).is_some_and(is_drawn) {
+            self.note_drawn(canvas, &layer);
+            let over = Over {
+                opacity: MASK_OPACITY,
+                order: MASK_ORDER,
+            };
+            pictures.overlay(canvas.rec, &layer, shown, &colours, &numbers, over)?;
+        }
         let boxes = masks.iter().map(|it| Drawn {
             min_px: it.min_px,
             max_px: it.max_px,
@@ -195,5 +211,18 @@ impl Results {
             .with_colors(bone_colours)
             .with_radii([Radius::new_ui_points(LINE)]);
         self.draw(canvas, &format!("{path}/bones"), bones.is_empty(), &lines)
+    }
+}
+
+/// Number of a colour, which is added to the list if it is new and there is room.
+fn number_of(colour: [u8; 3], colours: &mut Vec<[u8; 3]>) -> u8 {
+    let known = colours.iter().skip(1).position(|known| *known == colour);
+    match known {
+        Some(at) => at as u8 + 1,
+        None if colours.len() < 256 => {
+            colours.push(colour);
+            (colours.len() - 1) as u8
+        }
+        None => 255,
     }
 }

@@ -2,7 +2,7 @@
 
 use bytemuck::Pod;
 use consumer_kit::items::Figures;
-use rerun::components::{Colormap, ImageFormat};
+use rerun::components::ImageFormat;
 use rerun::{ChannelDatatype, ColorModel, TensorBuffer, TensorData};
 use schema_frames::{ElementType, FrameHeader, Modality, PixelFormat, ResultHeader};
 
@@ -10,14 +10,18 @@ use super::canvas::Canvas;
 use super::state::Results;
 use crate::images;
 use crate::layout::ViewKind;
+use crate::pictures::Pictures;
+use crate::rerun;
 
-/// Depth that is shown in the last colour of the colour map, metres.
-const DEPTH_RANGE_M: f64 = 60.0;
 /// Longest tensor that is sent to the viewer; of longer ones only the histogram is.
 const MAX_TENSOR_BYTES: usize = 64 << 20;
 
 impl Results {
-    pub(super) fn picture(&mut self, canvas: &Canvas<'_>) -> anyhow::Result<()> {
+    pub(super) fn picture(
+        &mut self,
+        canvas: &Canvas<'_>,
+        pictures: &mut Pictures,
+    ) -> anyhow::Result<()> {
         let (header, body) = (canvas.parts.header, canvas.parts.body);
         let Some(format) = header.pixel_format() else {
             return Ok(());
@@ -29,40 +33,40 @@ impl Results {
         self.need(canvas.parts, ViewKind::Picture);
         let path = canvas.own_path();
         let like = frame_like(header, format);
-        let colour = |model: ColorModel, of: ChannelDatatype| {
-            rerun::Image::from_color_model_and_bytes(images::tight(&like, body), size, model, of)
+        let frame_kind = match format {
+            PixelFormat::Bgra8 => Some(Modality::Rgb),
+            PixelFormat::Depth => Some(Modality::Depth),
+            PixelFormat::Id => Some(Modality::Instance),
+            PixelFormat::Flow => Some(Modality::Flow),
+            PixelFormat::Normals => Some(Modality::Normals),
+            // A topic's own classes have their names in the viewer only if their numbers go there.
+            _ => None,
         };
-        let rgb = |pixels: Vec<u8>| rerun::Image::from_rgb24(pixels, size);
-        let image = match format {
-            PixelFormat::Depth => {
-                let pixels = images::tight(&like, body);
-                let of = ChannelDatatype::F32;
-                let depth = rerun::DepthImage::from_data_type_and_bytes(pixels, size, of)
-                    .with_meter(1.0)
-                    .with_colormap(Colormap::Turbo)
-                    .with_depth_range([0.0, DEPTH_RANGE_M]);
-                return self.draw(canvas, &path, false, &depth);
-            }
-            PixelFormat::Class => {
-                self.name_classes(canvas, &path)?;
-                let of = ImageFormat::segmentation(size, ChannelDatatype::U8);
-                let classes = rerun::SegmentationImage::new(images::tight(&like, body), of);
-                return self.draw(canvas, &path, false, &classes);
-            }
-            PixelFormat::Bgra8 => colour(ColorModel::BGRA, ChannelDatatype::U8),
-            PixelFormat::Bgr8 => colour(ColorModel::BGR, ChannelDatatype::U8),
-            PixelFormat::Rgb8 => colour(ColorModel::RGB, ChannelDatatype::U8),
-            PixelFormat::Rgba8 => colour(ColorModel::RGBA, ChannelDatatype::U8),
-            PixelFormat::Mono8 => colour(ColorModel::L, ChannelDatatype::U8),
-            PixelFormat::Mono16 => colour(ColorModel::L, ChannelDatatype::U16),
-            PixelFormat::Mono32f => colour(ColorModel::L, ChannelDatatype::F32),
-            PixelFormat::Id => rgb(images::instance_rgb(&like, body)),
-            PixelFormat::Flow => {
-                let full_px = images::flow_full_px(&like, body);
-                rgb(images::flow_rgb(&like, body, full_px))
-            }
-            PixelFormat::Normals => rgb(images::normals_rgb(&like, body)),
+        if let Some(kind) = frame_kind {
+            self.note_drawn(canvas, &path);
+            pictures.show(canvas.rec, &path, kind, &like, body)?;
+            return Ok(());
+        }
+        if format == PixelFormat::Rgb8 {
+            self.note_drawn(canvas, &path);
+            let pixels = images::tight(&like, body).into_owned();
+            return pictures.rgb(canvas.rec, &path, size, pixels);
+        }
+        let pixels = images::tight(&like, body).into_owned();
+        if format == PixelFormat::Class {
+            self.name_classes(canvas, &path)?;
+            let of = ImageFormat::segmentation(size, ChannelDatatype::U8);
+            let classes = rerun::SegmentationImage::new(pixels, of);
+            return self.draw(canvas, &path, false, &classes);
+        }
+        let (model, of) = match format {
+            PixelFormat::Bgr8 => (ColorModel::BGR, ChannelDatatype::U8),
+            PixelFormat::Rgba8 => (ColorModel::RGBA, ChannelDatatype::U8),
+            PixelFormat::Mono16 => (ColorModel::L, ChannelDatatype::U16),
+            PixelFormat::Mono32f => (ColorModel::L, ChannelDatatype::F32),
+            _ => (ColorModel::L, ChannelDatatype::U8),
         };
+        let image = rerun::Image::from_color_model_and_bytes(pixels, size, model, of);
         self.draw(canvas, &path, false, &image)
     }
 

@@ -8,6 +8,7 @@ use schema_frames::{Scalar, VehicleControlRecord};
 use super::canvas::Canvas;
 use super::state::{Flow, Results};
 use crate::layout::{LOG, ViewKind};
+use crate::rerun;
 
 /// Most curves of one topic; names beyond are not shown.
 const MAX_CURVES: usize = 64;

@@ -8,14 +8,17 @@ use schema_types::Pose;
 
 use super::canvas::{Canvas, class_id};
 use super::state::{Results, Trail};
-use crate::images::{self, MAX_POINTS};
+use crate::images;
 use crate::layout::WORLD;
+use crate::rerun;
 
 /// Points of a trail, and the distance between them, metres.
 const TRAIL_POINTS: usize = 1000;
 const TRAIL_STEP_M: f64 = 0.2;
 /// Speed that is shown in the last colour of a path, m/s.
 const FULL_SPEED_MPS: f32 = 20.0;
+/// Most points of a cloud; larger ones are thinned evenly.
+const MAX_POINTS: usize = 60_000;
 /// Most points of a path that are drawn.
 const MAX_PATH: usize = 20_000;
 /// Time whose way an arrow of a velocity shows, seconds.

@@ -9,6 +9,7 @@ use rerun::{AsComponents, Rgba32};
 use super::canvas::Canvas;
 use crate::images;
 use crate::layout::{ResultView, ViewKind};
+use crate::rerun;
 
 /// What the recording holds of results.
 #[derive(Default)]
@@ -78,6 +79,12 @@ impl Results {
             .log_static(path, &rerun::AnnotationContext::new(classes))?;
         self.classes.insert(path.to_owned(), names.clone());
         Ok(())
+    }
+
+    /// Remembers that an entity holds what the newest result of the topic says.
+    pub(super) fn note_drawn(&mut self, canvas: &Canvas<'_>, path: &str) {
+        let drawn = self.drawn.entry(canvas.parts.topic.to_owned()).or_default();
+        drawn.insert(path.to_owned());
     }
 
     /// Logs a list. An empty one is logged only where there was something before.

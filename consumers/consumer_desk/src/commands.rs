@@ -1,0 +1,82 @@
+//! Sends what is asked for on pages to the simulator, on a thread of its own: a step may take long.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::time::Duration;
+
+use schema_bus::{Bus, CommandClient};
+
+/// Longest wait for an answer.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
+/// How often the end is looked for.
+const TURN: Duration = Duration::from_millis(100);
+
+/// A batch of commands as JSON, and where its answer goes.
+pub struct Job {
+    batch: Vec<u8>,
+    answer: Sender<Result<Vec<u8>, String>>,
+}
+
+/// Where pages put batches.
+#[derive(Clone)]
+pub struct Commands(Sender<Job>);
+
+/// A queue of batches and its other end.
+pub fn queue() -> (Commands, Receiver<Job>) {
+    let (sender, receiver) = channel();
+    (Commands(sender), receiver)
+}
+
+impl Commands {
+    /// Sends a batch and waits for its answer, as JSON.
+    ///
+    /// # Errors
+    /// A sentence: nobody answers, or not in time.
+    pub fn ask(&self, batch: Vec<u8>) -> Result<Vec<u8>, String> {
+        let (answer, answered) = channel();
+        let ended = |_| "gantry-desk is ending".to_owned();
+        self.0
+            .send(Job { batch, answer })
+            .map_err(|_| ended(RecvTimeoutError::Disconnected))?;
+        // Batches before this one may each take their time.
+        answered
+            .recv_timeout(3 * ANSWER_TIMEOUT)
+            .map_err(|_| "the simulator does not answer; a step may be running".to_owned())?
+    }
+}
+
+/// Sends batches until `ends`.
+///
+/// # Errors
+/// If the bus cannot be joined.
+pub fn serve(domain: &str, jobs: &Receiver<Job>, ends: &AtomicBool) -> anyhow::Result<()> {
+    let name = format!("gantry-desk-{}", std::process::id());
+    let bus = Bus::open_with(domain, &format!("{name}-commands"), &Default::default())?;
+    let mut client: Option<CommandClient> = None;
+    while !ends.load(Ordering::Acquire) {
+        let Ok(job) = jobs.recv_timeout(TURN) else {
+            continue;
+        };
+        let mut go_on = || !ends.load(Ordering::Acquire);
+        let asked = match &mut client {
+            Some(client) => client.request_text(&job.batch, ANSWER_TIMEOUT, &mut go_on),
+            None => match bus.command_client(&name) {
+                Ok(fresh) => {
+                    let client = client.insert(fresh);
+                    client.request_text(&job.batch, ANSWER_TIMEOUT, &mut go_on)
+                }
+                Err(error) => {
+                    // The page may have been closed meanwhile.
+                    let _ = job.answer.send(Err(error.to_string()));
+                    continue;
+                }
+            },
+        };
+        if asked.is_err() {
+            // A simulator that was started anew has another server.
+            client = None;
+        }
+        let _ = job.answer.send(asked.map_err(|error| error.to_string()));
+    }
+    Ok(())
+}
