@@ -1,0 +1,161 @@
+//! What zenoh's threads tell the one that publishes.
+
+use std::sync::{Arc, Mutex};
+
+use zenoh::sample::{Sample, SampleKind};
+use zenoh::{Session, Wait as _};
+
+use crate::announce::Announcement;
+use crate::import::inbox::Waker;
+use crate::keys::Keys;
+use crate::locked::lock;
+
+/// What zenoh's threads tell.
+#[derive(Debug)]
+pub enum Event {
+    /// A bridge came.
+    Came(String),
+    /// A bridge went, or the link to it.
+    Went(String),
+    /// A bridge said what it offers.
+    Announced(String, Box<Announcement>),
+    /// A bridge said what its clock reads.
+    Clock {
+        /// The bridge.
+        id: String,
+        /// What it said.
+        answer: String,
+        /// Our clock when it was asked, nanoseconds.
+        asked_nanos: u64,
+        /// Our clock when it had answered, nanoseconds.
+        answered_nanos: u64,
+    },
+    /// The answer to the request of this number, or why there is none.
+    Answer(u64, Result<Vec<u8>, String>),
+}
+
+/// Events in the order in which they came.
+#[derive(Debug)]
+pub struct Events {
+    queue: Mutex<Vec<Event>>,
+    waker: Arc<Waker>,
+}
+
+impl Events {
+    /// None yet.
+    pub fn new(waker: &Arc<Waker>) -> Arc<Events> {
+        Arc::new(Events {
+            queue: Mutex::new(Vec::new()),
+            waker: waker.clone(),
+        })
+    }
+
+    /// Adds one and wakes the other thread.
+    pub fn push(&self, event: Event) {
+        lock(&self.queue).push(event);
+        self.waker.wake();
+    }
+
+    /// Takes all.
+    pub fn take(&self) -> Vec<Event> {
+        std::mem::take(&mut *lock(&self.queue))
+    }
+}
+
+/// What keeps the news of other bridges coming.
+#[derive(Debug)]
+pub struct News {
+    _bridges: zenoh::pubsub::Subscriber<()>,
+    _announcements: zenoh::pubsub::Subscriber<()>,
+}
+
+impl News {
+    /// Begins to hear which bridges there are, and what they announce.
+    ///
+    /// # Errors
+    /// What zenoh says.
+    pub fn subscribe(session: &Session, keys: &Keys, events: &Arc<Events>) -> anyhow::Result<News> {
+        let failed =
+            |error: zenoh::Error| anyhow::anyhow!("cannot look for other bridges: {error}");
+        let own = session.zid().to_string();
+        let (known, own_id, to) = (keys.clone(), own.clone(), events.clone());
+        let bridges = session
+            .liveliness()
+            .declare_subscriber(keys.alive("*"))
+            .history(true)
+            .callback(move |sample| {
+                let Some(id) = known.bridge_of(sample.key_expr().as_str()) else {
+                    return;
+                };
+                if id != own_id {
+                    to.push(match sample.kind() {
+                        SampleKind::Put => Event::Came(id.to_owned()),
+                        SampleKind::Delete => Event::Went(id.to_owned()),
+                    });
+                }
+            })
+            .wait()
+            .map_err(failed)?;
+        let (known, to) = (keys.clone(), events.clone());
+        let announcements = session
+            .declare_subscriber(keys.topics("*"))
+            .callback(move |sample| {
+                let id = known.bridge_of(sample.key_expr().as_str());
+                if let Some(id) = id.filter(|id| *id != own) {
+                    announced(&to, id, &sample);
+                }
+            })
+            .wait()
+            .map_err(failed)?;
+        Ok(News {
+            _bridges: bridges,
+            _announcements: announcements,
+        })
+    }
+}
+
+fn announced(events: &Events, id: &str, sample: &Sample) {
+    match Announcement::parse(&sample.payload().to_bytes()) {
+        Ok(announcement) => events.push(Event::Announced(id.to_owned(), Box::new(announcement))),
+        Err(error) => tracing::warn!(bridge = id, "{error:#}"),
+    }
+}
+
+/// Asks a bridge for its announcement.
+pub fn ask_topics(session: &Session, keys: &Keys, id: &str, events: &Arc<Events>) {
+    let (to, from) = (events.clone(), id.to_owned());
+    let asked = session
+        .get(keys.topics(id))
+        .callback(move |reply| {
+            if let Ok(sample) = reply.result() {
+                announced(&to, &from, sample);
+            }
+        })
+        .wait();
+    if let Err(error) = asked {
+        tracing::debug!(bridge = id, %error, "cannot ask for its topics");
+    }
+}
+
+/// Asks a bridge for its clock.
+pub fn ask_clock(session: &Session, keys: &Keys, id: &str, events: &Arc<Events>) {
+    let (to, from) = (events.clone(), id.to_owned());
+    let asked_nanos = schema_bus::mono_now().0;
+    let asked = session
+        .get(keys.to(id, "clock"))
+        .consolidation(zenoh::query::ConsolidationMode::None)
+        .callback(move |reply| {
+            if let Ok(sample) = reply.result() {
+                to.push(Event::Clock {
+                    id: from.clone(),
+                    answer: String::from_utf8_lossy(&sample.payload().to_bytes()).into_owned(),
+                    asked_nanos,
+                    answered_nanos: schema_bus::mono_now().0,
+                });
+            }
+        })
+        .wait();
+    if let Err(error) = asked {
+        tracing::debug!(bridge = id, %error, "cannot ask for its clock");
+    }
+}
