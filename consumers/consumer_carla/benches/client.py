@@ -3,7 +3,8 @@
     client.py PORT DOMAIN tick                   round trip of world.tick() in an empty synchronous world
     client.py PORT DOMAIN frames WIDTH HEIGHT    published -> Python callback of RGB frames, beside gantry.attach in
                                                  another process, asleep until the frame comes and looking again and again
-    client.py PORT DOMAIN cameras                ticks/s with 1, 2, 4, 8, 16 cameras of 640x480, all frames taken
+    client.py PORT DOMAIN cameras [N …]          ticks/s with 1, 2, 4, 8, 16 cameras of 640x480, all frames taken, by callback
+                                                 (also with a client that works beside the rendering) and by gantry.attach
     client.py PORT DOMAIN traffic TM_PORT        ticks/s with 0 to 200 vehicles of the client's own Traffic Manager
     client.py PORT DOMAIN echo                   world.tick() of a server that only answers (needs msgpack)
 
@@ -164,25 +165,43 @@ def read_frames(actor_id, n, busy_wait):
             sys.stdin.readline()
 
 
-def measure_cameras(world, n=15):
+def measure_cameras(world, numbers, n=15):
+    """Ticks/s with all frames taken: through CARLA's callbacks, the same while the client sleeps for half a step
+    between `world.tick()` and its images (unchanged if the images are made meanwhile), and through `attach`."""
+    import gantry
+
     points = world.get_map().get_spawn_points()
-    for n_cameras in (1, 2, 4, 8, 16):
-        made = []
-        for i in range(n_cameras):
-            sensor, messages = camera(world, 640, 480, points[5 * i]), queue.Queue()
-            sensor.listen(messages.put)
-            made.append((sensor, messages))
+
+    def steps(taking, nap=0.0):
         for step in range(n + 3):
             if step == 3:
                 began = time.monotonic()
             tick = world.tick()
-            for _, messages in made:
-                while messages.get(timeout=60.0).frame != tick:
+            time.sleep(nap)
+            for take in taking:
+                while take() != tick:
                     pass
-        per_sec = n / (time.monotonic() - began)
-        print(f"{n_cameras} cameras 640x480: {per_sec:.2f} ticks/s", flush=True)
-        note(f"{n_cameras} cameras", steps_per_sec=per_sec)
-        for sensor, _ in made:
+        return n / (time.monotonic() - began)
+
+    for n_cameras in numbers:
+        cameras = [camera(world, 640, 480, points[5 * i]) for i in range(n_cameras)]
+        queues = [queue.Queue() for _ in cameras]
+        for sensor, messages in zip(cameras, queues):
+            sensor.listen(messages.put)
+        callbacks = [lambda messages=messages: messages.get(timeout=60.0).frame for messages in queues]
+        listening = steps(callbacks)
+        napping = steps(callbacks, 0.5 / listening)
+        for sensor in cameras:
+            sensor.stop()
+        world.tick()
+        readers = [gantry.attach(sensor, domain=DOMAIN) for sensor in cameras]
+        attached = steps([lambda reader=reader: reader.next(timeout=60.0).tick for reader in readers])
+        for reader in readers:
+            reader.close()
+        for name, per_sec in (("", listening), (", half a step asleep", napping), (", attach", attached)):
+            print(f"{n_cameras} cameras 640x480{name}: {per_sec:.2f} ticks/s", flush=True)
+            note(f"{n_cameras} cameras{name}", steps_per_sec=per_sec)
+        for sensor in cameras:
             sensor.destroy()
         world.tick()
 
@@ -283,7 +302,7 @@ def main():
     elif WHAT == "frames":
         measure_frames(world, int(sys.argv[4]), int(sys.argv[5]))
     elif WHAT == "cameras":
-        measure_cameras(world)
+        measure_cameras(world, [int(n) for n in sys.argv[4:]] or [1, 2, 4, 8, 16])
     elif WHAT == "traffic":
         measure_traffic(client, world, int(sys.argv[4]))
 

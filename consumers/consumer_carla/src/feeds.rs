@@ -12,13 +12,12 @@ pub mod events;
 pub mod expected;
 pub mod feed;
 pub mod held_answers;
+pub mod lost_managers;
 pub mod progress;
 pub mod relay;
 pub mod world_stream;
 
 use std::collections::BTreeMap;
-use std::net::TcpStream;
-use std::os::fd::AsFd as _;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
@@ -27,7 +26,7 @@ use schema_bus::Bus;
 
 use crate::lock::lock;
 use crate::state::known_world::World;
-use crate::wire::streams::{actor_of, has_ended, wait_for_end};
+use crate::wire::streams::{Recipient, actor_of};
 use expected::{Expected, MAX_EXPECTED};
 use feed::{Feed, Outlet, Shared};
 use progress::Readers;
@@ -97,21 +96,21 @@ impl Feeds {
     /// A client is about to connect to this stream: opens its source now.
     pub fn expect(self: &Arc<Self>, stream: u32) {
         self.sweep();
-        if self.expected.is_full() {
-            tracing::warn!(
-                stream,
-                "{MAX_EXPECTED} streams were asked for and nobody came for them; this one starts when its client connects"
-            );
+        let Some(source) = self.source(stream) else {
             return;
-        }
-        if let Some(source) = self.source(stream) {
-            self.expected.add(stream, source);
+        };
+        if let Some((stream, _)) = self.expected.add(stream, source) {
+            tracing::debug!(
+                stream,
+                "{MAX_EXPECTED} streams were asked for and nobody came for them; the oldest of this one starts when its client connects"
+            );
         }
     }
 
-    /// Drops the sources of clients that did not connect in time.
+    /// Drops the sources of clients that did not connect in time, and readers that have ended.
     pub fn sweep(&self) {
         self.expected.sweep();
+        self.shared.readers.sweep();
     }
 
     /// Opens a source for one more client of a stream; `None` if there is no such stream.
@@ -190,36 +189,32 @@ impl Feeds {
     }
 
     /// Sends a stream's messages to a client until it disconnects.
-    pub(crate) fn serve(
-        self: &Arc<Self>,
-        stream: u32,
-        connection: TcpStream,
-    ) -> std::io::Result<()> {
+    pub(crate) fn serve(self: &Arc<Self>, stream: u32, client: &Recipient) -> std::io::Result<()> {
         let expected = self.expected.take(stream);
         match expected.or_else(|| self.source(stream)) {
-            Some(Source::Feed(feed)) => self.serve_feed(feed, connection),
+            Some(Source::Feed(feed)) => self.serve_feed(feed, client),
             Some(Source::Listener(listener)) => {
-                listener.serve(connection, self.world_stream(), &|| {
+                listener.serve(client, self.world_stream(), &|| {
                     self.shared.readers.ring();
                 })
             }
             None => {
                 tracing::debug!(stream, "a client waits for a stream that does not exist");
-                wait_for_end(&connection)
+                client.wait_for_end()
             }
         }
     }
 
-    fn serve_feed(&self, mut feed: Feed, mut connection: TcpStream) -> std::io::Result<()> {
+    fn serve_feed(&self, mut feed: Feed, client: &Recipient) -> std::io::Result<()> {
         feed.connect();
         while !feed.is_over(&self.shared) {
-            feed.pass_on(&self.shared, &mut Outlet::Client(&mut connection))?;
-            if feed.wait(Some(connection.as_fd()))? && has_ended(&connection)? {
+            feed.pass_on(&self.shared, &mut Outlet::Client(client))?;
+            if feed.wait(Some(client.as_fd()))? && client.has_ended()? {
                 return Ok(());
             }
         }
         drop(feed);
-        wait_for_end(&connection)
+        client.wait_for_end()
     }
 
     /// Waits until every reader has taken everything published before `since_nanos`; see

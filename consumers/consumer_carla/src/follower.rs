@@ -11,6 +11,7 @@ use schema_bus::{Bus, BusError, Document, Listener, Snapshot, SnapshotReader, na
 use schema_frames::{ActorList, Catalogue, SnapshotHeader, SpawnPoints, WorldInfo};
 
 use crate::gateway::Gateway;
+use crate::stages;
 use crate::wire::geolocation;
 use crate::wire::streams::StreamMessage;
 use crate::wire::world_message;
@@ -67,7 +68,17 @@ struct Follower<'g> {
 impl Follower<'_> {
     fn turn(&mut self) -> anyhow::Result<()> {
         self.wake.wait(LOOK_EVERY)?;
+        let tick = self
+            .gateway
+            .world
+            .known()
+            .snapshot
+            .as_ref()
+            .map(|at| at.header.tick);
+        schema_stages::post(tick.unwrap_or(0));
+        let _span = stages::SNAPSHOT.span();
         self.gateway.feeds.world_stream().held_answers.sweep();
+        self.gateway.feeds.world_stream().lost_managers.sweep();
         self.read_documents()?;
         self.open_snapshots()?;
         while let Some(reader) = &mut self.snapshots {

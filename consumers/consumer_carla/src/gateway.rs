@@ -125,7 +125,9 @@ impl Gateway {
     /// Logs once per run that a call is accepted and has no effect.
     pub(crate) fn no_effect(&self, what: &str) {
         if lock(&self.said).insert(what.to_owned()) {
-            tracing::warn!("{what} is accepted and has no effect; see docs/carla-compatibility.md");
+            tracing::warn!(
+                "{what} is accepted and has no effect; see docs/reference/carla-compatibility.md"
+            );
         }
     }
 

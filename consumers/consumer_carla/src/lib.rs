@@ -3,7 +3,7 @@
 //!
 //! The crate is a consumer like any other: it knows only what snapshots, documents and frames on
 //! the bus tell, and acts only through `control/world` and `control/vehicles`.
-//! `docs/carla-compatibility.md` lists what works.
+//! `docs/reference/carla-compatibility.md` lists what works.
 //!
 //! A client's call arrives at [`rpc_server`]; [`rpc`] looks up the function that serves the method;
 //! that function reads its arguments with [`wire`], asks the simulator through the commander in
@@ -54,6 +54,7 @@
 pub use consumer_rpc::list;
 
 mod lock;
+mod stages;
 pub mod wire;
 
 pub mod state;

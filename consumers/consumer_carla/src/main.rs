@@ -12,7 +12,10 @@ use clap::Parser;
 use consumer_carla::feeds::Feeds;
 use consumer_carla::gateway::Gateway;
 use consumer_carla::state::{commander, known_world::World};
+use consumer_carla::stream_server::MAX_STREAM_CONNECTIONS;
 use consumer_carla::{follower, rpc_server, stream_server};
+use consumer_rpc::door::{Admits, Door, within_file_limit};
+use consumer_rpc::server::MAX_RPC_CONNECTIONS;
 use launch_cli::{CommonArgs, Exit, Shutdown, run};
 
 /// Lets unmodified CARLA 0.9.16 clients look at the world on the bus and drive in it.
@@ -20,7 +23,7 @@ use launch_cli::{CommonArgs, Exit, Shutdown, run};
 #[command(
     name = "gantry-carla",
     version,
-    after_help = "Examples:\n  gantry-carla\n  gantry-carla --port 0\n  gantry-carla --bind 0.0.0.0"
+    after_help = "Examples:\n  gantry-carla\n  gantry-carla --port 0\n  gantry-carla --any-user\n  gantry-carla --bind 0.0.0.0"
 )]
 struct Args {
     #[command(flatten)]
@@ -42,6 +45,10 @@ struct Args {
     /// Address to listen on; 0.0.0.0 lets clients of other machines in, and there is no password
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     bind: IpAddr,
+
+    /// Let programs of all users of this machine in, not only your own and root's
+    #[arg(long)]
+    any_user: bool,
 
     /// Folder for recordings of `start_recorder` [default: gantry in the XDG data folder]
     #[arg(long, value_name = "DIR")]
@@ -69,9 +76,18 @@ fn listen(bind: IpAddr, port: u16) -> anyhow::Result<(TcpListener, u16)> {
 }
 
 fn serve(args: &Args, shutdown: &Shutdown) -> anyhow::Result<()> {
+    let admits = if args.any_user {
+        Admits::AnyUser
+    } else {
+        Admits::SameUser
+    };
     let (calls, port) = listen(args.bind, args.port)?;
     let behind = if args.port == 0 { 0 } else { port + 1 };
     let (listener, stream_port) = listen(args.bind, args.stream_port.unwrap_or(behind))?;
+    let most = within_file_limit(MAX_RPC_CONNECTIONS);
+    let calls = Door::new(calls, "RPC connections", most, admits)?;
+    let most = within_file_limit(MAX_STREAM_CONNECTIONS);
+    let streams = Door::new(listener, "streaming connections", most, admits)?;
     let (world, stop) = (Arc::new(World::default()), Arc::new(AtomicBool::new(false)));
     let (commander, work) = commander::commander();
     let feeds = Arc::new(Feeds::new(world.clone()));
@@ -98,17 +114,18 @@ fn serve(args: &Args, shutdown: &Shutdown) -> anyhow::Result<()> {
         .spawn(move || follower::follow(&domain, &here, &flag))?;
     let domain = args.common.domain.clone();
     let flag = stop.clone();
+    let at_the_end = gateway.clone();
     let talker = std::thread::Builder::new()
         .name("commands".into())
         .spawn(move || commander::run(&domain, &world, &work, &flag))?;
     // These two threads wait for clients until the process ends, so nobody joins them.
     std::thread::Builder::new().name("streams".into()).spawn({
         let feeds = feeds.clone();
-        move || stream_server::serve(&listener, &feeds)
+        move || stream_server::serve(streams, &feeds)
     })?;
     std::thread::Builder::new()
         .name("calls".into())
-        .spawn(move || rpc_server::serve(&calls, &gateway))?;
+        .spawn(move || rpc_server::serve(calls, &gateway))?;
     println!(
         "listening on {0}:{port}, streams on {0}:{stream_port}",
         args.bind
@@ -125,5 +142,7 @@ fn serve(args: &Args, shutdown: &Shutdown) -> anyhow::Result<()> {
             .join()
             .unwrap_or_else(|_| anyhow::bail!("a thread panicked"))
     };
-    ended(follower).and(ended(talker))
+    let all_ended = ended(follower).and(ended(talker));
+    at_the_end.recorder.stop();
+    all_ended
 }

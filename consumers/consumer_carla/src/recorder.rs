@@ -2,13 +2,14 @@
 //! files, and replays them.
 //!
 //! It works with a consumer's means only: it records what it reads on the bus, and it replays by
-//! commands that move actors. `docs/carla-recorder.md` describes the files: those that it writes,
+//! commands that move actors. `docs/reference/carla-recorder.md` describes the files: those that it writes,
 //! and CARLA's own, which it reads.
 
 mod carla_file;
 mod carla_packets;
 pub mod changes;
 mod counterparts;
+pub mod disk;
 pub mod extra;
 pub mod file;
 pub mod frame;
@@ -25,15 +26,15 @@ pub mod watch;
 pub mod writer;
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock};
 
+use consumer_kit::WorldAt;
 use launch_cli::{data_dir, file_in};
 use schema_frames::scenery::LampChange;
 
 use crate::lock::lock;
 use crate::state::commander::Commander;
 use crate::state::known_world::World;
-use changes::Changes;
 use replay::{Replay, Settings};
 use writer::{WriteError, Writer};
 
@@ -41,16 +42,22 @@ use writer::{WriteError, Writer};
 const KIND: &str = "log";
 
 /// The recorder and the replayer of a gateway.
+///
+/// The world's thread passes here with every snapshot before clients see it, so nobody holds `state`
+/// while waiting for a disk or for the simulator.
 #[derive(Debug, Default)]
 pub struct Recorder {
     state: Mutex<State>,
+    /// Held while a replay takes a step; locked before `state`.
+    replay: Mutex<Option<Replay>>,
     data: OnceLock<PathBuf>,
 }
 
 #[derive(Debug)]
 struct State {
     writer: Option<Writer>,
-    replay: Option<Replay>,
+    /// Recordings that ended by themselves and may still be written.
+    ended: Vec<Writer>,
     settings: Settings,
 }
 
@@ -58,7 +65,7 @@ impl Default for State {
     fn default() -> Self {
         State {
             writer: None,
-            replay: None,
+            ended: Vec::new(),
             settings: Settings {
                 time_factor: 1.0,
                 ignore_hero: false,
@@ -109,6 +116,7 @@ impl Recorder {
     /// # Errors
     /// As [`Recorder::path`].
     pub fn existing(&self, name: &str) -> Result<PathBuf, String> {
+        self.catch_up();
         let path = self.path(name)?;
         let same = path.with_file_name(plain(name));
         if !path.exists() && same.exists() {
@@ -122,9 +130,10 @@ impl Recorder {
     /// # Errors
     /// If the file cannot be made.
     pub fn start(&self, path: &Path, map: String, with_motion: bool) -> Result<(), WriteError> {
-        let mut state = lock(&self.state);
-        state.writer = None;
-        state.writer = Some(Writer::create(path, map, with_motion)?);
+        self.stop();
+        let writer = Writer::create(path, map, with_motion)?;
+        let before = lock(&self.state).writer.replace(writer);
+        finish(before);
         Ok(())
     }
 
@@ -142,19 +151,34 @@ impl Recorder {
         }
     }
 
-    /// Ends the recording.
+    /// Ends the recording, and waits until it is written.
     pub fn stop(&self) {
-        lock(&self.state).writer = None;
+        let mut state = lock(&self.state);
+        let (writer, ended) = (state.writer.take(), std::mem::take(&mut state.ended));
+        drop(state);
+        finish(ended.into_iter().chain(writer));
+    }
+
+    /// Waits until what was recorded so far is written, for who reads the file of a recording that
+    /// goes on.
+    fn catch_up(&self) {
+        let state = lock(&self.state);
+        let all: Vec<_> = state
+            .ended
+            .iter()
+            .chain(&state.writer)
+            .map(Writer::written)
+            .collect();
+        drop(state);
+        // An end without a mark is that of a thread that has ended.
+        for written in all {
+            let _ = written.recv();
+        }
     }
 
     /// Changes the settings of replays, including the running one.
     pub fn set(&self, change: impl FnOnce(&mut Settings)) {
-        let mut state = lock(&self.state);
-        change(&mut state.settings);
-        let settings = state.settings;
-        if let Some(replay) = &mut state.replay {
-            replay.settings = settings;
-        }
+        change(&mut lock(&self.state).settings);
     }
 
     /// The settings for a replay that begins.
@@ -164,21 +188,21 @@ impl Recorder {
 
     /// Starts a replay in place of a running one. The next tick shows its first moment.
     pub fn play(&self, mut replay: Replay, world: &World, commander: &Commander) {
-        let mut state = lock(&self.state);
+        let mut running = lock(&self.replay);
         // The old replay ends first; otherwise it would release actors that the new one holds.
-        if let Some(before) = state.replay.take() {
+        if let Some(before) = running.take() {
             before.end(commander, true);
         }
         let snapshot = world.known().snapshot.clone();
         if let Some(snapshot) = snapshot {
             replay.step(&snapshot, commander);
         }
-        state.replay = Some(replay);
+        *running = Some(replay);
     }
 
     /// Ends the replay.
     pub fn stop_replay(&self, keep_actors: bool, commander: &Commander) {
-        let replay = lock(&self.state).replay.take();
+        let replay = lock(&self.replay).take();
         if let Some(replay) = replay {
             replay.end(commander, keep_actors);
         }
@@ -187,30 +211,48 @@ impl Recorder {
     /// Records and replays one tick. It runs before clients see the snapshot, so that the tick that
     /// they cue next finds the replay's actors in place.
     pub fn step(&self, world: &World, commander: &Commander) {
-        let mut state = lock(&self.state);
-        if state.writer.is_none() && state.replay.is_none() {
-            return;
-        }
         let snapshot = world.known().snapshot.clone();
         let Some(snapshot) = snapshot else { return };
-        let mut changes = Changes::default();
-        if let Some(writer) = &mut state.writer {
-            // Asked before the world is locked: the thread that answers looks at the world, too.
-            writer.wanted(&snapshot).ask(commander, &mut changes);
+        let settings = {
+            let mut state = lock(&self.state);
+            state.record(&snapshot, world, commander);
+            state.settings
+        };
+        let mut running = lock(&self.replay);
+        if let Some(replay) = &mut *running {
+            replay.settings = settings;
+            if !replay.step(&snapshot, commander)
+                && let Some(replay) = running.take()
+            {
+                replay.end(commander, true);
+            }
         }
-        let failed = state
-            .writer
-            .as_mut()
-            .and_then(|writer| writer.write(&snapshot, &world.known(), changes).err());
-        if let Some(error) = failed {
+    }
+}
+
+impl State {
+    fn record(&mut self, snapshot: &Arc<WorldAt>, world: &World, commander: &Commander) {
+        let Some(mut writer) = self.writer.take() else {
+            return;
+        };
+        let asked = writer.wanted(snapshot).ask(commander);
+        match writer.write(snapshot, &world.known(), asked) {
+            Ok(()) => self.writer = Some(writer),
+            // Its thread has ended, so finishing waits for nothing and says why.
+            Err(WriteError::Ended) => finish([writer]),
+            Err(error) => {
+                tracing::warn!(%error, "the recording ends here");
+                self.ended.push(writer);
+            }
+        }
+    }
+}
+
+/// Waits until recordings are written, and says which could not be.
+fn finish(writers: impl IntoIterator<Item = Writer>) {
+    for writer in writers {
+        if let Err(error) = writer.finish() {
             tracing::warn!(%error, "the recording ends here");
-            state.writer = None;
-        }
-        if let Some(replay) = &mut state.replay
-            && !replay.step(&snapshot, commander)
-            && let Some(replay) = state.replay.take()
-        {
-            replay.end(commander, true);
         }
     }
 }

@@ -4,7 +4,7 @@
 //! [`AREAS`] lists the tables.
 //!
 //! To add a call, write `fn name(gateway: &Gateway, call: &mut Call<'_>) -> Outcome` in the area's
-//! module, add `("name", name)` to its `CALLS`, and say in its row of `docs/carla-compatibility.md`
+//! module, add `("name", name)` to its `CALLS`, and say in its row of `docs/reference/carla-compatibility.md`
 //! what it does; a test compares the two. To add an area, add a module here and its line in
 //! [`AREAS`]. Commands of a batch work the same way: their tables are called `BATCH`, and [`batch`]
 //! lists them.
@@ -14,6 +14,7 @@ use std::sync::OnceLock;
 
 use crate::gateway::Gateway;
 use crate::rpc::call::{Call, Calls, Run};
+use crate::stages;
 use crate::wire::requests::{Failure, Outcome, Request};
 
 pub mod accepted;
@@ -75,11 +76,12 @@ pub fn methods() -> impl Iterator<Item = &'static str> {
 /// # Errors
 /// [`Failure`].
 pub fn serve(gateway: &Gateway, connection: u64, request: &Request) -> Outcome {
+    let _span = stages::CALLS.span();
     let method = request.method.as_str();
     let Some(run) = served().get(method) else {
         return Err(match client_methods::is_known(method) {
             true => Failure::Refused(format!(
-                "{method}: gantry-carla cannot do this; docs/carla-compatibility.md lists what works"
+                "{method}: gantry-carla cannot do this; docs/reference/carla-compatibility.md lists what works"
             )),
             false => {
                 let n_args = request.args.len() + 1;

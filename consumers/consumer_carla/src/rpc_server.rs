@@ -1,8 +1,8 @@
 //! The RPC server: CARLA's calls in, responses out.
 
-use std::net::TcpListener;
 use std::sync::Arc;
 
+use consumer_rpc::door::Door;
 use consumer_rpc::message;
 use consumer_rpc::server::{self, Peer, Service};
 
@@ -17,8 +17,8 @@ use crate::wire::msgpack::Value;
 use crate::wire::requests::{self, Failure, Outcome, Request, response};
 
 /// Accepts clients for ever.
-pub fn serve(listener: &TcpListener, gateway: &Arc<Gateway>) {
-    server::serve(listener, gateway);
+pub fn serve(door: Door, gateway: &Arc<Gateway>) {
+    server::serve(door, gateway);
 }
 
 /// Whether one of a batch's commands (lists of a number and its fields) spawns a vehicle.
@@ -109,12 +109,11 @@ impl Service for Gateway {
         Ok(held.pass(peer.number, &peer.later, did, moment, answer))
     }
 
-    fn panicked(&self, id: u32, method: &str) -> Vec<u8> {
-        let error = format!("{method} failed inside the gateway, whose log says where");
+    fn refused(&self, id: u32, method: &str, sentence: &str) -> Vec<u8> {
         response(
             id,
             client_methods::is_void(method),
-            Err(Failure::Refused(error)),
+            Err(Failure::Refused(sentence.to_owned())),
         )
     }
 

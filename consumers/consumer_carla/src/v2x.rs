@@ -12,15 +12,17 @@ mod solids;
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
+use std::time::Duration;
 
 use consumer_kit::WorldAt;
 use nalgebra::Point3;
+use schema_frames::scenery::SceneryObjectInfo;
 use schema_frames::{Command, CommandReply, SnapshotHeader};
 use schema_types::{Class, Pose};
 
 use crate::feeds::relay::Stations;
 use crate::lock::lock;
-use crate::state::commander::Commander;
+use crate::state::commander::{Answer, CommandError, Commander, Pending};
 use crate::state::known_world::{Known, Own, World};
 use crate::wire::axes;
 use crate::wire::description::{Attributes, Description};
@@ -43,6 +45,9 @@ const MAX_TEXT_BYTES: usize = 99;
 const MAX_RECEIVED_BYTES: usize = 1 << 20;
 /// Most texts that may wait for the next tick.
 const MAX_OUTBOX: usize = 1024;
+/// Longest wait of the world for the list of buildings; radio waves pass everywhere until it is
+/// there. A busy machine needs more than a second, and what is received must not depend on it.
+const SCENERY_PATIENCE: Duration = Duration::from_secs(10);
 /// Height of an antenna above the roof, metres.
 const ANTENNA_M: f64 = 0.02;
 
@@ -57,6 +62,8 @@ struct State {
     outbox: Vec<(u32, String)>,
     episode: Option<u64>,
     buildings: Option<Vec<Solid>>,
+    /// The question for them, until it is answered.
+    asked: Option<Pending>,
 }
 
 #[derive(Debug)]
@@ -194,16 +201,25 @@ impl V2x {
 
     /// Sends and receives the messages of the newest snapshot.
     pub fn step(&self, world: &World, commander: &Commander, listeners: &Stations) {
-        let mut state = lock(&self.0);
-        let known = world.known();
-        let Some(snapshot) = known.snapshot.clone() else {
+        let Some(snapshot) = world.known().snapshot.clone() else {
             return;
         };
-        state.keep_up(&known, &snapshot, listeners);
-        if state.stations.is_empty() {
-            state.outbox.clear();
-            return;
+        let asked = {
+            let mut state = lock(&self.0);
+            state.keep_up(&world.known(), &snapshot, listeners);
+            if state.stations.is_empty() {
+                state.outbox.clear();
+                return;
+            }
+            state.ask_for_buildings(commander)
+        };
+        // Who sends a message meanwhile is not held up.
+        if let Some(asked) = asked {
+            let answer = asked.wait_for(SCENERY_PATIENCE);
+            lock(&self.0).note_buildings(asked, answer);
         }
+        let mut state = lock(&self.0);
+        let known = world.known();
         state.go_to(&snapshot);
         let messages = state.messages(&known, &snapshot);
         if messages.is_empty() && state.stations.values().all(|it| it.received.is_empty()) {
@@ -219,7 +235,7 @@ impl V2x {
             .collect();
         let mut solids = vehicles(&known, &snapshot);
         drop(known);
-        solids.extend(state.buildings(commander).iter().cloned());
+        solids.extend(state.buildings.iter().flatten().cloned());
         let air = Air { antennas, solids };
         state.receive(&messages, &air, &snapshot, listeners);
     }
@@ -236,7 +252,7 @@ impl State {
             };
         }
         if snapshot.header.flags & SnapshotHeader::SCENERY_CHANGED != 0 {
-            self.buildings = None;
+            (self.buildings, self.asked) = (None, None);
         }
         let is_there = |id: u32| snapshot.actor(id).is_some();
         self.stations.retain(|id, _| is_there(*id));
@@ -321,28 +337,39 @@ impl State {
         messages
     }
 
-    /// Boxes of buildings and walls; asked for once after every change of the scenery.
-    fn buildings(&mut self, commander: &Commander) -> &[Solid] {
-        self.buildings
-            .get_or_insert_with(|| match commander.ask_one(Command::Scenery) {
-                Ok((CommandReply::Scenery { objects, .. }, _)) => objects
-                    .into_iter()
-                    .filter(|object| {
-                        object.shown
-                            && [Class::BUILDINGS, Class::WALLS].contains(&Class(object.class))
-                    })
-                    .map(|object| Solid {
-                        vehicle: None,
-                        pose: Pose::from(object.box_pose).isometry(),
-                        half_m: object.box_half_m,
-                    })
-                    .collect(),
-                Ok(_) => Vec::new(),
-                Err(error) => {
-                    tracing::debug!(%error, "no scenery; radio waves pass everywhere");
-                    Vec::new()
-                }
-            })
+    /// Asks for the boxes of buildings and walls, once after every change of the scenery; what was
+    /// asked before and is not answered yet is awaited again.
+    fn ask_for_buildings(&mut self, commander: &Commander) -> Option<Pending> {
+        if self.buildings.is_some() {
+            return None;
+        }
+        let asked = self.asked.take();
+        Some(asked.unwrap_or_else(|| commander.begin(vec![Command::Scenery])))
+    }
+
+    /// Notes the answer, or keeps the question for the next tick if there is none yet.
+    fn note_buildings(&mut self, asked: Pending, answer: Option<Result<Answer, CommandError>>) {
+        let reply = match answer {
+            None => return self.asked = Some(asked),
+            Some(Ok(answer)) => answer.replies.into_iter().next(),
+            Some(Err(error)) => {
+                tracing::debug!(%error, "no scenery; radio waves pass everywhere");
+                None
+            }
+        };
+        let objects = match reply {
+            Some(CommandReply::Scenery { objects, .. }) => objects,
+            _ => Vec::new(),
+        };
+        let is_solid = |object: &SceneryObjectInfo| {
+            object.shown && [Class::BUILDINGS, Class::WALLS].contains(&Class(object.class))
+        };
+        let solid = |object: SceneryObjectInfo| Solid {
+            vehicle: None,
+            pose: Pose::from(object.box_pose).isometry(),
+            half_m: object.box_half_m,
+        };
+        self.buildings = Some(objects.into_iter().filter(is_solid).map(solid).collect());
     }
 
     fn receive(

@@ -1,4 +1,4 @@
-//! `docs/carla-compatibility.md` says of each call of the client what the gateway does with it;
+//! `docs/reference/carla-compatibility.md` says of each call of the client what the gateway does with it;
 //! here it is held to that.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -13,7 +13,7 @@ const VERDICTS: &[&str] = &["works", "differs", "no effect", "not there"];
 fn document() -> String {
     let path = concat!(
         env!("CARGO_MANIFEST_DIR"),
-        "/../../docs/carla-compatibility.md"
+        "/../../docs/reference/carla-compatibility.md"
     );
     std::fs::read_to_string(path).expect("the document is part of the repository")
 }

@@ -20,7 +20,7 @@ use launch_cli::bench::BenchResult;
 use nix::time::{ClockId, clock_gettime};
 use schema_frames::{ActorList, ActorRecord, LightState};
 use schema_roads::{LanePosition, RoadMap, SignalKind};
-use schema_types::ActorId;
+use schema_types::{ActorId, ObjectId};
 use simd_town::imported::{ImportOptions, import};
 use simd_world::{MapData, World, WorldOptions};
 
@@ -147,6 +147,7 @@ fn run(args: &Args, map: &str, result: &mut BenchResult) {
     world.spawn_walkers(args.walkers);
     let actors = world.actor_list();
     let lines = lines(&roads);
+    let solids = Solids::new(&data);
     let mut fleet = Fleet::new(roads);
     let mut settings = Settings {
         seed: args.seed,
@@ -158,17 +159,13 @@ fn run(args: &Args, map: &str, result: &mut BenchResult) {
     let n_ticks = (args.minutes * 60.0 / PERIOD_SECS) as u64;
     for tick in 1..=n_ticks {
         world.step(PERIOD_NANOS);
-        let traffic = Traffic::from_records(
-            tick,
-            tick * PERIOD_NANOS,
-            PERIOD_NANOS,
-            world.snapshot_records(),
-            &actors,
-        );
+        let records = world.snapshot_records();
+        let start = cpu_micros();
+        let time = tick * PERIOD_NANOS;
+        let traffic = Traffic::from_records(tick, time, PERIOD_NANOS, records, &actors);
         if tick % 20 == 1 {
             assign(&mut fleet, &traffic, &actors);
         }
-        let start = cpu_micros();
         let step = fleet.step(&traffic, &mut settings);
         sums.ticks_micros.push(cpu_micros() - start);
         for record in step.controls {
@@ -217,6 +214,7 @@ fn run(args: &Args, map: &str, result: &mut BenchResult) {
             &fleet,
             &traffic,
             &lines,
+            &solids,
             &red_since,
             &mut logs,
             &mut sums,
@@ -302,6 +300,65 @@ fn lines(roads: &RoadMap) -> HashMap<[i32; 2], Vec<Line>> {
     lines
 }
 
+/// What belongs to the map, to name what was touched.
+struct Solids<'m> {
+    map: &'m MapData,
+    names: HashMap<ObjectId, &'m str>,
+}
+
+impl<'m> Solids<'m> {
+    fn new(map: &'m MapData) -> Solids<'m> {
+        let names = map.objects.iter().map(|it| (it.id, it.name.as_str()));
+        Solids {
+            names: names.collect(),
+            map,
+        }
+    }
+
+    /// The triangle whose corners are nearest to a place, by the mean of their distances.
+    fn nearest(&self, place_m: [f64; 3]) -> String {
+        let place: [f64; 3] = std::array::from_fn(|i| place_m[i] - self.map.origin_m[i]);
+        let mut best = (f64::INFINITY, String::new());
+        for (idx, mesh) in self.map.collision.iter().enumerate() {
+            for (n, corners) in mesh.triangles.iter().enumerate() {
+                let corners = corners.map(|c| mesh.vertices_m[c as usize].map(f64::from));
+                let away = triangle_m(place, corners);
+                if away < best.0 {
+                    let object = self.map.collision_objects.get(idx).and_then(|it| it.get(n));
+                    let name = object
+                        .and_then(|it| self.names.get(it))
+                        .unwrap_or(&"nothing");
+                    let shown = corners.map(|c| {
+                        let p: [f64; 3] = std::array::from_fn(|i| c[i] + self.map.origin_m[i]);
+                        p.map(|x| (100.0 * x).round() / 100.0)
+                    });
+                    best = (away, format!("{name} of {:?} {shown:?}", mesh.class));
+                }
+            }
+        }
+        best.1
+    }
+}
+
+/// Distance from a triangle, by points of it.
+fn triangle_m(place: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> f64 {
+    let middle = [0, 1].map(|i| (a[i] + b[i] + c[i]) / 3.0 - place[i]);
+    let reach = distance([a[0], a[1]], [b[0], b[1]]).max(distance([a[0], a[1]], [c[0], c[1]]));
+    if middle[0].hypot(middle[1]) > reach + 2.0 {
+        return f64::INFINITY;
+    }
+    let n = 12;
+    let mut least = f64::INFINITY;
+    for i in 0..=n {
+        for k in 0..=n - i {
+            let (u, v) = (f64::from(i) / f64::from(n), f64::from(k) / f64::from(n));
+            let off = |x: usize| a[x] + u * (b[x] - a[x]) + v * (c[x] - a[x]) - place[x];
+            least = least.min((off(0) * off(0) + off(1) * off(1) + off(2) * off(2)).sqrt());
+        }
+    }
+    least
+}
+
 fn cell(point: [f64; 2]) -> [i32; 2] {
     point.map(|x| (x / CELL_M).floor() as i32)
 }
@@ -315,6 +372,7 @@ fn watch(
     fleet: &Fleet,
     traffic: &Traffic,
     lines: &HashMap<[i32; 2], Vec<Line>>,
+    solids: &Solids,
     red_since: &BTreeMap<String, f64>,
     logs: &mut BTreeMap<u32, Log>,
     sums: &mut Sums,
@@ -341,12 +399,29 @@ fn watch(
                     .iter()
                     .filter(|other| other.id != mover.id && mover.overlaps(other, 0.5));
                 let near: Vec<String> = near.map(|other| describe(fleet, other)).collect();
-                if near.is_empty() {
-                    sums.scenery += 1;
-                } else {
+                let mut touched = world.collisions().iter();
+                if touched.any(|it| it.actor.0 == mover.id && it.other.is_some()) {
                     sums.collisions += 1;
+                } else {
+                    sums.scenery += 1;
                 }
                 if verbose {
+                    let touched = world
+                        .collisions()
+                        .iter()
+                        .filter(|it| it.actor.0 == mover.id);
+                    for it in touched {
+                        let [x, y, z] = it.point_in_world_m;
+                        eprintln!(
+                            "{now:.1} {} touches {} at ({x:.2}, {y:.2}, {z:.2}), pushed {:.0?} N s",
+                            mover.id,
+                            match it.other {
+                                Some(other) => format!("actor {}", other.0),
+                                None => solids.nearest(it.point_in_world_m),
+                            },
+                            it.impulse_in_world_ns,
+                        );
+                    }
                     eprintln!(
                         "{now:.1} collision {} with {near:?}",
                         describe(fleet, mover)

@@ -49,6 +49,8 @@ pub(crate) struct User {
     /// How far the front is beyond the entry, metres; negative before it.
     pub front_m: f64,
     pub body_m: f64,
+    /// How far before the entry it waits for its turn, metres: a stop line may lie well before it.
+    pub waits_m: f64,
     /// Half the width that it sweeps, metres.
     pub half_m: f64,
     pub speed_mps: f64,
@@ -68,6 +70,10 @@ impl User {
         self.front_m > 0.3
     }
 
+    fn has_arrived(&self) -> bool {
+        self.front_m > -ARRIVAL_M - self.waits_m
+    }
+
     fn can_stop(&self) -> bool {
         self.speed_mps * self.speed_mps < -2.0 * BRAKE_MPS2 * self.front_m.min(-0.05)
             || self.speed_mps < 1.0
@@ -79,7 +85,7 @@ impl User {
 
     /// Distance from which it asks, metres before the entry.
     fn asks_from_m(&self) -> f64 {
-        8.0 + 1.6 * self.speed_mps + self.speed_mps * self.speed_mps / 4.0
+        8.0 + self.waits_m + 1.6 * self.speed_mps + self.speed_mps * self.speed_mps / 4.0
     }
 
     /// Earliest time at which the front is at a place, seconds.
@@ -197,10 +203,10 @@ impl Crossings {
             } else {
                 0.0
             };
-            if user.front_m > -ARRIVAL_M && turn.arrived_secs.is_none() && !user.held {
+            if user.has_arrived() && turn.arrived_secs.is_none() && !user.held {
                 turn.arrived_secs = Some(now.time_secs);
             }
-            if stands && !user.held && user.front_m > -ARRIVAL_M {
+            if stands && !user.held && user.has_arrived() {
                 turn.waiting_secs += now.period_secs;
             }
             let idles = turn.idle_secs > IDLE_SECS;
@@ -246,6 +252,16 @@ impl Crossings {
                 .then(a.1.total_cmp(&b.1))
                 .then(a.2.id.cmp(&b.2.id))
         });
+        // Who stands behind one that waits cannot go before it, so nobody waits for it.
+        let mut heads: BTreeMap<u32, f64> = BTreeMap::new();
+        for (_, _, user) in &waiting {
+            if let Some(from) = user.from {
+                let head = heads.entry(from).or_insert(f64::NEG_INFINITY);
+                *head = head.max(user.front_m);
+            }
+        }
+        let is_head =
+            |user: &User| user.from.and_then(|from| heads.get(&from)) <= Some(&user.front_m);
         for idx in 0..waiting.len() {
             let user = waiting[idx].2;
             let asks = user.is_driven && !user.held && -user.front_m < user.asks_from_m();
@@ -253,7 +269,7 @@ impl Crossings {
                 continue;
             }
             let refusal = if self.exit_is_free(user, group) {
-                self.refusal(net, user, group, &waiting[..idx])
+                self.refusal(net, user, group, &waiting[..idx], &is_head)
             } else {
                 Some(Refusal::Exit)
             };
@@ -297,6 +313,7 @@ impl Crossings {
         user: &User,
         group: &[User],
         earlier: &[(u8, f64, &User)],
+        is_head: &dyn Fn(&User) -> bool,
     ) -> Option<Refusal> {
         let waited = self
             .turn(user.id, user.zone)
@@ -336,7 +353,7 @@ impl Crossings {
                     return Some(Refusal::Vehicle(other.id));
                 }
             } else if !other.held && earlier.iter().any(|(_, _, it)| std::ptr::eq(*it, other)) {
-                if other.room_m < other.body_m + EXIT_GAP_M {
+                if other.room_m < other.body_m + EXIT_GAP_M || !is_head(other) {
                     continue;
                 }
                 let Some(meet) = meet(net, user, other) else {

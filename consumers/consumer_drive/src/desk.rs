@@ -58,6 +58,8 @@ pub struct Start {
     pub seed: Option<u64>,
     /// Whether the simulator always waits for the controls of each tick.
     pub lockstep: bool,
+    /// Whether people are led, too.
+    pub leads_people: bool,
 }
 
 /// What outlives a session that was killed.
@@ -187,9 +189,11 @@ impl Desk {
     }
 
     /// Whether the simulator shall wait for the controls of each tick: when that was asked for, and
-    /// while registered vehicles are driven in a world that a client steps, however fast.
+    /// while registered vehicles are driven or people led in a world that a client steps, however
+    /// fast.
     pub fn lockstep(&self) -> bool {
-        self.start.lockstep || self.lockstep || self.is_stepped && !self.registered.is_empty()
+        let has_work = self.start.leads_people || !self.registered.is_empty();
+        self.start.lockstep || self.lockstep || self.is_stepped && has_work
     }
 
     /// The actors of the newest list, by rising id.

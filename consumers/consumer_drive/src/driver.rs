@@ -3,8 +3,8 @@
 
 use std::collections::VecDeque;
 
-use schema_frames::{LightState, VehicleControl, VehicleControlRecord};
-use schema_roads::{LaneKey, SignalKind};
+use schema_frames::{VehicleControl, VehicleControlRecord};
+use schema_roads::LaneKey;
 use schema_types::noise::Noise;
 
 use crate::crossing::{Passage, Refusal};
@@ -14,36 +14,30 @@ use crate::path::{Foot, Guide, Path};
 use crate::plane::{Side, distance, wrap};
 use crate::speed::{self, Pedals};
 use crate::steer::{Geometry, Steering};
-use crate::strangers::{Strangers, locate};
-use crate::traffic::{Grid, Mover, STANDING_MPS, Traffic};
+use crate::strangers::locate;
+use crate::traffic::{Mover, STANDING_MPS};
+use entry::find_entries;
 use hindrance::Lookout;
 use rescue::{Rescue, Situation};
+use signals::{Ahead, Signals, WAITING_M};
 
+mod entry;
 mod hindrance;
 mod lamps;
 mod rescue;
+mod signals;
+mod view;
 
+pub use entry::Entry;
 pub(crate) use hindrance::Obstacle;
 pub use hindrance::Wait;
 pub use lamps::{
     LAMP_BRAKE, LAMP_FOG, LAMP_LEFT, LAMP_LOW_BEAM, LAMP_POSITION, LAMP_REVERSE, LAMP_RIGHT,
 };
+pub(crate) use view::View;
 
 /// Smallest distance for which a path is planned ahead, metres.
 const HORIZON_M: f64 = 90.0;
-/// How far before a junction a driver waits for its turn, metres; long vehicles that leave the
-/// junction swing out there.
-const WAITING_M: f64 = 2.5;
-/// How long a driver stands at a stop sign, seconds.
-const STOP_SECS: f64 = 1.0;
-/// A stop line farther from the junction is not where turns are waited for, metres.
-const LINE_BEFORE_M: f64 = 12.0;
-/// Most junctions that are looked at ahead.
-const MAX_ENTRIES: usize = 3;
-/// Hardest braking for a light that has just turned yellow, m/s².
-const YELLOW_BRAKE_MPS2: f64 = 3.0;
-/// A vehicle that reaches the line sooner passes in the yellow, seconds.
-const YELLOW_SECS: f64 = 2.4;
 /// A driver that has stood at the end of a lane for so long looks beside it, seconds and metres.
 const DEAD_END_SECS: f64 = 4.0;
 const BESIDE_M: f64 = 4.6;
@@ -55,37 +49,6 @@ const EXIT_PATIENCE_SECS: f64 = 8.0;
 const JERK_MPS3: [f64; 2] = [2.5, 4.0];
 /// Stream of the choices at junctions.
 const CHOICES: u64 = 0x64_72_69_76_65;
-
-/// A junction on the path that the vehicle is in or comes to.
-#[derive(Clone, Debug)]
-pub struct Entry {
-    /// The junction, or several that are crossed as one.
-    pub zone: u32,
-    /// Path length at which it begins and at which it is left, metres.
-    pub arc_m: [f64; 2],
-    /// Path length of the line at which to wait for one's turn, metres.
-    pub line_m: f64,
-    /// Change of direction within, radians, positive to the left.
-    pub turn_rad: f64,
-    /// Whether a traffic light guards this way.
-    pub has_light: bool,
-    /// Whether a stop or yield sign guards this way, and which.
-    pub sign: Option<SignalKind>,
-    /// Its legs.
-    pub(crate) legs: [usize; 2],
-}
-
-/// What a driver sees in a tick, besides itself.
-#[derive(Clone, Copy)]
-pub(crate) struct View<'t> {
-    pub traffic: &'t Traffic,
-    pub grid: &'t Grid,
-    /// States by index of the signal.
-    pub lights: &'t [LightState],
-    pub strangers: &'t Strangers,
-    pub rules: Rules<'t>,
-    pub seed: u64,
-}
 
 /// State of one driver.
 #[derive(Clone, Debug)]
@@ -104,8 +67,7 @@ pub struct Driver {
     entries: Vec<Entry>,
     /// What it may do at each of the entries; the fleet decides.
     passages: Vec<Passage>,
-    /// Sign at whose junction it stands or has stood, and for how long.
-    stopped: (u32, f64),
+    signals: Signals,
     /// Acceleration that was wanted last, m/s².
     wanted_mps2: f64,
     /// Free acceleration of the road, m/s².
@@ -119,10 +81,6 @@ pub struct Driver {
     places_left: Vec<[f64; 3]>,
     seed: u64,
     n_plans: u64,
-    /// Path length of the first stop line whose light says stop.
-    light_line_m: Option<f64>,
-    /// Lights ahead that say stop, and whether it passes them nevertheless.
-    lights: Vec<(u32, bool)>,
     /// When it chose another way because its exit was full, seconds.
     rerouted_at_secs: f64,
     /// Whether it moves without physics.
@@ -158,7 +116,7 @@ impl Driver {
             obstacle: None,
             entries: Vec::new(),
             passages: Vec::new(),
-            stopped: (u32::MAX, 0.0),
+            signals: Signals::default(),
             wanted_mps2: 0.0,
             road_mps2: 0.0,
             settled_until_secs: 0.0,
@@ -167,8 +125,6 @@ impl Driver {
             places_left: Vec::new(),
             seed,
             n_plans: 0,
-            light_line_m: None,
-            lights: Vec::new(),
             rerouted_at_secs: 0.0,
             glides: false,
             standing_secs: 0.0,
@@ -315,7 +271,7 @@ impl Driver {
         }
         let until = self.foot.arc_m + HORIZON_M.max(6.0 * me.speed_mps);
         self.path.extend(net, self.foot.arc_m, until);
-        self.find_entries(me);
+        find_entries(&self.path, self.foot, me, &mut self.entries);
     }
 
     /// Takes another way out of a junction if the one it wants has been full for a while: vehicles
@@ -368,7 +324,7 @@ impl Driver {
 
     /// Path length of the stop line of a light that holds it, metres.
     pub fn light_line_m(&self) -> Option<f64> {
-        self.light_line_m
+        self.signals.light_line_m()
     }
 
     /// Why it may not enter the next junction yet.
@@ -433,65 +389,6 @@ impl Driver {
             Some(Side::Right)
         } else {
             None
-        }
-    }
-
-    fn find_entries(&mut self, me: &Mover) {
-        self.entries.clear();
-        let legs = self.path.legs();
-        let rear = self.foot.arc_m - me.rear_m();
-        let until = self.foot.arc_m + me.front_m() + 25.0f64.max(7.0 * me.speed_mps);
-        let mut idx = legs.partition_point(|leg| leg.arc_m[1] <= rear);
-        // A zone in which we are may have begun with an earlier leg.
-        while idx > 0
-            && idx < legs.len()
-            && legs[idx].zone().is_some()
-            && legs[idx - 1].zone() == legs[idx].zone()
-        {
-            idx -= 1;
-        }
-        while idx < legs.len() && self.entries.len() < MAX_ENTRIES {
-            let Some(zone) = legs[idx].zone() else {
-                idx += 1;
-                continue;
-            };
-            if legs[idx].arc_m[0] > until {
-                break;
-            }
-            let n = legs[idx..]
-                .iter()
-                .take_while(|leg| leg.zone() == Some(zone))
-                .count();
-            let before = idx.checked_sub(1).map(|at| &legs[at].way);
-            let first = &legs[idx].way;
-            let guards = || {
-                let of_before = before.iter().flat_map(|way| &way.guards);
-                first.guards.iter().chain(of_before)
-            };
-            let has = |kind: SignalKind| guards().any(|guard| guard.kind == kind);
-            let sign = [SignalKind::Stop, SignalKind::Yield]
-                .into_iter()
-                .find(|kind| has(*kind));
-            let entry_m = legs[idx].arc_m[0];
-            let lines = guards().filter_map(|guard| {
-                let on = [Some(&legs[idx]), idx.checked_sub(1).map(|at| &legs[at])];
-                let leg = on
-                    .into_iter()
-                    .flatten()
-                    .find(|leg| leg.lane == guard.lane)?;
-                Some(leg.arc_at_m(guard.s_m)).filter(|arc| *arc > entry_m - LINE_BEFORE_M)
-            });
-            let line_m = lines.fold(entry_m, f64::min);
-            self.entries.push(Entry {
-                zone,
-                line_m,
-                arc_m: [legs[idx].arc_m[0], legs[idx + n - 1].arc_m[1]],
-                turn_rad: legs[idx..idx + n].iter().map(|leg| leg.way.turn_rad).sum(),
-                has_light: has(SignalKind::TrafficLight),
-                sign,
-                legs: [idx, idx + n],
-            });
-            idx += n;
         }
     }
 
@@ -570,6 +467,13 @@ impl Driver {
     fn weigh(&mut self, me: &Mover, view: View, road_mps2: f64, creeping: bool) -> (f64, Wait) {
         let v = me.speed_mps;
         let front = self.foot.arc_m + me.front_m();
+        let ahead = Ahead {
+            me,
+            path: &self.path,
+            foot: self.foot,
+            entries: &self.entries,
+        };
+        let sign_line = self.signals.sign_line(&ahead, view);
         let mut least = (road_mps2, Wait::No);
         let mut consider = |accel: f64, why: Wait| {
             if accel < least.0 {
@@ -580,11 +484,11 @@ impl Driver {
         if end.is_dead_end {
             consider(speed::stop_before(v, end.arc_m - front), Wait::End);
         }
-        if let Some(line) = self.light_line_m {
+        if let Some(line) = self.signals.light_line_m() {
             let line = self.waiting_line(line, front);
             consider(speed::stop_before(v, line - front), Wait::Light);
         }
-        if let Some(line) = self.sign_line(view, me, front) {
+        if let Some(line) = sign_line {
             let line = self.waiting_line(line, front);
             consider(speed::stop_before(v, line - front), Wait::Sign);
         }
@@ -733,128 +637,26 @@ impl Driver {
         }
     }
 
-    /// Finds the first stop line whose light says stop. Whether it passes in the yellow is decided
-    /// once, when it sees it.
+    /// Finds the first stop line whose light says stop.
     pub(crate) fn see_lights(&mut self, view: View, me: &Mover) {
-        let v = me.speed_mps;
-        let front = self.foot.arc_m + me.front_m();
-        let legs = self.path.legs();
-        // A vehicle inside a junction clears that one whatever its light.
-        let mut here = self.path.leg_at(front);
-        let zone = legs[self.path.leg_at(self.foot.arc_m)].zone();
-        while zone.is_some() && here < legs.len() && legs[here].zone() == zone {
-            here += 1;
-        }
-        let mut line: Option<f64> = None;
-        let mut lights = Vec::new();
-        for idx in here..legs.len() {
-            let leg = &legs[idx];
-            if leg.arc_m[0] > front + 20.0 + v * v / 3.0 + 2.0 * v {
-                break;
-            }
-            for guard in &leg.way.guards {
-                let state = view.lights[guard.signal as usize];
-                if guard.kind != SignalKind::TrafficLight
-                    || !matches!(state, LightState::Red | LightState::Yellow)
-                    || self.ignores(view.rules.own.ignore_lights_percent, guard.signal, view)
-                {
-                    continue;
-                }
-                let on = [Some(leg), idx.checked_sub(1).map(|i| &legs[i])]
-                    .into_iter()
-                    .flatten()
-                    .find(|l| l.lane == guard.lane);
-                let Some(arc) = on.map(|l| l.arc_at_m(guard.s_m)) else {
-                    continue;
-                };
-                let left_m = arc - front;
-                if left_m < -3.0 {
-                    continue;
-                }
-                let needed = speed::to_stop(v, left_m.max(0.0));
-                let known = self
-                    .lights
-                    .iter()
-                    .find(|(signal, _)| *signal == guard.signal);
-                // Whoever has to wait for its turn before the line does not pass it.
-                let waits = self
-                    .entries
-                    .iter()
-                    .zip(&self.passages)
-                    .any(|(entry, passage)| {
-                        (arc - 1.0..arc + LINE_BEFORE_M).contains(&entry.arc_m[0])
-                            && !passage.may_enter
-                    });
-                let passes = match (known, state) {
-                    _ if waits && needed > -9.0 => false,
-                    (Some((_, passes)), LightState::Yellow) => *passes,
-                    (Some((_, passes)), _) => *passes && needed < -6.0,
-                    (None, LightState::Yellow) => {
-                        needed < -YELLOW_BRAKE_MPS2 && left_m < YELLOW_SECS * v
-                    }
-                    (None, _) => needed < -9.0,
-                };
-                lights.push((guard.signal, passes));
-                if !passes {
-                    line = Some(line.map_or(arc, |l| l.min(arc)));
-                }
-            }
-        }
-        self.lights = lights;
-        self.light_line_m = line;
-    }
-
-    /// Path length of the line of a stop sign at which it has not stood yet.
-    fn sign_line(&mut self, view: View, me: &Mover, front: f64) -> Option<f64> {
-        let entry = self
-            .entries
-            .iter()
-            .find(|entry| front < entry.arc_m[0] + 1.0)?;
-        if entry.sign != Some(SignalKind::Stop) || entry.has_light || self.has_stopped(entry.zone) {
-            return None;
-        }
-        let (zone, line) = (entry.zone, entry.line_m);
-        let signal = u32::MAX - zone;
-        if self.ignores(view.rules.own.ignore_signs_percent, signal, view) {
-            return None;
-        }
-        if self.stopped.0 != zone {
-            self.stopped = (zone, 0.0);
-        }
-        if me.speed_mps.abs() < STANDING_MPS && line - front < WAITING_M + 3.0 {
-            self.stopped.1 += view.traffic.period_secs;
-        }
-        Some(line)
-    }
-
-    fn has_stopped(&self, zone: u32) -> bool {
-        self.stopped.0 == zone && self.stopped.1 > STOP_SECS
+        let ahead = Ahead {
+            me,
+            path: &self.path,
+            foot: self.foot,
+            entries: &self.entries,
+        };
+        self.signals.see_lights(&ahead, &self.passages, view);
     }
 
     /// Whether a light or sign holds it before a junction.
-    pub(crate) fn is_held(&self, entry: &Entry, view: View) -> bool {
-        let must_stop = entry.sign == Some(SignalKind::Stop)
-            && !entry.has_light
-            && !self.has_stopped(entry.zone)
-            && !self.ignores(
-                view.rules.own.ignore_signs_percent,
-                u32::MAX - entry.zone,
-                view,
-            );
-        must_stop
-            || self
-                .light_line_m
-                .is_some_and(|line| line < entry.arc_m[0] + 3.0)
-    }
-
-    fn ignores(&self, percent: f64, signal: u32, view: View) -> bool {
-        // Drawn once per passage: the number of choices tells one from the next.
-        let number = view.traffic.mover(self.id).map_or(0, |me| me.number);
-        percent > 0.0
-            && 100.0
-                * Noise::new(view.seed, u64::from(number), u64::from(signal))
-                    .uniform(self.path.n_choices())
-                < percent
+    pub(crate) fn is_held(&self, me: &Mover, entry: &Entry, view: View) -> bool {
+        let ahead = Ahead {
+            me,
+            path: &self.path,
+            foot: self.foot,
+            entries: &self.entries,
+        };
+        self.signals.holds(&ahead, entry, view)
     }
 
     fn lookout<'d>(&'d self, me: &'d Mover) -> Lookout<'d> {

@@ -13,6 +13,7 @@ use crate::network::{Network, TURN_RAD};
 use crate::overtaking::{self, Around};
 use crate::parameters::{Action, RoadOption, Rules, Settings, VehicleParameters};
 use crate::path::Leg;
+use crate::plane::wrap;
 use crate::steer::Geometry;
 use crate::strangers::Strangers;
 use crate::traffic::{Grid, Mover, STANDING_MPS, Traffic};
@@ -371,13 +372,13 @@ impl Fleet {
         let blockers: Vec<u32> = self
             .drivers
             .iter()
-            .filter(|(id, driver)| {
-                driver.blocked_by().is_some()
-                    && traffic.mover(**id).is_some_and(|me| driver.is_inside(me))
+            .filter_map(|(id, driver)| {
+                let (blocker, secs) = driver.blocked_by()?;
+                let me = traffic.mover(*id)?;
+                let waits = secs > YIELD_AFTER_SECS && self.waits_at_junction(blocker);
+                (waits && driver.is_inside(me) && !queues_behind(me, traffic.mover(blocker)?))
+                    .then_some(blocker)
             })
-            .filter_map(|(_, driver)| driver.blocked_by())
-            .filter(|(id, secs)| *secs > YIELD_AFTER_SECS && self.waits_at_junction(*id))
-            .map(|(id, _)| id)
             .collect();
         for first in blockers {
             let mut next = Some(first);
@@ -419,4 +420,12 @@ impl Fleet {
             }
         }
     }
+}
+
+/// Whether a vehicle stands behind another one, headed the same way: it waits with it, and nobody
+/// has to back off for it.
+fn queues_behind(me: &Mover, ahead: &Mover) -> bool {
+    let (sin, cos) = ahead.yaw_rad.sin_cos();
+    let [x, y] = [0, 1].map(|i| me.middle()[i] - ahead.middle()[i]);
+    x * cos + y * sin < 0.0 && wrap(me.yaw_rad - ahead.yaw_rad).abs() < 0.6
 }

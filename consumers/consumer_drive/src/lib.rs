@@ -8,7 +8,8 @@
 //! [`plane`] (points, sides, distances), [`path`] (the way ahead of one vehicle), [`steer`] and [`speed`] (its controllers), [`driver`]
 //! (one driver), [`crossing`] (whose turn it is at junctions), `overtaking` (lane changes, ways
 //! round what stands), `upkeep` (driving without physics, respawn, removal), [`fleet`] (all
-//! drivers), [`parameters`] (what may be set).
+//! drivers), [`share`] (which of several processes drives whom), [`crowd`] (people on foot),
+//! [`parameters`] (what may be set).
 //!
 //! ```
 //! use consumer_drive::speed;
@@ -22,6 +23,7 @@
 #![warn(missing_docs)]
 
 pub mod crossing;
+pub mod crowd;
 pub mod desk;
 pub mod driver;
 pub mod fleet;
@@ -30,12 +32,15 @@ mod network;
 mod overtaking;
 pub mod parameters;
 pub mod path;
+mod peers;
+mod people;
 pub mod plane;
 pub mod requests;
 mod route;
 pub mod selection;
 pub mod served;
 pub mod session;
+pub mod share;
 pub mod speed;
 pub mod steer;
 mod strangers;

@@ -3,9 +3,11 @@
 //! network of hundreds of kilometres costs nothing where nobody drives.
 
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
 use schema_roads::{Lane, LaneKey, LanePosition, RoadMap, SignalKind};
+use schema_types::noise::mix;
 
 use crate::plane::{PathPoint, distance, wrap};
 use crate::speed;
@@ -85,6 +87,30 @@ pub(crate) struct Meet {
     pub merges: bool,
 }
 
+/// Hashes small numbers of our own quickly: they are looked up for every pair of vehicles at a
+/// junction in every tick.
+#[derive(Clone, Copy, Debug, Default)]
+struct Mix(u64);
+type MixState = BuildHasherDefault<Mix>;
+
+impl Hasher for Mix {
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|byte| self.write_u8(*byte));
+    }
+
+    fn write_u8(&mut self, number: u8) {
+        self.0 = mix(self.0 ^ u64::from(number));
+    }
+
+    fn write_u32(&mut self, number: u32) {
+        self.0 = mix(self.0 ^ u64::from(number));
+    }
+
+    fn finish(&self) -> u64 {
+        self.0
+    }
+}
+
 /// The lanes of a map.
 #[derive(Clone, Debug)]
 pub(crate) struct Network {
@@ -94,7 +120,7 @@ pub(crate) struct Network {
     zones: Vec<u32>,
     /// Whether a lane leads on for ever.
     goes_on: Vec<bool>,
-    meets: HashMap<(u32, u32, u8), Option<Meet>>,
+    meets: HashMap<(u32, u32, u8), Option<Meet>, MixState>,
     signals: HashMap<String, u32>,
 }
 
@@ -110,7 +136,7 @@ impl Network {
             ways: vec![None; map.lanes().len()],
             zones: zones(&map),
             goes_on: goes_on(&map),
-            meets: HashMap::new(),
+            meets: HashMap::default(),
             signals,
             map,
         }

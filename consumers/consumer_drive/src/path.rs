@@ -68,6 +68,17 @@ impl Foot {
     }
 }
 
+/// A place between two points of the path.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Near {
+    /// Index of the point before it.
+    pub segment: usize,
+    /// How far on to the next point, 0..=1.
+    share: f64,
+    /// Distance from the point for which it was searched, metres.
+    pub apart_m: f64,
+}
+
 /// Where a path ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathEnd {
@@ -104,6 +115,8 @@ pub struct Shift {
 #[derive(Clone, Debug)]
 pub struct Path {
     points: Vec<PathPoint>,
+    /// Their positions alone: searches touch many of them, and little else of each.
+    places: Vec<[f64; 2]>,
     legs: Vec<Leg>,
     /// Whether the last lane leads nowhere.
     ends: bool,
@@ -127,6 +140,7 @@ impl Path {
         let way = net.way(lane);
         let mut path = Path {
             points: Vec::new(),
+            places: Vec::new(),
             legs: Vec::new(),
             ends: false,
             shift: None,
@@ -152,6 +166,11 @@ impl Path {
     /// Points by rising length.
     pub fn points(&self) -> &[PathPoint] {
         &self.points
+    }
+
+    /// The positions of the points.
+    pub(crate) fn places(&self) -> &[[f64; 2]] {
+        &self.places
     }
 
     /// Lanes in order.
@@ -215,11 +234,11 @@ impl Path {
             self.legs.drain(..keep);
         }
         // Rarely, because the rest moves up.
-        let first = self
-            .points
-            .partition_point(|p| p.arc_m < now_m - KEPT_BEHIND_M);
-        if first > 60 {
+        let until_m = now_m - KEPT_BEHIND_M;
+        if self.points.get(60).is_some_and(|p| p.arc_m < until_m) {
+            let first = self.points.partition_point(|p| p.arc_m < until_m);
             self.points.drain(..first);
+            self.places.drain(..first);
         }
     }
 
@@ -237,6 +256,7 @@ impl Path {
         self.legs.truncate(last + 1);
         let end_m = self.legs[last].arc_m[1];
         self.points.retain(|p| p.arc_m <= end_m + 1e-9);
+        self.places.truncate(self.points.len());
         self.ends = false;
         self.choices = choices;
         self.guide = guide;
@@ -288,6 +308,7 @@ impl Path {
             let is_seam = idx == 0 && self.points.last().is_some_and(|p| arc_m - p.arc_m < 0.3);
             if !is_seam {
                 self.points.push(PathPoint { arc_m, ..*point });
+                self.places.push(point.position_m);
             }
         }
         self.legs.push(Leg {
@@ -328,6 +349,7 @@ impl Path {
         // Points of the target lanes first, moved onto the curve afterwards.
         let mut chain = Path {
             points: Vec::new(),
+            places: Vec::new(),
             legs: Vec::new(),
             ends: false,
             shift: None,
@@ -400,6 +422,7 @@ impl Path {
             from_s_less_arc_m: s_m - from_m,
         });
         *self = other;
+        self.note_places();
         true
     }
 
@@ -422,6 +445,12 @@ impl Path {
             point.position_m[1] += cos * offset_m * weight;
         }
         bend(&mut self.points, first, range[1] + 2.0);
+        self.note_places();
+    }
+
+    fn note_places(&mut self) {
+        self.places.clear();
+        self.places.extend(self.points.iter().map(|p| p.position_m));
     }
 
     /// The point at a path length, between its neighbours.
@@ -467,9 +496,15 @@ impl Path {
     /// The nearest place to a point, found downhill from the point with index `start`.
     /// Returns its distance too, metres.
     pub(crate) fn descend(&self, point: [f64; 2], start: usize) -> (Foot, f64) {
-        let last = self.points.len() - 2;
+        let near = self.nearest(point, start);
+        (self.foot(near, point), near.apart_m)
+    }
+
+    /// The same without the direction there, which costs more than all the rest.
+    pub(crate) fn nearest(&self, point: [f64; 2], start: usize) -> Near {
+        let last = self.places.len() - 2;
         let square = |idx: usize| {
-            let [x, y] = self.points[idx].position_m;
+            let [x, y] = self.places[idx];
             (x - point[0]) * (x - point[0]) + (y - point[1]) * (y - point[1])
         };
         let mut idx = start.min(last + 1);
@@ -495,10 +530,28 @@ impl Path {
         }
         let before = idx.saturating_sub(1).min(last);
         let after = idx.min(last);
-        let (a, at_a) = foot_on(&self.points[before], &self.points[before + 1], point);
-        let (b, at_b) = foot_on(&self.points[after], &self.points[after + 1], point);
-        let (to_a, to_b) = (distance(at_a, point), distance(at_b, point));
-        if to_a < to_b { (a, to_a) } else { (b, to_b) }
+        let on = |segment: usize| {
+            let (share, at) = nearest_on(self.places[segment], self.places[segment + 1], point);
+            Near {
+                segment,
+                share,
+                apart_m: distance(at, point),
+            }
+        };
+        let (a, b) = (on(before), on(after));
+        if a.apart_m < b.apart_m { a } else { b }
+    }
+
+    /// The place between two points, as seen from a point beside it.
+    pub(crate) fn foot(&self, near: Near, point: [f64; 2]) -> Foot {
+        let (a, b) = (&self.points[near.segment], &self.points[near.segment + 1]);
+        foot_at(a, b, near.share, point)
+    }
+
+    /// Path length of a place between two points.
+    pub(crate) fn arc_at(&self, near: Near) -> f64 {
+        let (a, b) = (&self.points[near.segment], &self.points[near.segment + 1]);
+        a.arc_m + near.share * (b.arc_m - a.arc_m)
     }
 }
 
@@ -543,27 +596,31 @@ fn bend(points: &mut [PathPoint], first: usize, until_m: f64) {
 }
 
 fn foot_on(a: &PathPoint, b: &PathPoint, point: [f64; 2]) -> (Foot, [f64; 2]) {
-    let d = [
-        b.position_m[0] - a.position_m[0],
-        b.position_m[1] - a.position_m[1],
-    ];
-    let r = [point[0] - a.position_m[0], point[1] - a.position_m[1]];
+    let (share, at) = nearest_on(a.position_m, b.position_m, point);
+    (foot_at(a, b, share, point), at)
+}
+
+/// How far from one point to the next the nearest place to a third is, 0..=1, and where.
+fn nearest_on(a: [f64; 2], b: [f64; 2], point: [f64; 2]) -> (f64, [f64; 2]) {
+    let d = [b[0] - a[0], b[1] - a[1]];
+    let r = [point[0] - a[0], point[1] - a[1]];
     let length2 = (d[0] * d[0] + d[1] * d[1]).max(1e-12);
     let share = ((r[0] * d[0] + r[1] * d[1]) / length2).clamp(0.0, 1.0);
+    (share, [a[0] + share * d[0], a[1] + share * d[1]])
+}
+
+fn foot_at(a: &PathPoint, b: &PathPoint, share: f64, point: [f64; 2]) -> Foot {
     let at = [
-        a.position_m[0] + share * d[0],
-        a.position_m[1] + share * d[1],
+        a.position_m[0] + share * (b.position_m[0] - a.position_m[0]),
+        a.position_m[1] + share * (b.position_m[1] - a.position_m[1]),
     ];
     let heading_rad = a.heading_rad + share * wrap(b.heading_rad - a.heading_rad);
     let (sin, cos) = heading_rad.sin_cos();
     // Along the normal of the curve instead of the chord, so that the offset has no steps.
     let offset_m = -sin * (point[0] - at[0]) + cos * (point[1] - at[1]);
-    (
-        Foot {
-            arc_m: a.arc_m + share * (b.arc_m - a.arc_m),
-            offset_m,
-            heading_rad,
-        },
-        at,
-    )
+    Foot {
+        arc_m: a.arc_m + share * (b.arc_m - a.arc_m),
+        offset_m,
+        heading_rad,
+    }
 }

@@ -13,6 +13,7 @@ use std::net::{IpAddr, TcpListener};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use anyhow::Context as _;
+use consumer_rpc::door::{Admits, Door, within_file_limit};
 use consumer_rpc::fields::{Fields, Wrong};
 use consumer_rpc::message::{self, Request};
 use consumer_rpc::place::Place;
@@ -111,17 +112,28 @@ impl Served {
     ///
     /// # Errors
     /// No socket, or no thread.
-    pub fn start(domain: &str, bind: IpAddr, ports: Vec<u16>) -> anyhow::Result<Served> {
+    pub fn start(
+        domain: &str,
+        bind: IpAddr,
+        admits: Admits,
+        ports: Vec<u16>,
+    ) -> anyhow::Result<Served> {
         let first = ports.first().copied().unwrap_or(0);
         let listener = TcpListener::bind((bind, first))
             .or_else(|_| TcpListener::bind((bind, 0)))
             .with_context(|| format!("cannot listen on {bind}; choose another with --bind"))?;
         let place = announce::place_of(&listener)?;
+        let door = Door::new(
+            listener,
+            "Traffic Manager connections",
+            within_file_limit(server::MAX_RPC_CONNECTIONS),
+            admits,
+        )?;
         let (counter, requests) = channel().context("cannot make a socket pair")?;
         let manager = Arc::new(Manager::new(counter));
         std::thread::Builder::new()
             .name("managers".into())
-            .spawn(move || server::serve(&listener, &manager))
+            .spawn(move || server::serve(door, &manager))
             .context("cannot start a thread")?;
         Ok(Served {
             requests,

@@ -12,15 +12,19 @@ use schema_bus::{
     Bus, BusError, CommandClient, CommandError, ControlWriter, Notifier, Token, WaitSet, names,
 };
 use schema_frames::{
-    ActorList, Command, CommandBatch, VehicleControl, VehicleControlRecord, WorldInfo,
+    ActorList, Command, CommandBatch, CommandReply, VehicleControl, VehicleControlRecord, WorldInfo,
 };
 use schema_roads::RoadMap;
 
+use crate::crowd::CrowdOptions;
 use crate::desk::{Answer, Desk, Start};
 use crate::fleet::{Fleet, Step};
 use crate::parameters::Parameters;
+use crate::peers::{Peers, writer_name};
+use crate::people::People;
 use crate::selection::Selection;
 use crate::served::Served;
+use crate::share::Share;
 use crate::steer::Geometry;
 use crate::traffic::Traffic;
 
@@ -38,6 +42,9 @@ const COMMAND_WAIT: Duration = Duration::from_secs(2);
 /// Between attempts to join lockstep.
 const JOIN_EVERY: Duration = Duration::from_secs(1);
 
+/// Everything between two waits.
+static DRIVE: schema_stages::Stage = schema_stages::Stage::new("drive");
+
 /// What was asked for.
 #[derive(Clone, Debug)]
 pub struct Options {
@@ -45,6 +52,8 @@ pub struct Options {
     pub domain: String,
     /// Whom to drive.
     pub vehicles: Selection,
+    /// Which share of these, if other processes drive the others.
+    pub share: Option<Share>,
     /// Whether the simulator waits for us.
     pub lockstep: bool,
     /// Name under which it waits; `None` is made from whom it drives.
@@ -53,6 +62,8 @@ pub struct Options {
     pub seed: Option<u64>,
     /// What holds for all vehicles until it is set.
     pub parameters: Parameters,
+    /// Whom to lead on foot.
+    pub crowd: CrowdOptions,
 }
 
 /// Drives until `stop` says so, and does what clients of `served` ask.
@@ -67,6 +78,8 @@ pub fn drive(
     let mut session = Session::open(options, served)?;
     while !stop() {
         session.wait()?;
+        schema_stages::post(0);
+        let _span = DRIVE.span();
         session.turn()?;
     }
     session.park()
@@ -100,13 +113,15 @@ struct Session<'o> {
     list_revision: u64,
     list_epoch: u64,
     desk: Desk,
+    people: Option<People>,
     /// Opened when the first command is sent.
     commands: Option<CommandClient>,
     command_name: String,
     episode: Option<Episode>,
     done: (u64, u64),
-    /// List and registrations by which vehicles were assigned.
-    assigned: Option<(u64, u64, u64)>,
+    peers: Option<Peers>,
+    /// List, registrations and shares by which vehicles were assigned.
+    assigned: Option<(u64, u64, u64, u64)>,
     refused_map: Option<(u64, u64)>,
     /// Since when a tick has waited for its map.
     waiting: Option<((u64, u64), Instant)>,
@@ -119,8 +134,12 @@ impl<'o> Session<'o> {
             Some(served) => served.name(),
             None => options.vehicles.to_string(),
         };
-        let name: String = format!("drive-{whom}").chars().take(40).collect();
+        let name = writer_name(&whom, options.share);
         let bus = Bus::open(&options.domain, &format!("gantry-{name}"))?;
+        let share = options.share;
+        let peers = share
+            .map(|share| Peers::open(&bus, &whom, share))
+            .transpose()?;
         let mut wake = WaitSet::new();
         let snapshots = wake.add(bus.listener(names::WORLD_SNAPSHOT)?);
         if let Some(served) = &mut served {
@@ -147,11 +166,14 @@ impl<'o> Session<'o> {
                 common: options.parameters.clone(),
                 seed: options.seed,
                 lockstep: options.lockstep,
+                leads_people: options.crowd.walkers > 0,
             }),
+            people: People::new(options.crowd),
             commands: None,
             command_name: format!("gantry-{name}"),
             episode: None,
             done: (0, 0),
+            peers,
             assigned: None,
             refused_map: None,
             waiting: None,
@@ -216,6 +238,9 @@ impl<'o> Session<'o> {
         let now = (world.header.epoch, world.header.tick);
         self.read_info()?;
         self.leave_lockstep_if_asked();
+        if let Some(peers) = &mut self.peers {
+            peers.listen(now, world.header.period_nanos, self.lockstep.is_some())?;
+        }
         if now == self.done {
             return self.join();
         }
@@ -240,11 +265,13 @@ impl<'o> Session<'o> {
         } else {
             Step::default()
         };
-        if !step.controls.is_empty() {
+        // Peers hear from an answer without controls that somebody is at work.
+        if !step.controls.is_empty() || self.peers.is_some() {
             self.writer.send(world.header.tick, &step.controls)?;
             self.daemon.notify();
         }
         self.send(step.commands)?;
+        self.populate()?;
         self.done = now;
         if let Some(lockstep) = &self.lockstep {
             lockstep.ack(world.header.tick)?;
@@ -386,7 +413,11 @@ impl<'o> Session<'o> {
                     episode,
                     "read the map"
                 );
-                let fleet = Fleet::new(Arc::new(map));
+                let map = Arc::new(map);
+                let fleet = Fleet::new(map.clone());
+                if let Some(people) = &mut self.people {
+                    people.begin(map, self.desk.settings_mut().seed);
+                }
                 self.episode = Some(Episode {
                     epoch,
                     episode,
@@ -417,13 +448,22 @@ impl<'o> Session<'o> {
             &at.records,
             self.desk.actors(),
         );
-        let now = (self.list_epoch, self.list_revision, self.desk.revision());
+        let shares = self.peers.as_ref().map_or(0, Peers::revision);
+        let now = (
+            self.list_epoch,
+            self.list_revision,
+            self.desk.revision(),
+            shares,
+        );
         // Vehicles that could not be placed on a lane are tried again once a second.
         if self.assigned != Some(now) || header.tick.is_multiple_of(20) {
             let mut ids = self.options.vehicles.choose(self.desk.actors());
             ids.extend(self.desk.registered());
             ids.sort_unstable();
             ids.dedup();
+            if let Some(peers) = &self.peers {
+                ids.retain(|id| peers.drives(*id));
+            }
             let before = episode.fleet.len();
             let geometry = geometry(self.desk.actors());
             episode
@@ -434,15 +474,35 @@ impl<'o> Session<'o> {
             }
             self.assigned = Some(now);
         }
-        let step = episode.fleet.step(&traffic, self.desk.settings_mut());
+        let mut step = episode.fleet.step(&traffic, self.desk.settings_mut());
         self.desk.note_actions(&mut episode.fleet);
+        if let Some(people) = &mut self.people {
+            step.commands.extend(people.step(&traffic));
+        }
         step
     }
 
-    /// Sends commands and waits until they are taken, so that they act on the next tick.
-    fn send(&mut self, commands: Vec<Command>) -> anyhow::Result<()> {
-        if commands.is_empty() {
+    /// Lets people come that are still missing.
+    fn populate(&mut self) -> anyhow::Result<()> {
+        let Some(people) = &mut self.people else {
             return Ok(());
+        };
+        people.prepare(&self.bus, self.desk.actors())?;
+        let spawns = people.missing();
+        if !spawns.is_empty() {
+            let replies = self.send(spawns.clone())?;
+            if let Some(people) = &mut self.people {
+                people.came(&spawns, &replies);
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends commands and waits until they are taken, so that they act on the next tick. Returns
+    /// their replies, or nothing if the simulator took none.
+    fn send(&mut self, commands: Vec<Command>) -> anyhow::Result<Vec<CommandReply>> {
+        if commands.is_empty() {
+            return Ok(Vec::new());
         }
         let client = match &mut self.commands {
             Some(client) => client,
@@ -450,21 +510,26 @@ impl<'o> Session<'o> {
         };
         match client.request(&CommandBatch::new(commands), COMMAND_WAIT) {
             Ok(answer) => {
-                for reply in answer.replies {
+                for reply in &answer.replies {
                     tracing::debug!(?reply, "command");
                 }
-                Ok(())
+                Ok(answer.replies)
             }
             Err(CommandError::Bus(error)) => Err(error.into()),
             Err(error) => {
                 tracing::warn!(%error, "the simulator took no command");
-                Ok(())
+                Ok(Vec::new())
             }
         }
     }
 
-    /// Stops all driven vehicles, because the simulator keeps applying the last controls.
+    /// Stops all driven vehicles, because the simulator keeps applying the last controls, and takes
+    /// the crowd away.
     fn park(&mut self) -> anyhow::Result<()> {
+        if let Some(people) = &mut self.people {
+            let commands = people.leave();
+            self.send(commands)?;
+        }
         let driven = self.episode.iter().flat_map(|e| e.fleet.drivers().keys());
         let ids: Vec<u32> = driven.copied().collect();
         if let Some(served) = &mut self.served {

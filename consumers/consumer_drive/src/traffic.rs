@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use schema_frames::{ActorKind, ActorList, ActorRecord, LightState};
+use schema_frames::{ActorKind, ActorList, ActorRecord, LightState, WalkerPart};
 
 use crate::plane::distance;
 
@@ -49,6 +49,8 @@ pub struct Mover {
     pub limit_mps: f64,
     /// Whether its role is that of an ego vehicle.
     pub is_hero: bool,
+    /// Whether it is a walker that was knocked down.
+    pub lies: bool,
 }
 
 impl Mover {
@@ -83,9 +85,17 @@ impl Mover {
 
     /// Points around its outline, at most about 1.5 m apart.
     pub fn outline(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+        let (sin, cos) = self.yaw_rad.sin_cos();
+        self.outline_along([cos, sin])
+    }
+
+    /// The same, with the cosine and sine of its heading.
+    pub(crate) fn outline_along(
+        &self,
+        [cos, sin]: [f64; 2],
+    ) -> impl Iterator<Item = [f64; 2]> + '_ {
         let [half_x, half_y] = self.half_m;
         let [middle_x, middle_y] = self.centre_m;
-        let (sin, cos) = self.yaw_rad.sin_cos();
         let point = move |x: f64, y: f64| {
             [
                 self.position_m[0] + cos * x - sin * y,
@@ -232,9 +242,20 @@ impl Traffic {
 /// Side of a cell of the grid, metres.
 const CELL_M: f64 = 24.0;
 
+/// Where the box of a mover is.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Stance {
+    /// World position of its middle.
+    pub middle_m: [f64; 2],
+    /// Cosine and sine of its heading.
+    pub along: [f64; 2],
+}
+
 /// Where movers are: the cells of a plane, folded into a table whose size goes with their number.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Grid {
+    /// By index of the mover.
+    stances: Vec<Stance>,
     /// Start of each slot's list in `entries`, and the end of the last.
     starts: Vec<u32>,
     /// Cell and mover.
@@ -245,7 +266,8 @@ impl Grid {
     /// Enters the middle of every mover.
     pub fn new(movers: &[Mover]) -> Grid {
         let n_slots = (2 * movers.len()).next_power_of_two().max(16);
-        let cells: Vec<[i32; 2]> = movers.iter().map(|mover| cell(mover.middle())).collect();
+        let stances: Vec<Stance> = movers.iter().map(stance).collect();
+        let cells: Vec<[i32; 2]> = stances.iter().map(|it| cell(it.middle_m)).collect();
         let mut starts = vec![0u32; n_slots + 1];
         for at in &cells {
             starts[slot(*at, n_slots) + 1] += 1;
@@ -260,7 +282,16 @@ impl Grid {
             entries[*place as usize] = (at, idx as u32);
             *place += 1;
         }
-        Grid { starts, entries }
+        Grid {
+            stances,
+            starts,
+            entries,
+        }
+    }
+
+    /// Where the box of a mover is, by its index.
+    pub fn stance(&self, mover: u32) -> Stance {
+        self.stances[mover as usize]
     }
 
     /// Movers whose middle may lie between two corners, by cell and then by rising id.
@@ -280,6 +311,18 @@ impl Grid {
                     .filter(move |(of, _)| *of == at)
                     .map(|(_, mover)| *mover)
             })
+    }
+}
+
+fn stance(mover: &Mover) -> Stance {
+    let (sin, cos) = mover.yaw_rad.sin_cos();
+    let [x, y] = mover.centre_m;
+    Stance {
+        middle_m: [
+            mover.position_m[0] + cos * x - sin * y,
+            mover.position_m[1] + sin * x + cos * y,
+        ],
+        along: [cos, sin],
     }
 }
 
@@ -329,5 +372,8 @@ fn mover(record: &ActorRecord, actors: &ActorList) -> Mover {
         lamps: part.map_or(0, |p| p.lamps),
         limit_mps: part.map_or(0.0, |p| f64::from(p.speed_limit_mps)),
         is_hero: info.is_some_and(|i| matches!(i.role.as_str(), "hero" | "ego_vehicle")),
+        lies: record
+            .walker()
+            .is_some_and(|walker| walker.flags & WalkerPart::DOWN != 0),
     }
 }

@@ -25,6 +25,9 @@ struct Log {
     n_touches: u32,
     /// Ticks with its middle on the road's drivable lanes, for people on foot.
     n_on_road: u32,
+    /// Ticks for which it has stood, and the most at one time.
+    standing: u64,
+    longest_standing: u64,
 }
 
 struct Stage {
@@ -146,6 +149,10 @@ impl Stage {
             let record = self.world.record(ActorId(mover.id)).unwrap();
             // A walker may walk into a car that stands; the driver is not to blame.
             let moves = mover.is_vehicle && mover.speed_mps.abs() > STANDING_MPS;
+            if mover.is_vehicle {
+                log.standing = if moves { 0 } else { log.standing + 1 };
+                log.longest_standing = log.longest_standing.max(log.standing);
+            }
             log.n_touches += u32::from(moves && record.flags & ActorRecord::TOUCHED != 0);
             match self.fleet.drivers().get(&mover.id) {
                 Some(driver) => {
@@ -203,6 +210,25 @@ fn sixty_vehicles_in_the_small_town_do_not_lock_up() {
     assert!(
         last_m > 0.6 * first_m,
         "{first_m:.0} m in the first two minutes, {last_m:.0} m in the last two"
+    );
+}
+
+/// Where four lanes wait before one light, those who are second in their lane arrived before those
+/// who are first in another: nobody may wait for one that cannot go. No cycle of Town06's lights is
+/// as long as 90 s.
+#[test]
+fn nobody_waits_for_one_that_stands_behind_another() {
+    let mut stage = Stage::new("Town06", 60, 1);
+    stage.drive(5);
+    let longest = stage
+        .logs
+        .iter()
+        .max_by_key(|(_, log)| log.longest_standing);
+    let (id, log) = longest.unwrap();
+    assert!(
+        log.longest_standing < 90 * TICKS_PER_MINUTE / 60,
+        "{id} stood for {} ticks",
+        log.longest_standing
     );
 }
 

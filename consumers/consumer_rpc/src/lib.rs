@@ -3,8 +3,10 @@
 //!
 //! The gateway (`gantry-carla`) and the Traffic Manager (`gantry-drive --serve`) are built on it.
 //! Modules in reading order: [`msgpack`] (values and their bytes), [`fields`] (reads what clients
-//! send), [`message`] (requests and responses), [`server`] (connections and their threads), and
-//! [`place`] (where gateways find a Traffic Manager).
+//! send), [`message`] (requests and responses), [`budget`] (memory of all messages), [`seats`] (who
+//! makes room for whom), [`sock_diag`] and [`owner`] (whose process connects), [`connection`] (time-outs), [`door`]
+//! (who comes in), [`server`] (requests and their threads), and [`place`] (where gateways find a
+//! Traffic Manager).
 //!
 //! ```
 //! use consumer_rpc::fields::Fields;
@@ -22,8 +24,14 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod budget;
+pub mod connection;
+pub mod door;
 pub mod fields;
 pub mod message;
 pub mod msgpack;
+pub mod owner;
 pub mod place;
+pub mod seats;
 pub mod server;
+pub mod sock_diag;

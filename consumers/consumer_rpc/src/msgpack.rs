@@ -7,6 +7,8 @@ use rmp::Marker;
 use rmp::decode::{RmpRead as _, read_marker};
 use rmp::encode;
 
+use crate::budget::Share;
+
 /// A msgpack value. Maps and extension types do not occur in CARLA's protocol and are refused.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
@@ -69,6 +71,9 @@ pub enum DecodeError {
         /// How much is allowed.
         limit: usize,
     },
+    /// All messages together take too much memory now.
+    #[error("the messages of all clients together take too much memory now; send it again later")]
+    NoRoom,
     /// A kind that CARLA's protocol does not have.
     #[error("the message contains {0}, which CARLA's protocol does not have")]
     Foreign(&'static str),
@@ -82,10 +87,31 @@ pub enum DecodeError {
 /// # Errors
 /// [`DecodeError`]; the stream is then of no further use.
 pub fn read(reader: &mut impl Read, limits: Limits) -> Result<Value, DecodeError> {
+    begin(reader, limits, None)
+}
+
+/// Reads one value, whose memory is taken from a budget.
+///
+/// # Errors
+/// [`DecodeError`]; the stream is then of no further use.
+pub fn read_within(
+    reader: &mut impl Read,
+    limits: Limits,
+    share: &mut Share,
+) -> Result<Value, DecodeError> {
+    begin(reader, limits, Some(share))
+}
+
+fn begin(
+    reader: &mut impl Read,
+    limits: Limits,
+    share: Option<&mut Share>,
+) -> Result<Value, DecodeError> {
     let mut decoder = Decoder {
         reader,
         left: limits,
         limits,
+        share,
     };
     let marker = match read_marker(decoder.reader) {
         Ok(marker) => marker,
@@ -97,13 +123,25 @@ pub fn read(reader: &mut impl Read, limits: Limits) -> Result<Value, DecodeError
     decoder.value(marker, limits.depth)
 }
 
+/// Texts are read in pieces of so many bytes.
+const PIECE: usize = 1 << 16;
+
 struct Decoder<'r, R> {
     reader: &'r mut R,
     left: Limits,
     limits: Limits,
+    share: Option<&'r mut Share>,
 }
 
 impl<R: Read> Decoder<'_, R> {
+    fn pay(&mut self, bytes: usize) -> Result<(), DecodeError> {
+        let has_room = match &mut self.share {
+            Some(share) => share.take(bytes),
+            None => true,
+        };
+        has_room.then_some(()).ok_or(DecodeError::NoRoom)
+    }
+
     fn value(&mut self, marker: Marker, depth: usize) -> Result<Value, DecodeError> {
         self.left.values = self
             .left
@@ -195,14 +233,19 @@ impl<R: Read> Decoder<'_, R> {
                 what: "bytes of text",
                 limit: self.limits.bytes,
             })?;
-        let mut bytes = Vec::with_capacity(len.min(4096));
-        self.reader
-            .by_ref()
-            .take(len as u64)
-            .read_to_end(&mut bytes)
-            .map_err(DecodeError::Io)?;
-        if bytes.len() < len {
-            return Err(DecodeError::Io(io::ErrorKind::UnexpectedEof.into()));
+        self.pay(size_of::<Value>())?;
+        let mut bytes = Vec::with_capacity(len.min(PIECE));
+        while bytes.len() < len {
+            let (had, piece) = (bytes.len(), (len - bytes.len()).min(PIECE));
+            self.pay(piece)?;
+            self.reader
+                .by_ref()
+                .take(piece as u64)
+                .read_to_end(&mut bytes)
+                .map_err(DecodeError::Io)?;
+            if bytes.len() < had + piece {
+                return Err(DecodeError::Io(io::ErrorKind::UnexpectedEof.into()));
+            }
         }
         Ok(bytes)
     }
@@ -220,6 +263,7 @@ impl<R: Read> Decoder<'_, R> {
         }
         let mut items = Vec::with_capacity(len.min(256));
         for _ in 0..len {
+            self.pay(size_of::<Value>())?;
             let marker = read_marker(self.reader).map_err(|error| DecodeError::Io(error.0))?;
             items.push(self.value(marker, deeper)?);
         }

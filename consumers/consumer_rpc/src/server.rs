@@ -1,18 +1,32 @@
 //! The server: requests in, responses out, one thread per connection, in order of arrival.
 
-use std::collections::BTreeMap;
-use std::io::{self, BufReader, Write as _};
-use std::net::{IpAddr, Shutdown, TcpListener, TcpStream};
+use std::io::{self, BufRead as _, BufReader};
+use std::net::{IpAddr, Shutdown};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
+use std::time::Instant;
 
+pub use crate::connection::Later;
+
+use crate::budget::Budget;
+use crate::connection::{Incoming, REQUEST_TIMEOUT};
+use crate::door::{Door, Guest};
 use crate::fields::Wrong;
 use crate::message::{self, Request};
 use crate::msgpack::{self, DecodeError, Limits};
+use crate::seats::Doing;
 
-/// Most connections that may be open.
-const MAX_CONNECTIONS: usize = 256;
+/// Most connections of a server that may be open. Beyond that, the connection that has been idle
+/// for longest makes room.
+pub const MAX_RPC_CONNECTIONS: usize = 512;
+/// Memory that the requests of all connections of a server may take together, bytes.
+pub const MAX_REQUEST_BYTES: usize = 512 << 20;
+/// What a request may cost that is answered with a refusal whatever it says.
+const UNWELCOME: Limits = Limits {
+    bytes: 1 << 16,
+    values: 1000,
+    depth: 32,
+};
 
 /// The connection that a request came over.
 #[derive(Clone, Debug)]
@@ -25,30 +39,6 @@ pub struct Peer {
     pub later: Later,
 }
 
-/// The writing end of a connection, for responses out of turn: clients tell responses apart by the
-/// numbers of their requests, so they may come in any order.
-#[derive(Clone, Debug)]
-pub struct Later(Arc<Mutex<TcpStream>>);
-
-impl Later {
-    /// For a connection.
-    pub fn new(connection: TcpStream) -> Later {
-        Later(Arc::new(Mutex::new(connection)))
-    }
-
-    /// Writes whole responses. Waits for a client that does not read.
-    ///
-    /// # Errors
-    /// If the connection has ended.
-    pub fn send(&self, responses: &[u8]) -> io::Result<()> {
-        if responses.is_empty() {
-            return Ok(());
-        }
-        let mut connection = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        connection.write_all(responses)
-    }
-}
-
 /// What a server's methods do.
 pub trait Service: Send + Sync + 'static {
     /// Runs a request and returns the bytes of its response; no bytes if the response follows over
@@ -58,13 +48,9 @@ pub trait Service: Send + Sync + 'static {
     /// [`Wrong`] ends the connection: what follows could not be understood.
     fn serve(&self, peer: Peer, request: Request) -> Result<Vec<u8>, Wrong>;
 
-    /// Bytes of the response to a request that panicked. Without one the client would wait until its
-    /// time-out.
-    fn panicked(&self, id: u32, method: &str) -> Vec<u8> {
-        message::failure(
-            id,
-            &format!("{method} failed, and the server's log says where"),
-        )
+    /// Bytes of the response to a request that was not run, for the reason that the sentence gives.
+    fn refused(&self, id: u32, _method: &str, sentence: &str) -> Vec<u8> {
+        message::failure(id, sentence)
     }
 
     /// A connection has ended.
@@ -82,120 +68,80 @@ enum Broken {
     Wrong(#[from] Wrong),
 }
 
-/// One open connection.
-struct Open {
-    connection: TcpStream,
-    /// Whether a whole request has arrived.
-    has_asked: Arc<AtomicBool>,
-}
-
-/// Open connections by number; numbers rise.
-type Table = Arc<Mutex<BTreeMap<u64, Open>>>;
-
-fn lock(table: &Table) -> MutexGuard<'_, BTreeMap<u64, Open>> {
-    table.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Makes room for one more connection. Clients that connect and never ask anything must not keep
-/// others out.
-fn make_room(table: &Table) -> bool {
-    let mut open = lock(table);
-    if open.len() < MAX_CONNECTIONS {
-        return true;
-    }
-    let Some(number) = open
-        .iter()
-        .find(|(_, one)| !one.has_asked.load(Ordering::Acquire))
-        .map(|(number, _)| *number)
-    else {
-        tracing::warn!("refused an RPC connection: {MAX_CONNECTIONS} are open and in use");
-        return false;
-    };
-    if let Some(silent) = open.remove(&number) {
-        tracing::warn!(
-            "closed the oldest RPC connection that never asked anything: {MAX_CONNECTIONS} are open"
-        );
-        // The connection's thread notices and ends.
-        let _ = silent.connection.shutdown(Shutdown::Both);
-    }
-    true
-}
-
 /// Accepts clients for ever.
-pub fn serve<S: Service>(listener: &TcpListener, service: &Arc<S>) {
-    static NEXT: AtomicU64 = AtomicU64::new(1);
-    let table = Table::default();
-    for connection in listener.incoming() {
-        let Ok(connection) = connection else { continue };
-        let Ok(other_end) = connection.try_clone() else {
-            continue;
-        };
-        if !make_room(&table) {
-            continue;
+pub fn serve<S: Service>(door: Door, service: &Arc<S>) {
+    let (service, budget) = (service.clone(), Budget::new(MAX_REQUEST_BYTES));
+    Arc::new(door).serve(move |guest| {
+        let (number, stream) = (guest.seat.number, guest.stream.clone());
+        let peer = stream
+            .peer_addr()
+            .map_or_else(|_| "?".to_owned(), |peer| peer.to_string());
+        tracing::debug!(peer, "connected");
+        let is_welcome = guest.unwelcome.is_none();
+        if let Err(error) = serve_one(guest, service.as_ref(), &budget) {
+            tracing::warn!(peer, %error, "closed an RPC connection");
         }
-        let (service, here, has_asked) = (
-            service.clone(),
-            table.clone(),
-            Arc::new(AtomicBool::new(false)),
-        );
-        let number = NEXT.fetch_add(1, Ordering::Relaxed);
-        lock(&table).insert(
-            number,
-            Open {
-                connection: other_end,
-                has_asked: has_asked.clone(),
-            },
-        );
-        let spawned = std::thread::Builder::new()
-            .name("rpc".into())
-            .spawn(move || {
-                let peer = connection
-                    .peer_addr()
-                    .map_or_else(|_| "?".to_owned(), |peer| peer.to_string());
-                tracing::debug!(peer, "connected");
-                if let Err(error) = serve_one(connection, service.as_ref(), number, &has_asked) {
-                    tracing::warn!(peer, %error, "closed an RPC connection");
-                }
-                service.closed(number);
-                lock(&here).remove(&number);
-            });
-        if let Err(error) = spawned {
-            tracing::warn!(%error, "cannot start a thread for an RPC connection");
-            lock(&table).remove(&number);
+        // Answers that are held back may still keep the socket.
+        let _ = stream.shutdown(Shutdown::Both);
+        if is_welcome {
+            service.closed(number);
         }
-    }
+    });
 }
 
-fn serve_one<S: Service>(
-    connection: TcpStream,
-    service: &S,
-    number: u64,
-    has_asked: &AtomicBool,
-) -> Result<(), Broken> {
-    connection.set_nodelay(true)?;
+fn serve_one<S: Service>(guest: Guest, service: &S, budget: &Budget) -> Result<(), Broken> {
+    let Guest {
+        stream,
+        seat,
+        unwelcome,
+    } = guest;
     let peer = Peer {
-        number,
-        ours: connection.local_addr().ok().map(|address| address.ip()),
-        later: Later::new(connection.try_clone()?),
+        number: seat.number,
+        ours: stream.local_addr().ok().map(|address| address.ip()),
+        later: Later::of(stream.clone(), seat.pulse.clone()),
     };
-    let mut reader = BufReader::with_capacity(1 << 16, connection);
+    let limits = match unwelcome {
+        None => Limits::default(),
+        Some(_) => UNWELCOME,
+    };
+    let mut reader = BufReader::with_capacity(1 << 16, Incoming::new(stream)?);
     loop {
-        let message = match msgpack::read(&mut reader, Limits::default()) {
-            Ok(message) => message,
-            Err(DecodeError::Closed) => return Ok(()),
+        match reader.fill_buf() {
+            Ok([]) => return Ok(()),
+            Ok(_) => {}
             // The client was killed.
+            Err(error) if error.kind() == io::ErrorKind::ConnectionReset => return Ok(()),
+            Err(error) => return Err(error.into()),
+        }
+        let mut share = budget.share();
+        reader.get_mut().until = Some(Instant::now() + REQUEST_TIMEOUT);
+        let message = match msgpack::read_within(&mut reader, limits, &mut share) {
+            Ok(message) => message,
             Err(DecodeError::Io(error)) if error.kind() == io::ErrorKind::ConnectionReset => {
                 return Ok(());
             }
             Err(error) => return Err(error.into()),
         };
+        reader.get_mut().until = None;
         let request = message::parse(message)?;
-        has_asked.store(true, Ordering::Release);
+        if let Some(sentence) = &unwelcome {
+            let _ = peer
+                .later
+                .send(&service.refused(request.id, &request.method, sentence));
+            return Ok(());
+        }
+        seat.pulse.now(Doing::Served);
         let (id, method) = (request.id, request.method.clone());
         let response = catch_unwind(AssertUnwindSafe(|| service.serve(peer.clone(), request)))
-            .unwrap_or_else(|_| Ok(service.panicked(id, &method)))?;
+            .unwrap_or_else(|_| {
+                // Without a response the client would wait until its time-out.
+                let sentence = format!("{method} failed, and the server's log says where");
+                Ok(service.refused(id, &method, &sentence))
+            })?;
+        drop(share);
         if peer.later.send(&response).is_err() {
             return Ok(());
         }
+        seat.pulse.now(Doing::Idle);
     }
 }

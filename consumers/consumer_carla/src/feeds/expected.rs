@@ -32,18 +32,24 @@ impl<T> Default for Expected<T> {
 }
 
 impl<T> Expected<T> {
-    /// Whether [`MAX_EXPECTED`] clients are expected already.
-    pub fn is_full(&self) -> bool {
-        lock(&self.0).values().map(VecDeque::len).sum::<usize>() >= MAX_EXPECTED
-    }
-
-    /// Keeps `source` for the client that is about to connect to `stream`.
-    pub fn add(&self, stream: u32, source: T) {
+    /// Keeps `source` for the client that is about to connect to `stream`. If [`MAX_EXPECTED`] are
+    /// kept already, the oldest of the stream with the most of them is given up and returned, with
+    /// its stream: who asks very often and never comes delays nobody else.
+    pub fn add(&self, stream: u32, source: T) -> Option<(u32, T)> {
         let since = Instant::now();
-        lock(&self.0)
+        let mut expected = lock(&self.0);
+        let mut given_up = None;
+        if expected.values().map(VecDeque::len).sum::<usize>() >= MAX_EXPECTED
+            && let Some((most, waiting)) = expected.iter_mut().max_by_key(|(_, all)| all.len())
+        {
+            let oldest = waiting.pop_front();
+            given_up = oldest.map(|waiting| (*most, waiting.source));
+        }
+        expected
             .entry(stream)
             .or_default()
             .push_back(Waiting { since, source });
+        given_up
     }
 
     /// Hands out the source that has waited longest for a client of `stream`.
@@ -82,13 +88,13 @@ mod tests {
     fn clients_get_what_was_made_ready_for_their_stream_in_order() {
         let expected = Expected::default();
         for (stream, source) in [(7, "a"), (8, "b"), (7, "c")] {
-            expected.add(stream, source);
+            assert_eq!(expected.add(stream, source), None);
         }
         let taken = [7, 7, 7, 8].map(|stream| expected.take(stream));
         assert_eq!(taken, [Some("a"), Some("c"), None, Some("b")]);
-        (0..MAX_EXPECTED).for_each(|_| expected.add(9, "d"));
-        assert!(expected.is_full());
+        assert!((0..MAX_EXPECTED).all(|_| expected.add(9, "d").is_none()));
         expected.sweep();
-        assert!(expected.is_full(), "what is new stays");
+        assert_eq!(expected.add(7, "e"), Some((9, "d")), "what is new stays");
+        assert_eq!(expected.take(7), Some("e"));
     }
 }

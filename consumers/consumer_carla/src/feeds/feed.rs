@@ -1,7 +1,6 @@
 //! A feed: the readers of one sensor's topics, and the encoder that turns frames into messages.
 
 use std::io::Read as _;
-use std::net::TcpStream;
 use std::os::fd::{AsFd as _, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,11 +13,12 @@ use crate::feeds::events;
 use crate::feeds::progress::{Progress, Readers};
 use crate::feeds::relay::Relay;
 use crate::feeds::world_stream::WorldStream;
+use crate::stages;
 use crate::state::known_world::World;
 use crate::wire::geolocation::geo_reference_deg;
 use crate::wire::sensor_message::records::GRAVITY_MPS2;
 use crate::wire::sensor_message::{Context, Encoder};
-use crate::wire::streams::{StreamMessage, actor_of, send};
+use crate::wire::streams::{Recipient, StreamMessage, actor_of};
 
 /// How often a stream without new frames checks its connection and its sensor.
 const LOOK: Duration = Duration::from_millis(500);
@@ -59,8 +59,8 @@ impl Shared {
 
 /// Where a feed sends its messages.
 pub enum Outlet<'a> {
-    /// One client's connection.
-    Client(&'a mut TcpStream),
+    /// One client.
+    Client(&'a Recipient),
     /// All listeners of a relay.
     Relay(&'a Relay),
 }
@@ -68,7 +68,7 @@ pub enum Outlet<'a> {
 impl Outlet<'_> {
     fn send(&mut self, tick: u64, head: &[u8], body: &[u8]) -> std::io::Result<()> {
         match self {
-            Outlet::Client(connection) => send(connection, head, body),
+            Outlet::Client(client) => client.send(head, body),
             Outlet::Relay(relay) => {
                 relay.send(&StreamMessage {
                     tick,
@@ -177,13 +177,16 @@ impl Feed {
             let Some(context) = shared.context(&frames[0]) else {
                 continue;
             };
+            let convert = stages::CONVERT.span();
             let events = events::bodies(&shared.world.known(), &frames[0]);
             if let Some(bodies) = events {
+                drop(convert);
                 for body in bodies {
                     let message = self.encoder.event(frames[0].header(), &body, &context);
                     outlet.send(tick, message.head, message.body)?;
                 }
             } else if let Some(message) = self.encoder.encode(&frames, &context) {
+                drop(convert);
                 outlet.send(tick, message.head, message.body)?;
             }
         }

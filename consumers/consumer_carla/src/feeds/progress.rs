@@ -103,6 +103,12 @@ impl Readers {
         lock(&self.active).push(progress);
     }
 
+    /// Forgets readers that have ended. Each keeps a socket, and in a world that runs freely no step
+    /// looks at them.
+    pub fn sweep(&self) {
+        lock(&self.active).retain(|progress| progress.is_alive());
+    }
+
     /// Whether this stream has a reader.
     pub fn has_reader(&self, stream: u32) -> bool {
         lock(&self.active)

@@ -2,7 +2,6 @@
 //! so a slow one delays nobody else.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::net::TcpStream;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
 use std::time::{Duration, Instant};
@@ -10,7 +9,7 @@ use std::time::{Duration, Instant};
 use crate::feeds::progress::Progress;
 use crate::feeds::world_stream::WorldStream;
 use crate::lock::lock;
-use crate::wire::streams::{StreamMessage, has_ended, send, wait_for_end};
+use crate::wire::streams::{Recipient, StreamMessage};
 
 /// How often a listener checks whether its client has gone.
 const LOOK: Duration = Duration::from_millis(500);
@@ -170,17 +169,17 @@ impl Listener {
     /// emptied.
     pub fn serve(
         &self,
-        mut connection: TcpStream,
+        client: &Recipient,
         world_stream: &WorldStream,
         taken: &dyn Fn(),
     ) -> std::io::Result<()> {
-        let served = self.send_all(&mut connection, world_stream, taken);
+        let served = self.send_all(client, world_stream, taken);
         if let Some(progress) = &self.progress {
             progress.finish();
             taken();
         }
         match served {
-            Ok(true) => wait_for_end(&connection),
+            Ok(true) => client.wait_for_end(),
             Ok(false) => Ok(()),
             Err(error) => Err(error),
         }
@@ -189,7 +188,7 @@ impl Listener {
     /// Returns true when the relay was closed, false when the client has disconnected.
     fn send_all(
         &self,
-        connection: &mut TcpStream,
+        client: &Recipient,
         world_stream: &WorldStream,
         taken: &dyn Fn(),
     ) -> std::io::Result<bool> {
@@ -201,7 +200,7 @@ impl Listener {
             match self.next(rested_nanos) {
                 Next::Send(message) => {
                     world_stream.await_snapshot(message.tick);
-                    send(connection, &message.bytes, &[])?;
+                    client.send(&message.bytes, &[])?;
                 }
                 Next::Rest(nanos) => {
                     if nanos > rested_nanos
@@ -216,7 +215,7 @@ impl Listener {
             }
             if looked.elapsed() >= LOOK {
                 looked = Instant::now();
-                if has_ended(connection)? {
+                if client.has_ended()? {
                     return Ok(false);
                 }
             }

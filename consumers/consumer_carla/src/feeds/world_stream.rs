@@ -1,7 +1,6 @@
 //! The world stream: one snapshot message per tick to every client, before the tick's sensor
 //! messages.
 
-use std::net::TcpStream;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -10,13 +9,16 @@ use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounde
 
 use crate::feeds::client_streams::{self, ClientStream, ClientStreams, Retired};
 use crate::feeds::held_answers::HeldAnswers;
+use crate::feeds::lost_managers::LostManagers;
 use crate::lock::lock;
-use crate::wire::streams::{StreamMessage, has_ended, send};
+use crate::wire::streams::{Recipient, StreamMessage};
 
 /// Messages that may wait for a slow client; beyond that its newest are dropped.
 const BACKLOG: usize = 256;
 /// How often a connection without messages is checked for its end.
 const LOOK: Duration = Duration::from_millis(500);
+/// How long after a snapshot it is repeated for clients that may have lost it.
+const REPEAT_AFTER: Duration = Duration::from_millis(100);
 /// How long sensor messages wait for a client that is slow to take a snapshot.
 const SNAPSHOT_FIRST: Duration = Duration::from_millis(50);
 
@@ -47,6 +49,8 @@ struct Audience {
 pub struct WorldStream {
     /// Answers that wait for clients to connect to this stream, among others.
     pub held_answers: HeldAnswers,
+    /// Traffic Managers whose end costs clients a snapshot.
+    pub lost_managers: LostManagers,
     audience: Mutex<Audience>,
     client_streams: Mutex<ClientStreams>,
     written: Condvar,
@@ -170,7 +174,7 @@ impl WorldStream {
     }
 
     /// Sends snapshots to a client until it disconnects.
-    pub(crate) fn serve(&self, stream: u32, mut connection: TcpStream) -> std::io::Result<()> {
+    pub(crate) fn serve(&self, stream: u32, client: &Recipient) -> std::io::Result<()> {
         let (is_retired, owner) = {
             let mut streams = self.client_streams();
             (streams.retired(stream), streams.owner(stream))
@@ -179,7 +183,7 @@ impl WorldStream {
         if let Some(owner) = owner {
             self.held_answers.joined(owner);
         }
-        let served = self.send_all(&mut connection, &messages, &pace, &is_retired);
+        let served = self.send_all(client, &messages, &pace, &is_retired);
         // Sensor messages must not wait for a client that has gone.
         drop(messages);
         pace.written.store(u64::MAX, Ordering::Release);
@@ -189,17 +193,20 @@ impl WorldStream {
 
     fn send_all(
         &self,
-        connection: &mut TcpStream,
+        client: &Recipient,
         messages: &Receiver<StreamMessage>,
         pace: &Pace,
         is_retired: &Retired,
     ) -> std::io::Result<()> {
+        let mut last = None;
         loop {
-            match messages.recv_timeout(LOOK) {
+            let is_lossy = self.lost_managers.is_recent();
+            match messages.recv_timeout(if is_lossy { REPEAT_AFTER } else { LOOK }) {
                 Ok(message) => {
                     if client_streams::is_served(is_retired) {
-                        send(connection, &message.bytes, &[])?;
-                    } else if has_ended(connection)? {
+                        client.send(&message.bytes, &[])?;
+                        last = Some(message.clone());
+                    } else if client.has_ended()? {
                         return Ok(());
                     }
                     pace.written.store(message.tick, Ordering::Release);
@@ -210,8 +217,13 @@ impl WorldStream {
                     drop(self.audience());
                     self.written.notify_all();
                 }
-                Err(RecvTimeoutError::Timeout) if has_ended(connection)? => return Ok(()),
-                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Timeout) if client.has_ended()? => return Ok(()),
+                Err(RecvTimeoutError::Timeout) => {
+                    let lost = last.take_if(|_| self.lost_managers.is_recent());
+                    if let Some(message) = lost.filter(|_| client_streams::is_served(is_retired)) {
+                        client.send(&message.bytes, &[])?;
+                    }
+                }
                 Err(RecvTimeoutError::Disconnected) => return Ok(()),
             }
         }

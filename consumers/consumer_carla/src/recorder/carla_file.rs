@@ -1,5 +1,5 @@
 //! CARLA's own recordings (`.log`): a head, then packets, each with its number and size; the
-//! packets between a start and an end make a frame. `docs/carla-recorder.md` says what becomes of
+//! packets between a start and an end make a frame. `docs/reference/carla-recorder.md` says what becomes of
 //! each.
 
 use std::collections::{BTreeMap, BTreeSet};

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, BufRead, BufReader};
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use crate::recorder::carla_file::{self, CarlaFile};
@@ -11,9 +11,9 @@ use crate::recorder::own_file::OwnFile;
 use crate::recorder::read_error::{OpenError, ReadError, name};
 
 /// Longest recording that can be read, in frames: a day at 100 Hz.
-const MAX_FRAMES: u64 = 8_640_000;
-/// Largest file that can be read, bytes.
-const MAX_BYTES: u64 = 8 << 30;
+pub const MAX_FRAMES: u64 = 8_640_000;
+/// Largest recording that can be read, bytes.
+pub const MAX_BYTES: u64 = 8 << 30;
 /// Most actors in a recording.
 const MAX_ACTORS: usize = 65_536;
 /// Most bytes of what is remembered of all of them.
@@ -43,15 +43,7 @@ impl Reader<BufReader<File>> {
     /// If there is no such file or it does not begin as a recording.
     pub fn open(path: &Path) -> Result<Self, OpenError> {
         let name = name(path);
-        // A pipe would be waited for without end.
-        let opened = std::fs::metadata(path).and_then(|about| {
-            if about.is_file() {
-                Ok((File::open(path)?, about.len()))
-            } else {
-                Err(io::Error::other("it is not a file"))
-            }
-        });
-        let (file, n_bytes) = match opened {
+        let (file, n_bytes) = match launch_cli::files::open_plain(path) {
             Ok(opened) => opened,
             Err(cause) => return Err(OpenError::NotFound { name, cause }),
         };

@@ -1,5 +1,5 @@
 //! Gantry's own format of recordings: a sequence of msgpack lists, the head and then one list per
-//! frame. `docs/carla-recorder.md` has the table.
+//! frame. `docs/reference/carla-recorder.md` has the table.
 
 use std::io::Read;
 

@@ -10,7 +10,7 @@ use schema_frames::{
 };
 
 use crate::recorder::changes::Changes;
-use crate::state::commander::Commander;
+use crate::state::commander::{Commander, Pending};
 use crate::wire::axes;
 
 /// What a snapshot lacks and the simulator has to be asked for: physics control and bones.
@@ -23,10 +23,11 @@ pub struct Wanted {
 }
 
 impl Wanted {
-    /// Asks for everything in one request. Actors that have just disappeared are left out.
-    pub fn ask(&self, commander: &Commander, changes: &mut Changes) {
+    /// Asks for everything in one request, which runs before whatever is asked later, and waits for
+    /// nothing.
+    pub fn ask(self, commander: &Commander) -> Asked {
         if self.vehicles.is_empty() && self.walkers.is_empty() {
-            return;
+            return Asked::default();
         }
         let physics = |actor_id: &u32| Command::Physics {
             actor_id: *actor_id,
@@ -42,7 +43,31 @@ impl Wanted {
             .map(physics)
             .chain(self.walkers.iter().map(bones))
             .collect();
-        let replies = match commander.ask(commands) {
+        Asked {
+            answer: Some(commander.begin(commands)),
+            of: self,
+        }
+    }
+}
+
+/// What the simulator was asked for a snapshot.
+#[derive(Debug, Default)]
+pub struct Asked {
+    of: Wanted,
+    answer: Option<Pending>,
+}
+
+impl Asked {
+    /// Waits for the answer. Actors that have just disappeared are left out.
+    pub fn answer(self, changes: &mut Changes) {
+        let Asked {
+            of,
+            answer: Some(answer),
+        } = self
+        else {
+            return;
+        };
+        let replies = match answer.wait() {
             Ok(answer) => answer.replies,
             Err(error) => {
                 return tracing::warn!(
@@ -51,7 +76,7 @@ impl Wanted {
                 );
             }
         };
-        for (actor_id, reply) in self.vehicles.iter().chain(&self.walkers).zip(replies) {
+        for (actor_id, reply) in of.vehicles.iter().chain(&of.walkers).zip(replies) {
             match reply {
                 CommandReply::Physics {
                     answer: PhysicsAnswer::VehiclePhysics(physics),

@@ -4,17 +4,20 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use consumer_kit::WorldAt;
+use crossbeam_channel::Receiver;
 use schema_frames::scenery::LampChange;
 use schema_frames::{ActorKind, ActorRecord};
 
-use crate::recorder::changes::{Changes, StreetLight};
+use crate::recorder::changes::StreetLight;
+use crate::recorder::disk::{Disk, MAX_WAITING_BYTES, Refused, Unfinished};
 use crate::recorder::frame::{Born, Collision, Frame, Head, Light, Origin, Pedals, family};
 use crate::recorder::own_file::VERSION;
 use crate::recorder::text;
-use crate::recorder::watch::{Wanted, Watch};
+use crate::recorder::watch::{Asked, Wanted};
 use crate::state::blueprints;
 use crate::state::known_world::Known;
 use crate::wire::axes;
@@ -37,6 +40,15 @@ pub enum WriteError {
     /// The file cannot be written, for example because the disk is full.
     #[error("cannot write the recording: {0}")]
     Write(std::io::Error),
+    /// The file could not be written; [`Writer::finish`] says why.
+    #[error("the file of the recording can no longer be written")]
+    Ended,
+    /// The disk takes less than is recorded.
+    #[error(
+        "the disk is too slow for the recording: more than {} MiB wait to be written; record fewer actors or onto a faster disk",
+        MAX_WAITING_BYTES >> 20
+    )]
+    Behind,
     /// Another episode has begun, and a recording holds only one.
     #[error("another map was loaded")]
     OtherMap,
@@ -45,7 +57,7 @@ pub enum WriteError {
 /// A recording that is being written.
 #[derive(Debug)]
 pub struct Writer {
-    file: BufWriter<File>,
+    disk: Disk,
     with_motion: bool,
     episode: Option<u64>,
     alive: BTreeSet<u32>,
@@ -54,7 +66,6 @@ pub struct Writer {
     elapsed_nanos: u64,
     began: Instant,
     light_times: BTreeMap<u32, [f32; 3]>,
-    watch: Watch,
     street_lights: BTreeMap<u32, StreetLight>,
     /// Vehicles whose physics control was set since the last tick.
     physics_set: BTreeSet<u32>,
@@ -93,7 +104,7 @@ impl Writer {
         .write(&mut head);
         file.write_all(&head).map_err(cannot)?;
         Ok(Writer {
-            file,
+            disk: Disk::new(file).map_err(cannot)?,
             with_motion,
             episode: None,
             alive: BTreeSet::new(),
@@ -102,7 +113,6 @@ impl Writer {
             elapsed_nanos: 0,
             began: Instant::now(),
             light_times: BTreeMap::new(),
-            watch: Watch::default(),
             street_lights: BTreeMap::new(),
             physics_set: BTreeSet::new(),
         })
@@ -151,15 +161,15 @@ impl Writer {
         wanted
     }
 
-    /// Writes a frame; `changes` holds the answers to what was [`wanted`](Writer::wanted).
+    /// Hands a frame to the thread that writes it; `asked` is what was [`wanted`](Writer::wanted).
     ///
     /// # Errors
-    /// If the file cannot be written or another episode has begun.
+    /// If the file could not be written, its disk is too slow, or another episode has begun.
     pub fn write(
         &mut self,
-        snapshot: &WorldAt,
+        snapshot: &Arc<WorldAt>,
         known: &Known,
-        mut changes: Changes,
+        asked: Asked,
     ) -> Result<(), WriteError> {
         let header = &snapshot.header;
         let episode = crate::wire::world_message::episode_id(header);
@@ -174,20 +184,30 @@ impl Writer {
             self.elapsed_nanos += header.period_nanos;
         }
         self.last_tick = header.tick;
-        let mut frame = self.frame(snapshot, known);
-        self.watch.note(
-            snapshot,
-            known.info.as_ref().map(|info| info.weather),
-            &mut changes,
-        );
-        changes.street_lights = std::mem::take(&mut self.street_lights);
-        frame.changes = changes;
-        let mut bytes = Vec::new();
-        frame.write(&mut bytes);
-        self.file
-            .write_all(&bytes)
-            .and_then(|()| self.file.flush())
-            .map_err(WriteError::Write)
+        let unfinished = Unfinished {
+            frame: self.frame(snapshot, known),
+            snapshot: snapshot.clone(),
+            weather: known.info.as_ref().map(|info| info.weather),
+            street_lights: std::mem::take(&mut self.street_lights),
+            asked,
+        };
+        self.disk.put(unfinished).map_err(|refused| match refused {
+            Refused::Behind => WriteError::Behind,
+            Refused::Ended => WriteError::Ended,
+        })
+    }
+
+    /// Ends when all frames that were handed over so far are written.
+    pub fn written(&self) -> Receiver<()> {
+        self.disk.mark()
+    }
+
+    /// Waits until all is written, and closes the file.
+    ///
+    /// # Errors
+    /// If the file could not be written.
+    pub fn finish(self) -> Result<(), WriteError> {
+        self.disk.finish().map_err(WriteError::Write)
     }
 
     fn frame(&mut self, snapshot: &WorldAt, known: &Known) -> Frame {

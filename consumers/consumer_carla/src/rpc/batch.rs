@@ -81,7 +81,7 @@ fn read(value: &Value, new_actor: Option<u32>) -> Result<Item<'_>, Wrong> {
         .flatten()
         .find(|(number, _)| *number == kind);
     let (_, read) = found
-        .ok_or_else(|| Wrong::Value(format!("batch command {kind} cannot be done by gantry-carla; docs/carla-compatibility.md lists what works")))?;
+        .ok_or_else(|| Wrong::Value(format!("batch command {kind} cannot be done by gantry-carla; docs/reference/carla-compatibility.md lists what works")))?;
     let given = fields.u32()?;
     read(new_actor.unwrap_or(given), &mut fields)
 }

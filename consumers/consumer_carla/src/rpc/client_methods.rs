@@ -15,7 +15,7 @@ const VOID: &[&str] = &[
     "enable_gbuffers",
 ];
 
-/// All methods, by area as in `docs/carla-compatibility.md`.
+/// All methods, by area as in `docs/reference/carla-compatibility.md`.
 pub const BY_AREA: &[(&str, &[&str])] = &[
     (
         "Session, map, scenery",

@@ -35,7 +35,11 @@ fn running_manager(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
 fn place(gateway: &Gateway, port: u16) -> Option<Place> {
     let of_client = gateway.traffic_managers.host(port);
     let of_client = of_client.map(|host| Place { host, port });
-    of_client.or_else(|| served_manager::find(gateway.feeds.bus()?, port))
+    of_client.or_else(|| {
+        let served = served_manager::find(gateway.feeds.bus()?, port)?;
+        gateway.feeds.world_stream().lost_managers.watch(&served);
+        Some(served)
+    })
 }
 
 fn add_manager(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {

@@ -20,16 +20,19 @@ pub(crate) fn carla_map(name: &str) -> String {
     format!("{MAP_FOLDER}{name}")
 }
 
-/// Our name of the map that a script asks for: without folders, file ending and [`LAYERED`]. The rest cannot be a path, so a client can load only towns, files of
-/// the map folder and the map that it stored.
+/// Our name of the map that a script or a recording asks for: without folders, file endings and
+/// [`LAYERED`], however often they are there. The rest cannot be a path, so a client can load only
+/// towns, files of the map folder and the map that it stored.
 pub(crate) fn own_map(asked: &str) -> &str {
-    let name = asked
-        .rsplit('/')
-        .next()
-        .unwrap_or(asked)
-        .trim_start_matches('.');
-    let name = name.strip_suffix(".xodr").unwrap_or(name);
-    name.strip_suffix(LAYERED).unwrap_or(name)
+    let name = asked.rsplit(['/', '\\']).next().unwrap_or(asked);
+    let mut name = name.trim_start_matches('.');
+    while let Some(shorter) = [".xodr", LAYERED]
+        .iter()
+        .find_map(|ending| name.strip_suffix(ending))
+    {
+        name = shorter;
+    }
+    name
 }
 
 /// Whether a script asks for a map in layers.
@@ -98,5 +101,8 @@ mod tests {
             assert_eq!(own_map(asked), "Town10HD");
         }
         assert_eq!((own_map(".."), own_map("/a/.b")), ("", "b"));
+        for asked in ["x.xodr_Opt", "x_Opt.xodr_Opt.xodr", "C:\\maps\\x.xodr"] {
+            assert_eq!(own_map(asked), "x", "{asked}");
+        }
     }
 }

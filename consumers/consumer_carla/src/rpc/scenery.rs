@@ -163,9 +163,21 @@ fn update_lamps(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
             group: Some(group),
         });
     }
-    gateway.commander.ask_one(Command::SetSceneryLamps {
-        changes: changes.clone(),
-    })?;
+    let set = |changes: &[LampChange]| {
+        gateway.commander.ask_one(Command::SetSceneryLamps {
+            changes: changes.to_vec(),
+        })
+    };
+    if let Err(error) = set(&changes) {
+        // A client's list of lamps outlives the map that it was made for. CARLA's server passes over
+        // lamps that it does not have.
+        let (n_changes, lamps) = (changes.len(), scenery(gateway)?.1);
+        changes.retain(|change| (change.lamp as usize) < lamps.len());
+        if changes.len() == n_changes {
+            return Err(error.into());
+        }
+        set(&changes)?;
+    }
     gateway.recorder.note_street_lights(&changes);
     Ok(Answer::Void)
 }

@@ -39,7 +39,7 @@ pub fn command(
     }
     let Some(kind) = kind(&type_id) else {
         return Err(Wrong::Value(format!(
-            "{type_id:?} cannot be spawned: the simulator has no such sensor; docs/carla-compatibility.md lists those it has"
+            "{type_id:?} cannot be spawned: the simulator has no such sensor; docs/reference/carla-compatibility.md lists those it has"
         )));
     };
     if kind.modalities.is_empty() {

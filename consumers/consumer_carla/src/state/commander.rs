@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
 use schema_bus::{Bus, CommandClient, ControlWriter, Notifier, names};
 use schema_frames::{Command, CommandBatch, CommandReply, VehicleControlRecord};
 
@@ -62,6 +62,41 @@ pub struct Answer {
     pub tick: u64,
 }
 
+/// An answer that has not come yet.
+#[derive(Debug)]
+pub struct Pending(Result<Receiver<Result<Answer, CommandError>>, CommandError>);
+
+impl Pending {
+    /// Waits for the answer.
+    ///
+    /// # Errors
+    /// As [`Commander::ask`].
+    pub fn wait(self) -> Result<Answer, CommandError> {
+        self.0?.recv().map_err(|_| CommandError::ShuttingDown)?
+    }
+
+    /// Waits for the answer for a while; `None` if it has not come by then.
+    pub fn wait_for(&self, patience: Duration) -> Option<Result<Answer, CommandError>> {
+        match &self.0 {
+            Err(error) => Some(Err(error.clone())),
+            Ok(answer) => match answer.recv_timeout(patience) {
+                Ok(answer) => Some(answer),
+                Err(RecvTimeoutError::Timeout) => None,
+                Err(RecvTimeoutError::Disconnected) => Some(Err(CommandError::ShuttingDown)),
+            },
+        }
+    }
+}
+
+fn question(commands: Vec<Command>) -> (Ask, Pending) {
+    let (reply, answer) = bounded(1);
+    let ask = Ask {
+        commands,
+        reply: Some(reply),
+    };
+    (ask, Pending(Ok(answer)))
+}
+
 struct Ask {
     commands: Vec<Command>,
     reply: Option<Sender<Result<Answer, CommandError>>>,
@@ -107,14 +142,24 @@ impl Commander {
     /// # Errors
     /// If there is no simulator or no answer; a refused command is a reply.
     pub fn ask(&self, commands: Vec<Command>) -> Result<Answer, CommandError> {
-        let (reply, answer) = bounded(1);
+        let (ask, answer) = question(commands);
         self.jobs
-            .send(Job::Ask(Ask {
-                commands,
-                reply: Some(reply),
-            }))
+            .send(Job::Ask(ask))
             .map_err(|_| CommandError::ShuttingDown)?;
-        answer.recv().map_err(|_| CommandError::ShuttingDown)?
+        answer.wait()
+    }
+
+    /// Queues commands behind those that were queued before, and waits for nothing, not even for
+    /// room in the queue: without it they are not run.
+    pub fn begin(&self, commands: Vec<Command>) -> Pending {
+        let (ask, answer) = question(commands);
+        match self.jobs.try_send(Job::Ask(ask)) {
+            Ok(()) => answer,
+            Err(TrySendError::Full(_)) => Pending(Err(CommandError::NoAnswer(
+                "too many commands wait for the simulator".to_owned(),
+            ))),
+            Err(TrySendError::Disconnected(_)) => Pending(Err(CommandError::ShuttingDown)),
+        }
     }
 
     /// Runs one command and waits; a refusal is an error.

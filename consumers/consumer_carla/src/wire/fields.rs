@@ -1,6 +1,7 @@
 //! Reads CARLA's structures from the fields of what clients send.
 
 use schema_frames::VehicleControl;
+use schema_frames::limits::{check_actor_texts, cut};
 
 pub use consumer_rpc::fields::{Fields, Wrong};
 
@@ -71,6 +72,10 @@ impl Structures for Fields<'_> {
                 value: value.to_owned(),
             });
         }
+        // The simulator checks what it is given; the gateway remembers all of it.
+        let texts = attributes.iter().map(|it| (&*it.name, &*it.value));
+        check_actor_texts("", texts)
+            .map_err(|error| Wrong::Value(cut(format!("cannot spawn {type_id:?}: {error}"))))?;
         attributes.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(Description {
             type_id,

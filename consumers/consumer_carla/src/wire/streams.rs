@@ -3,11 +3,14 @@
 
 use std::io::{IoSlice, Write as _};
 use std::net::TcpStream;
-use std::os::fd::AsFd as _;
+use std::os::fd::{AsFd as _, BorrowedFd};
 use std::sync::Arc;
 use std::time::Duration;
 
+use consumer_rpc::seats::{Doing, Seat};
 use schema_bus::WaitSet;
+
+use crate::stages;
 
 /// The world stream of clients that have not asked for one of their own.
 pub const WORLD_STREAM: u32 = 1;
@@ -38,8 +41,71 @@ pub fn actor_of(stream: u32) -> Option<u32> {
     stream.checked_sub(1).filter(|actor| *actor != 0)
 }
 
-/// Sends a message after its length, in one system call if the kernel has room.
-pub fn send(connection: &mut TcpStream, head: &[u8], body: &[u8]) -> std::io::Result<()> {
+/// The client at the other end of a streaming connection, and its place among them.
+#[derive(Debug)]
+pub struct Recipient {
+    connection: Arc<TcpStream>,
+    seat: Seat,
+}
+
+impl Recipient {
+    /// The client of a connection that is served from now on.
+    pub fn new(connection: Arc<TcpStream>, seat: Seat) -> Recipient {
+        seat.pulse.now(Doing::Served);
+        Recipient { connection, seat }
+    }
+
+    /// The socket, to wait for the client's end.
+    pub fn as_fd(&self) -> BorrowedFd<'_> {
+        self.connection.as_fd()
+    }
+
+    /// Sends a message after its length, in one system call if the kernel has room.
+    ///
+    /// # Errors
+    /// If the client has gone, or takes nothing for the time-out of writing.
+    pub fn send(&self, head: &[u8], body: &[u8]) -> std::io::Result<()> {
+        self.seat.pulse.now(Doing::Taking);
+        let _span = stages::SEND.span();
+        let sent = write(&self.connection, head, body);
+        self.seat.pulse.now(Doing::Served);
+        sent
+    }
+
+    /// Whether the client has disconnected. It sends nothing after the stream's number, so anything
+    /// that can be read is the end.
+    ///
+    /// # Errors
+    /// If the socket cannot be looked at.
+    pub fn has_ended(&self) -> std::io::Result<bool> {
+        let connection = &self.connection;
+        connection.set_nonblocking(true)?;
+        let looked = connection.peek(&mut [0; 1]);
+        connection.set_nonblocking(false)?;
+        Ok(match looked {
+            Ok(_) => true,
+            Err(error) => error.kind() != std::io::ErrorKind::WouldBlock,
+        })
+    }
+
+    /// Waits until the client disconnects. Closing the connection instead would make it reconnect
+    /// at once. A client that waits for nothing makes room for others.
+    ///
+    /// # Errors
+    /// If the socket cannot be looked at.
+    pub fn wait_for_end(&self) -> std::io::Result<()> {
+        self.seat.pulse.now(Doing::Waiting);
+        let forever = Duration::from_secs(3600);
+        while !self.has_ended()? {
+            WaitSet::new()
+                .wait_beside(&[self.as_fd()], forever)
+                .map_err(std::io::Error::other)?;
+        }
+        Ok(())
+    }
+}
+
+fn write(mut connection: &TcpStream, head: &[u8], body: &[u8]) -> std::io::Result<()> {
     let length = ((head.len() + body.len()) as u32).to_le_bytes();
     let mut pieces = [
         IoSlice::new(&length),
@@ -55,30 +121,6 @@ pub fn send(connection: &mut TcpStream, head: &[u8], body: &[u8]) -> std::io::Re
             Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
             Err(error) => return Err(error),
         }
-    }
-    Ok(())
-}
-
-/// Whether a client has disconnected. It sends nothing after the stream's number, so anything that
-/// can be read is the end.
-pub fn has_ended(connection: &TcpStream) -> std::io::Result<bool> {
-    connection.set_nonblocking(true)?;
-    let looked = connection.peek(&mut [0; 1]);
-    connection.set_nonblocking(false)?;
-    Ok(match looked {
-        Ok(_) => true,
-        Err(error) => error.kind() != std::io::ErrorKind::WouldBlock,
-    })
-}
-
-/// Waits until the client disconnects. Closing the connection instead would make it reconnect at
-/// once.
-pub fn wait_for_end(connection: &TcpStream) -> std::io::Result<()> {
-    let forever = Duration::from_secs(3600);
-    while !has_ended(connection)? {
-        WaitSet::new()
-            .wait_beside(&[connection.as_fd()], forever)
-            .map_err(std::io::Error::other)?;
     }
     Ok(())
 }

@@ -1,9 +1,9 @@
 //! What keeps a driver from going on, and how it finds the first vehicle or walker on its path.
 
 use crate::path::{Foot, Path};
-use crate::plane::Side;
+use crate::plane::{Side, distance};
 use crate::speed;
-use crate::traffic::{Grid, Mover, Traffic};
+use crate::traffic::{Grid, Mover, Stance, Traffic};
 
 /// Largest offset of a long vehicle towards the inside of a bend, metres.
 const INSIDE_M: f64 = 0.35;
@@ -11,6 +11,14 @@ const INSIDE_M: f64 = 0.35;
 const MOST_SWING_M: f64 = 2.5;
 /// Points between two that are tested first.
 const STRIDE: usize = 4;
+/// Most circles by which the box of a mover is covered.
+const MOST_CIRCLES: f64 = 5.0;
+
+/// Vehicles slower than this look where their own boxes will be, in so many steps, m/s.
+const FORESIGHT_MPS: f64 = 8.0;
+const FORESIGHT_STEPS: u32 = 6;
+/// Boxes that come nearer than this touch, metres.
+const TOUCH_M: f64 = 0.15;
 
 /// Why a driver does not go on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -63,14 +71,14 @@ impl Lookout<'_> {
         let me = self.me;
         let front = self.foot.arc_m + me.front_m();
         let reach = 16.0 + me.speed_mps * me.speed_mps / 5.0 + 2.0 * me.speed_mps;
-        let points = self.path.points();
+        let places = self.path.places();
         let first = self.path.point_idx(self.foot.arc_m + 0.5 * me.front_m());
         let last = self.path.point_idx(front + reach);
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for point in points[first..=last].iter().step_by(STRIDE) {
+        for place in places[first..=last].iter().step_by(STRIDE) {
             for axis in 0..2 {
-                low[axis] = low[axis].min(point.position_m[axis] - 14.0);
-                high[axis] = high[axis].max(point.position_m[axis] + 14.0);
+                low[axis] = low[axis].min(place[axis] - 14.0);
+                high[axis] = high[axis].max(place[axis] + 14.0);
             }
         }
         let mut nearest: Option<(f64, Obstacle)> = None;
@@ -82,7 +90,13 @@ impl Lookout<'_> {
             {
                 continue;
             }
-            let Some(found) = self.meets(other, [first, last], front + reach, margin_m) else {
+            let stance = grid.stance(idx);
+            let found = self.meets(other, stance, [first, last], front + reach, margin_m);
+            let soon = self.runs_into(other, stance);
+            let Some(found) = (match (found, soon) {
+                (Some(found), Some(soon)) if soon.gap_m < found.gap_m => Some(soon),
+                (found, soon) => found.or(soon),
+            }) else {
                 continue;
             };
             let need = speed::follow(
@@ -100,10 +114,52 @@ impl Lookout<'_> {
         nearest.map(|(_, obstacle)| obstacle)
     }
 
+    /// A vehicle that ours is about to touch as the two move now, whatever the path says: the
+    /// corners of a long one leave its lane on a narrow bend.
+    fn runs_into(&self, other: &Mover, stance: Stance) -> Option<Obstacle> {
+        let me = self.me;
+        let v = me.speed_mps;
+        if !other.is_vehicle || !(0.5..FORESIGHT_MPS).contains(&v) {
+            return None;
+        }
+        let [x, y] = me.middle();
+        let apart_m = distance([x, y], stance.middle_m);
+        let secs = 0.3 + v / 6.0;
+        let reach_m = me.half_m[0] + me.half_m[1] + other.half_m[0] + other.half_m[1];
+        let theirs_mps = other.velocity_mps[0].hypot(other.velocity_mps[1]);
+        if apart_m > reach_m + secs * (v + theirs_mps)
+            || me.ahead_m(other) < 0.5 * me.half_m[0]
+            || me.overlaps(other, 0.0)
+        {
+            return None;
+        }
+        let turn_radps = me.yaw_rate_radps.clamp(-1.0, 1.0);
+        (1..=FORESIGHT_STEPS).find_map(|step| {
+            let t = secs * f64::from(step) / f64::from(FORESIGHT_STEPS);
+            let (mut ours, mut theirs) = (me.clone(), other.clone());
+            let (sin, cos) = (me.yaw_rad + 0.5 * turn_radps * t).sin_cos();
+            ours.position_m[0] += v * t * cos;
+            ours.position_m[1] += v * t * sin;
+            ours.yaw_rad += turn_radps * t;
+            for axis in 0..2 {
+                theirs.position_m[axis] += other.velocity_mps[axis] * t;
+            }
+            let (sin, cos) = self.foot.heading_rad.sin_cos();
+            ours.overlaps(&theirs, TOUCH_M).then(|| Obstacle {
+                id: other.id,
+                is_vehicle: true,
+                gap_m: (v * t).max(0.05),
+                along_mps: (other.velocity_mps[0] * cos + other.velocity_mps[1] * sin).max(0.0),
+                side: ((stance.middle_m[1] - y) * cos - (stance.middle_m[0] - x) * sin).signum(),
+            })
+        })
+    }
+
     /// Where the path first touches another mover, between two points.
     fn meets(
         &self,
         other: &Mover,
+        stance: Stance,
         [first, last]: [usize; 2],
         until_m: f64,
         margin_m: f64,
@@ -119,23 +175,29 @@ impl Lookout<'_> {
         let [vx, vy] = other.velocity_mps;
         let size = other.half_m[0] + other.half_m[1] + steps * (vx * vx + vy * vy).sqrt();
         let radius = size + lateral + MOST_SWING_M + 0.5 * STRIDE as f64;
-        let [x, y] = other.middle();
-        let points = self.path.points();
+        let [x, y] = stance.middle_m;
+        let places = self.path.places();
         let is_near = |idx: &usize| {
-            let [px, py] = points[*idx].position_m;
+            let [px, py] = places[*idx];
             (px - x) * (px - x) + (py - y) * (py - y) < radius * radius
         };
         let start = (first..=last).step_by(STRIDE).find(is_near)?;
+        let start = self.path.nearest(stance.middle_m, start).segment;
+        if other.is_vehicle && self.is_aside(other, stance, start, lateral) {
+            return None;
+        }
         let front = self.foot.arc_m + me.front_m();
         let from = self.foot.arc_m + 0.5 * me.front_m();
         let hits = other
-            .outline()
+            .outline_along(stance.along)
             .chain(other.steps_ahead())
             .filter_map(|point| {
-                let (foot, apart) = self.path.descend(point, start);
-                if foot.arc_m < from || foot.arc_m > until_m || apart > lateral + MOST_SWING_M {
+                let near = self.path.nearest(point, start);
+                let (arc_m, apart) = (self.path.arc_at(near), near.apart_m);
+                if arc_m < from || arc_m > until_m || apart > lateral + MOST_SWING_M {
                     return None;
                 }
+                let foot = self.path.foot(near, point);
                 let is_hit = apart < lateral || apart < lateral + self.swing_at(foot);
                 is_hit.then_some(foot)
             });
@@ -152,6 +214,38 @@ impl Lookout<'_> {
             along_mps: along_mps.max(0.0),
             side: hit.offset_m.signum(),
         })
+    }
+
+    /// Whether a vehicle is certainly beside the strip that we sweep, by circles that cover it.
+    fn is_aside(&self, other: &Mover, stance: Stance, start: usize, lateral_m: f64) -> bool {
+        let [half_x, half_y] = other.half_m;
+        let n = (half_x / half_y).ceil().clamp(1.0, MOST_CIRCLES);
+        let piece_m = half_x / n;
+        let radius_m = piece_m.hypot(half_y);
+        (0..n as u32).all(|i| {
+            let along_m = -half_x + piece_m * (2.0 * f64::from(i) + 1.0);
+            let centre = [0, 1].map(|axis| stance.middle_m[axis] + along_m * stance.along[axis]);
+            let near = self.path.nearest(centre, start);
+            let free_m = near.apart_m - radius_m - lateral_m;
+            free_m > MOST_SWING_M
+                || free_m > 0.0 && free_m > self.most_swing_m(near.segment, radius_m)
+        })
+    }
+
+    /// An upper bound of how far the front swings out near a point of the path.
+    fn most_swing_m(&self, point_idx: usize, radius_m: f64) -> f64 {
+        let points = self.path.points();
+        let arc_m = points[point_idx].arc_m;
+        let behind_m = arc_m - radius_m - self.me.half_m[0] - 1.0;
+        let before = points[..point_idx].iter().rev();
+        let from = before.take_while(|p| p.arc_m > behind_m).count() + 1;
+        let bends = points[point_idx.saturating_sub(from)..]
+            .iter()
+            .take_while(|p| p.arc_m < arc_m + radius_m + 3.0)
+            .map(|p| p.curvature_per_m.abs());
+        let bend = bends.fold(0.0, f64::max);
+        // To the left of a bend to the right.
+        swing_m(self.me, self.wheelbase_m, -bend, Side::Left).min(MOST_SWING_M)
     }
 
     /// How far the front swings out where it passes a place. The middle of the vehicle is still on

@@ -97,6 +97,7 @@ fn own(
         to: behind.map(|leg| leg.lane),
         front_m: front - entry.arc_m[0],
         body_m: 2.0 * me.half_m[0],
+        waits_m: entry.arc_m[0] - entry.line_m,
         half_m: swept_half_m(me, entry.turn_rad),
         speed_mps: me.speed_mps,
         pace_mps: legs.iter().map(|leg| leg.way.pace_mps).fold(30.0, f64::min),
@@ -115,7 +116,7 @@ fn own(
             legs.iter().any(|leg| leg.way.circulates),
             last.as_deref(),
         ),
-        held: driver.is_held(entry, view),
+        held: driver.is_held(me, entry, view),
         room_m,
     }
 }
@@ -267,6 +268,7 @@ fn stranger(
         to: way.successors.first().copied(),
         front_m,
         body_m: 2.0 * me.half_m[0],
+        waits_m: 0.0,
         half_m: swept_half_m(me, way.turn_rad),
         speed_mps: me.speed_mps,
         pace_mps: way.pace_mps.min(30.0),
