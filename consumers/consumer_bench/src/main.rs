@@ -15,6 +15,7 @@ mod output;
 mod pages;
 mod part;
 mod spread;
+mod tick;
 mod topics;
 mod wakes;
 
@@ -31,6 +32,7 @@ const EXAMPLES: &str = "Examples:
   gantry-bench chain                                      camera → a → b → c: what each process adds
   gantry-bench lockstep                                   ticks per second with 1 to 8 participants
   gantry-bench topics --for 30s                           what the running simulator delivers
+  gantry-bench tick --profile                             what a tick costs, stage by stage
   gantry-bench perception launch/bench/smoke.toml -- python my_detector.py
   gantry-bench reaction launch/bench/reaction.toml        from the first visible pixel to the brake
   gantry-bench compare A.json B.json                      what changed between two reports beyond noise
@@ -62,6 +64,8 @@ enum Bench {
     Lockstep(lockstep::LockstepArgs),
     /// Rate, losses, age and complete sets of every topic of frames and results
     Topics(topics::TopicsArgs),
+    /// Processor time that a tick of the running simulator takes, by process and stage
+    Tick(tick::TickArgs),
     /// How long a chain of programs takes from the first visible pixel of an obstacle to its brake
     Reaction(consumer_perception::reaction::ReactionArgs),
     /// Latency and accuracy of programs that perceive, against exact truth
@@ -101,6 +105,7 @@ fn main() -> ExitCode {
             Bench::LockstepParticipant(one) => lockstep::participant(one, &args.common.domain),
             Bench::WakeReader(reader) => wakes::reader::run(reader, &args.common.domain),
             Bench::Topics(topics) => topics::run(topics, &args.common.domain),
+            Bench::Tick(tick) => tick::run(tick, &args.common.domain),
             Bench::Perception(args_of) => consumer_perception::cli::run(args_of, &args.common),
             Bench::Reaction(reaction) => consumer_perception::reaction::run(reaction, &args.common),
             Bench::Compare(compare) => {

@@ -9,7 +9,7 @@ use clap::{Parser, Subcommand};
 use consumer_dataset::digest::verify;
 use consumer_dataset::estimate::{Room, size};
 use consumer_dataset::make::{Options, Outcome, Prepared, make, prepare};
-use launch_cli::{CommonArgs, Exit, Shutdown, run};
+use launch_cli::{CommonArgs, Exit, Progress, Shutdown, run};
 
 /// Makes data sets: a matrix of maps, weathers, times of day, rigs and seeds, recorded, labelled and
 /// exported.
@@ -36,6 +36,9 @@ enum Action {
         /// Folder of the set
         #[arg(value_name = "DIR")]
         set: PathBuf,
+        /// One JSON object instead of lines
+        #[arg(long)]
+        json: bool,
     },
 }
 
@@ -77,6 +80,10 @@ struct MakeArgs {
     /// Print the scenarios and what they will cost, and start nothing
     #[arg(long)]
     dry_run: bool,
+
+    /// With --dry-run: one JSON object
+    #[arg(long, requires = "dry_run")]
+    json: bool,
 }
 
 fn main() -> ExitCode {
@@ -84,7 +91,7 @@ fn main() -> ExitCode {
         args.common.init_logging();
         match &args.action {
             Action::Make(make) => start(make),
-            Action::Verify { set } => check(set),
+            Action::Verify { set, json } => check(&args.common, set, *json),
         }
     })
 }
@@ -101,7 +108,7 @@ fn start(args: &MakeArgs) -> anyhow::Result<Exit> {
         adapter: args.adapter.clone(),
     };
     if args.dry_run {
-        return print_plan(&prepared, out, &options);
+        return print_plan(&prepared, out, &options, args.json);
     }
     let shutdown = Shutdown::install()?;
     let outcome = make(&prepared, out, &options, &|| shutdown.requested())?;
@@ -142,11 +149,28 @@ fn start(args: &MakeArgs) -> anyhow::Result<Exit> {
     }
 }
 
-fn print_plan(prepared: &Prepared, out: &Path, options: &Options) -> anyhow::Result<Exit> {
+fn print_plan(
+    prepared: &Prepared,
+    out: &Path,
+    options: &Options,
+    json: bool,
+) -> anyhow::Result<Exit> {
     let (plan, estimate) = (&prepared.plan, &prepared.estimate);
     let room = Room::look(out);
     let jobs = estimate.jobs(options.jobs, plan.scenarios.len(), &room);
     let mut stdout = std::io::stdout().lock();
+    if json {
+        let plan = serde_json::json!({
+            "scenarios": plan.scenarios,
+            "jobs": jobs,
+            "disk_bytes": estimate.disk_bytes,
+            "disk_free_bytes": room.disk_bytes,
+            "memory_bytes": estimate.memory_bytes.saturating_mul(jobs as u64),
+            "memory_free_bytes": room.memory_bytes,
+        });
+        writeln!(stdout, "{plan}")?;
+        return fits(prepared, out, options, jobs, &room);
+    }
     for scenario in &plan.scenarios {
         writeln!(
             stdout,
@@ -167,14 +191,39 @@ fn print_plan(prepared: &Prepared, out: &Path, options: &Options) -> anyhow::Res
         size(estimate.memory_bytes.saturating_mul(jobs as u64)),
         size(room.memory_bytes)
     )?;
+    fits(prepared, out, options, jobs, &room)
+}
+
+/// Refuses a set that does not fit, unless it is to be made anyway.
+fn fits(
+    prepared: &Prepared,
+    out: &Path,
+    options: &Options,
+    jobs: usize,
+    room: &Room,
+) -> anyhow::Result<Exit> {
     if !options.anyway {
-        estimate.check(jobs, &room, out)?;
+        prepared.estimate.check(jobs, room, out)?;
     }
     Ok(Exit::Done)
 }
 
-fn check(set: &Path) -> anyhow::Result<Exit> {
+fn check(common: &CommonArgs, set: &Path, json: bool) -> anyhow::Result<Exit> {
+    let progress = Progress::endless(common, &format!("reading {}", set.display()));
     let (manifest, difference) = verify(set)?;
+    drop(progress);
+    let outcome = match difference.is_empty() {
+        true => Exit::Done,
+        false => Exit::DataLost,
+    };
+    if json {
+        let found = serde_json::json!({
+            "set": set, "files": manifest.files.len(), "missing": difference.missing,
+            "changed": difference.changed, "new": difference.new,
+        });
+        writeln!(std::io::stdout().lock(), "{found}")?;
+        return Ok(outcome);
+    }
     let mut stdout = std::io::stdout().lock();
     for (word, paths) in [
         ("missing", &difference.missing),
@@ -192,7 +241,6 @@ fn check(set: &Path) -> anyhow::Result<Exit> {
             "{}: all {n} files are as they were made",
             set.display()
         )?;
-        return Ok(Exit::Done);
     }
-    Ok(Exit::DataLost)
+    Ok(outcome)
 }

@@ -190,11 +190,7 @@ pub fn replace(path: &Path, text: &str) -> anyhow::Result<()> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder).with_context(cannot)?;
     }
-    let mut part = path.as_os_str().to_owned();
-    part.push(".part");
-    let part = PathBuf::from(part);
-    fs::write(&part, text).with_context(cannot)?;
-    fs::rename(&part, path).with_context(cannot)
+    launch_cli::files::replace(path, text.as_bytes()).with_context(cannot)
 }
 
 fn remove(folder: &Path) -> anyhow::Result<()> {

@@ -118,7 +118,7 @@ pub fn record(
     if let Some(folder) = job.recording.parent() {
         fs::create_dir_all(folder)?;
     }
-    fs::rename(&part, job.recording)
+    launch_cli::files::rename(&part, job.recording)
         .with_context(|| format!("cannot move the recording to {}", job.recording.display()))
 }
 

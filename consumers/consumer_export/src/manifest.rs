@@ -163,6 +163,10 @@ impl Manifest {
     /// # Errors
     /// A sentence with the path.
     pub fn complete(&self, out: &Path) -> anyhow::Result<()> {
+        // What the manifest counts is on the disk before it: names of files, too.
+        fs::File::open(out)
+            .and_then(|folder| Ok(nix::unistd::syncfs(&folder)?))
+            .with_context(|| format!("cannot write {} to disk", out.display()))?;
         replace(&out.join(MANIFEST), &self.text())?;
         let folder = out.join(STATE_FOLDER);
         fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))
@@ -175,10 +179,8 @@ impl Manifest {
 }
 
 fn replace(path: &Path, text: &str) -> anyhow::Result<()> {
-    let part = path.with_extension("json.part");
-    let cannot = || format!("cannot write {}", path.display());
-    fs::write(&part, text).with_context(cannot)?;
-    fs::rename(&part, path).with_context(cannot)
+    launch_cli::files::replace(path, text.as_bytes())
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 #[cfg(test)]

@@ -155,7 +155,11 @@ impl PartFile {
     /// # Errors
     /// A sentence with the path.
     pub fn finish(mut self) -> anyhow::Result<()> {
-        self.file.flush().with_context(|| cannot(&self.path))?;
+        self.file
+            .flush()
+            // An export that goes on after a loss of power takes what has its name as whole.
+            .and_then(|()| self.file.get_ref().sync_data())
+            .with_context(|| cannot(&self.path))?;
         fs::rename(&self.part, &self.path).with_context(|| cannot(&self.path))
     }
 

@@ -187,11 +187,9 @@ pub fn recording(
         found,
         build: options.build.clone(),
     };
-    fs::rename(&part, &path)?;
+    launch_cli::files::rename(&part, &path)?;
     let text = serde_json::to_string(&description)?;
-    let half = making.path().join("truth.json");
-    fs::write(&half, text)?;
-    fs::rename(&half, &described)?;
+    launch_cli::files::replace(&described, text.as_bytes())?;
     Ok(description.recording(path, suite))
 }
 

@@ -1,6 +1,6 @@
 """Kills a program of this pipeline after some simulated time, to see what the others do.
 
-docs/pipelines.md explains it. Parameters, as JSON in the last argument: `program` and `after_secs`.
+docs/how-to/pipelines.md explains it. Parameters, as JSON in the last argument: `program` and `after_secs`.
 """
 
 import json

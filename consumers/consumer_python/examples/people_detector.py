@@ -1,6 +1,6 @@
 """Finds people (HOG) and lane marks (Hough) in the front camera and publishes both.
 
-Needs `pip install opencv-python-headless`; docs/pipelines.md explains it line by line.
+Needs `pip install opencv-python-headless`; docs/how-to/pipelines.md explains it line by line.
 """
 
 import contextlib

@@ -1,6 +1,6 @@
 """Follows the people that people_detector.py finds, and gives each a number.
 
-Needs `pip install norfair`; docs/pipelines.md explains it line by line.
+Needs `pip install norfair`; docs/how-to/pipelines.md explains it line by line.
 """
 
 import contextlib

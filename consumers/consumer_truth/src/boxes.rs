@@ -115,7 +115,7 @@ pub fn box_truths(camera: &Camera, bodies: &[Body], images: Images<'_>) -> Vec<B
                 }
                 match images.depth {
                     Some(depth) => entry
-                        .depth_m(f64::from(column) + 0.5, f64::from(row) + 0.5)
+                        .depth_m(camera.unbent([f64::from(column) + 0.5, f64::from(row) + 0.5]))
                         .is_some_and(|entry| f64::from(depth[at]) < entry - DEPTH_SLACK_M),
                     None => distances
                         .get(&ids[at])
@@ -160,7 +160,7 @@ pub fn box_truths(camera: &Camera, bodies: &[Body], images: Images<'_>) -> Vec<B
     truths
 }
 
-/// Where rays through pixels enter a box.
+/// Where rays through pixels of an image without a lens enter a box.
 struct Entry {
     /// The camera's centre in the box's space, metres.
     origin: Vector3<f64>,
@@ -189,7 +189,7 @@ impl Entry {
 
     /// Depth along the optical axis at which the ray enters the box, metres; `None` if it misses,
     /// 0 if it begins inside.
-    fn depth_m(&self, x_px: f64, y_px: f64) -> Option<f64> {
+    fn depth_m(&self, [x_px, y_px]: [f64; 2]) -> Option<f64> {
         let ray = self.ahead
             + self.right * (x_px - self.centre_px[0])
             + self.down * (y_px - self.centre_px[1]);
@@ -219,6 +219,7 @@ mod tests {
             centre_px: [50.0, 50.0],
             width: 100,
             height: 100,
+            lens: None,
         }
     }
 
@@ -252,7 +253,7 @@ mod tests {
                         let entry = Entry::new(camera, &cube.world_from_box, &cube.half_m);
                         let (x, y) = (f64::from(column) + 0.5, f64::from(row) + 0.5);
                         entry
-                            .depth_m(x, y)
+                            .depth_m([x, y])
                             .filter(|depth| *depth > 0.0)
                             .map(|depth| (depth, cube.id))
                     })

@@ -1,11 +1,17 @@
-//! A pinhole camera, and convex outlines in its image.
+//! A camera, and outlines in its image, which a lens may bend.
 
 use nalgebra::{Isometry3, Point3};
 use schema_frames::FrameHeader;
+use schema_types::Distortion;
 use schema_types::space::sensor_from_camera;
 
 /// Nothing nearer is drawn, metres along the optical axis.
 pub const NEAR_M: f64 = 0.1;
+
+/// How far an outline's chords may lie beside the bent line, pixels.
+const BENT_WITHIN_PX: f64 = 0.05;
+/// Halvings of a bent line in any case, and at most.
+const HALVINGS: [u32; 2] = [2, 10];
 
 /// A camera at one tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,10 +26,12 @@ pub struct Camera {
     pub width: u32,
     /// Rows.
     pub height: u32,
+    /// How its lens bends lines; `None` for a pinhole.
+    pub lens: Option<Distortion>,
 }
 
-/// A convex polygon in the image, counter-clockwise in x right, y down or the other way round;
-/// without area if it has fewer than three corners.
+/// A polygon in the image, counter-clockwise in x right, y down or the other way round, convex but
+/// for what a lens bends; without area if it has fewer than three corners.
 pub type Outline = Vec<[f64; 2]>;
 
 impl Camera {
@@ -36,15 +44,70 @@ impl Camera {
             centre_px: [cx, cy],
             width: header.width,
             height: header.height,
+            lens: header.distortion(),
         }
     }
 
     /// Image of a point in the camera's space; meaningless if it does not lie in front.
     pub fn project(&self, at_m: &Point3<f64>) -> [f64; 2] {
+        self.bent(self.straight(at_m))
+    }
+
+    /// As [`Camera::project`] of a camera without its lens.
+    fn straight(&self, at_m: &Point3<f64>) -> [f64; 2] {
         [
             self.focal_px[0] * at_m.x / at_m.z + self.centre_px[0],
             self.focal_px[1] * at_m.y / at_m.z + self.centre_px[1],
         ]
+    }
+
+    /// Where the image has what one without the lens has at a place, pixels.
+    fn bent(&self, at_px: [f64; 2]) -> [f64; 2] {
+        self.through(at_px, Distortion::unbend)
+    }
+
+    /// Where an image without the lens has what this one has at a place, pixels.
+    pub fn unbent(&self, at_px: [f64; 2]) -> [f64; 2] {
+        self.through(at_px, Distortion::bend)
+    }
+
+    fn through(
+        &self,
+        at_px: [f64; 2],
+        way: impl Fn(&Distortion, [f64; 2]) -> [f64; 2],
+    ) -> [f64; 2] {
+        let Some(lens) = &self.lens else {
+            return at_px;
+        };
+        let sides = [self.width, self.height].map(f64::from);
+        let from_middle = [0, 1].map(|axis| (at_px[axis] - self.centre_px[axis]) / sides[axis]);
+        let moved = way(lens, from_middle);
+        [0, 1].map(|axis| moved[axis] * sides[axis] + self.centre_px[axis])
+    }
+
+    /// Corners of a bent outline, close enough together.
+    fn bent_outline(&self, straight: &[[f64; 2]]) -> Outline {
+        let ends = straight.iter().zip(straight.iter().cycle().skip(1));
+        let mut outline = Vec::with_capacity(4 * straight.len());
+        for (a, b) in ends {
+            outline.push(self.bent(*a));
+            self.bent_line([*a, *b], 0, &mut outline);
+        }
+        outline
+    }
+
+    /// Adds places between the bent ends of a straight line until no chord is far from it.
+    fn bent_line(&self, [a, b]: [[f64; 2]; 2], depth: u32, outline: &mut Outline) {
+        let middle = [0, 1].map(|axis| 0.5 * (a[axis] + b[axis]));
+        let [bent_a, bent_middle, bent_b] = [a, middle, b].map(|at| self.bent(at));
+        let beside = [0, 1].map(|axis| bent_middle[axis] - 0.5 * (bent_a[axis] + bent_b[axis]));
+        let is_straight = beside[0].hypot(beside[1]) < BENT_WITHIN_PX;
+        if depth >= HALVINGS[1] || (depth >= HALVINGS[0] && is_straight) {
+            return;
+        }
+        self.bent_line([a, middle], depth + 1, outline);
+        outline.push(bent_middle);
+        self.bent_line([middle, b], depth + 1, outline);
     }
 
     /// The image's own outline.
@@ -58,7 +121,7 @@ impl Camera {
         let mut points = Vec::with_capacity(16);
         for (i, a) in corners_m.iter().enumerate() {
             if a.z >= NEAR_M {
-                points.push(self.project(a));
+                points.push(self.straight(a));
             }
             for bit in [1usize, 2, 4] {
                 let b = &corners_m[i | bit];
@@ -66,11 +129,15 @@ impl Camera {
                     let t = (NEAR_M - a.z) / (b.z - a.z);
                     let mut cut = a + (b - a) * t;
                     cut.z = NEAR_M;
-                    points.push(self.project(&cut));
+                    points.push(self.straight(&cut));
                 }
             }
         }
-        convex(points)
+        let straight = convex(points);
+        match self.lens {
+            Some(_) => self.bent_outline(&straight),
+            None => straight,
+        }
     }
 }
 
@@ -113,7 +180,7 @@ pub fn area_px(outline: &[[f64; 2]]) -> f64 {
     twice.abs() / 2.0
 }
 
-/// The part of a convex outline within `[x0, y0, x1, y1]` (Sutherland and Hodgman).
+/// The part of an outline within `[x0, y0, x1, y1]` (Sutherland and Hodgman).
 pub fn clipped(outline: &[[f64; 2]], frame: [f64; 4]) -> Outline {
     let mut outline = outline.to_vec();
     for (axis, limit, sign) in [
@@ -158,29 +225,32 @@ pub fn bounds(outline: &[[f64; 2]]) -> Option<[f64; 4]> {
     )
 }
 
-/// Rows of pixels whose centres lie within a convex outline inside an image: `(row, first column,
-/// column behind the last)`.
+/// Pixels whose centres lie within an outline inside an image, in runs by rising row and column:
+/// `(row, first column, column behind the last)`.
 pub fn rows(outline: &[[f64; 2]], width: u32, height: u32) -> Vec<(u32, u32, u32)> {
     let Some([_, top, _, bottom]) = bounds(outline).filter(|_| outline.len() >= 3) else {
         return Vec::new();
     };
     let first = (top - 0.5).ceil().clamp(0.0, f64::from(height)) as u32;
     let last = (bottom - 0.5).floor().clamp(-1.0, f64::from(height) - 1.0);
-    let mut rows = Vec::new();
+    let (mut rows, mut crossed) = (Vec::new(), Vec::new());
     for row in first..(last + 1.0) as u32 {
         let y = f64::from(row) + 0.5;
-        let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
+        crossed.clear();
         for (i, a) in outline.iter().enumerate() {
             let b = &outline[(i + 1) % outline.len()];
             if (a[1] <= y) != (b[1] <= y) {
                 let x = a[0] + (b[0] - a[0]) * (y - a[1]) / (b[1] - a[1]);
-                (left, right) = (left.min(x), right.max(x));
+                crossed.push(x);
             }
         }
-        let from = (left - 0.5).ceil().clamp(0.0, f64::from(width)) as u32;
-        let to = ((right - 0.5).floor() + 1.0).clamp(0.0, f64::from(width)) as u32;
-        if from < to {
-            rows.push((row, from, to));
+        crossed.sort_by(f64::total_cmp);
+        for [left, right] in crossed.as_chunks().0 {
+            let from = (left - 0.5).ceil().clamp(0.0, f64::from(width)) as u32;
+            let to = ((right - 0.5).floor() + 1.0).clamp(0.0, f64::from(width)) as u32;
+            if from < to {
+                rows.push((row, from, to));
+            }
         }
     }
     rows
@@ -244,6 +314,7 @@ mod tests {
             centre_px: [50.0, 50.0],
             width: 100,
             height: 100,
+            lens: None,
         };
         let corners = |near: f64, far: f64| {
             std::array::from_fn(|i| {
@@ -256,5 +327,51 @@ mod tests {
         let cut = bounds(&camera.hull(&corners(-1.0, 4.0))).expect("half of it is in front");
         assert!((cut[0] - (50.0 - 1000.0)).abs() < 1e-9, "{cut:?}");
         assert!(camera.hull(&corners(-4.0, -1.0)).is_empty());
+    }
+
+    /// Every pixel of a bent rectangle, found by asking where a pinhole has each pixel's centre.
+    #[test]
+    fn a_bent_box_covers_the_pixels_that_the_lens_shows_of_it() {
+        for lens in [[0.5, 0.0, 1.0, 0.8], [-0.3, 0.1, 1.0, 1.0]] {
+            let camera = Camera {
+                world_from_camera: Isometry3::identity(),
+                focal_px: [200.0, 200.0],
+                centre_px: [160.0, 100.0],
+                width: 320,
+                height: 200,
+                lens: Distortion::from_array(lens),
+            };
+            for (left, top, right, bottom) in [
+                (20.0, 10.0, 120.0, 70.0),
+                (-900.0, 60.0, 300.0, 190.0),
+                (90.0, 40.0, 230.0, 160.0),
+            ] {
+                // A plate 2 m ahead, as thin as a sheet.
+                let corners = std::array::from_fn(|i| {
+                    let pick = |bit: usize, low, high| if i >> bit & 1 == 1 { high } else { low };
+                    let (x, y) = (pick(0, left, right) - 160.0, pick(1, top, bottom) - 100.0);
+                    Point3::new(x / 100.0, y / 100.0, 2.0)
+                });
+                let outline = camera.hull(&corners);
+                let inside = clipped(&outline, camera.frame());
+                let found = rows(&inside, camera.width, camera.height);
+                // How far the place that a pixel's centre shows is inside the plate, pixels.
+                let inside_px = |x: u32, y: u32| {
+                    let [x, y] = camera.unbent([f64::from(x) + 0.5, f64::from(y) + 0.5]);
+                    (x - left).min(right - x).min(y - top).min(bottom - y)
+                };
+                for y in 0..camera.height {
+                    for x in 0..camera.width {
+                        let mut runs = found.iter().filter(|run| run.0 == y);
+                        let covered = runs.any(|run| (run.1..run.2).contains(&x));
+                        let depth_px = inside_px(x, y);
+                        assert!(
+                            depth_px.abs() < 0.1 || covered == (depth_px > 0.0),
+                            "{lens:?} {left}: {x} {y} {depth_px}"
+                        );
+                    }
+                }
+            }
+        }
     }
 }

@@ -284,6 +284,7 @@ mod tests {
             centre_px: [20.0, 2.0],
             width,
             height,
+            lens: None,
         };
         // Wall 20 m away, post 2 m away between x = −0.5 m and 0.5 m.
         let image = |camera: &Camera| -> Vec<f32> {

@@ -64,6 +64,7 @@ from ._publish import RESULT_TYPES, BytesSchema, Loan, Publisher, publish
 from ._query import cast_rays, clear_drawing, draw
 from ._records import RecordsAndTail, boxes2d, boxes3d, keypoints, masks, odometry, path, pose, scalars, tracks
 from ._recording import Message, RecordedTopic, Recording
+from ._rerun import rerun
 from ._result import Input, Result, ResultHeader, result_from_bytes
 from ._sync import Row, Sync, sync
 from ._topic import Counts, Topic, open
@@ -78,6 +79,6 @@ __all__ = [
     "SCHEMA_VERSION", "SEMANTIC_LIDAR_POINT", "SchemaVersionError", "Snapshot", "Sync", "TRACK", "TRAFFIC_LIGHT_PART", "Tick",
     "TooManyReadersError", "Topic", "TopicDetails", "TopicTakenError", "VEHICLE_CONTROL", "VEHICLE_PART", "Vehicle", "WALKER_PART", "attach",
     "boxes2d", "boxes3d", "cast_rays", "clear_drawing", "colour_classes", "command", "control", "document", "draw", "frame_from_bytes",
-    "keypoints", "lockstep", "masks", "odometry", "open", "path", "pause", "pose", "publish", "reset", "restore_checkpoint", "result_from_bytes",
+    "keypoints", "lockstep", "masks", "odometry", "open", "path", "pause", "pose", "publish", "rerun", "reset", "restore_checkpoint", "result_from_bytes",
     "resume", "save_checkpoint", "scalars", "seek", "set_speed", "snapshot", "snapshot_at", "step", "sync", "topics", "tracks", "vehicle",
 ]  # fmt: skip

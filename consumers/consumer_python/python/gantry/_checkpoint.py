@@ -9,7 +9,7 @@ def save_checkpoint(*, name: str | None = None, file: str | None = None, domain:
     """Saves the world: under `name` in the simulator's memory, or in `file` of its data folder.
 
     Returns the path of the file, or "". A restored run continues bit for bit;
-    `docs/checkpoints.md` says what a checkpoint contains. Raises `GantryError` if the simulator
+    `docs/how-to/checkpoints.md` says what a checkpoint contains. Raises `GantryError` if the simulator
     refuses, `ValueError` unless exactly one of `name` and `file` is given.
     """
     (reply,) = command({"do": "save_checkpoint", "to": _place(name, file)}, domain=domain, timeout=30.0)

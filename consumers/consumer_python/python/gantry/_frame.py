@@ -76,13 +76,14 @@ class Header(NamedTuple):
     cpu_copies: int
     ticks_in_flight: int
     payload_place: int
+    lens: tuple[float, float, float, float]
 
     @classmethod
     def from_bytes(cls, data: Any) -> Header:
         """Reads 256 bytes from any buffer, whatever they are; frames were checked before."""
         numbers: tuple[Any, ...] = _UNPACK_HEADER(data)
         pose = Pose(numbers[17:20], numbers[20:24])
-        return cls._make((*numbers[:17], pose, numbers[24:28], *numbers[28:]))
+        return cls._make((*numbers[:17], pose, numbers[24:28], *numbers[28:-4], numbers[-4:]))
 
     @property
     def modality(self) -> str:

@@ -12,7 +12,7 @@
 
 `run` opens inputs and outputs, takes the newest frames and skips those that came while the function
 was busy, names in every result which frames it answers, and ends on INT and TERM. The simulator, a
-replay and `gantry bench perception` all drive it; docs/perception-benchmark.md explains the last.
+replay and `gantry bench perception` all drive it; docs/how-to/perception-benchmark.md explains the last.
 With state, or with something to load and warm up, write a class: see `Program`.
 """
 
