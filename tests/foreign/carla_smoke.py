@@ -6,7 +6,7 @@ They ask for port 3654. Start a Gantry there first:
     python tests/foreign/carla_smoke.py carla/PythonAPI/test
 
 Options: names of files to run instead of all, such as `test_lidar`.
-Some files name coordinates of CARLA's own towns: `gantry map import` takes those roads over (docs/carla-migration.md), which leads them further.
+Some files name coordinates of CARLA's own towns: `gantry map import` takes those roads over (docs/how-to/carla-migration.md), which leads them further.
 """
 
 import argparse

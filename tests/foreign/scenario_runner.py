@@ -83,8 +83,15 @@ class Server:
             [str(args.bin / "gantry-carla"), "--port", str(args.port), *common],
         )
         self.processes = [subprocess.Popen(command, stdout=log, stderr=log) for command in commands]
-        probe = f"import carla; c = carla.Client('127.0.0.1', {args.port}); c.set_timeout(60); c.get_world()"
-        subprocess.run([args.python, "-c", probe], check=True, timeout=90)
+        # A busy machine is given time: simulator and gateway start side by side.
+        probe = f"import carla; c = carla.Client('127.0.0.1', {args.port}); c.set_timeout(10); c.get_world()"
+        end = time.monotonic() + 90.0
+        while subprocess.run([args.python, "-c", probe], stdout=log, stderr=log).returncode:
+            if not self.runs():
+                sys.exit(f"the simulator or the gateway ended at its start; see {log.name}")
+            if time.monotonic() > end:
+                sys.exit(f"no answer from the gateway on port {args.port} within 90 s; see {log.name}")
+            time.sleep(1.0)
 
     def runs(self):
         return bool(self.processes) and all(process.poll() is None for process in self.processes)
@@ -124,8 +131,11 @@ def run(args, scenario):
             code = process.wait(args.limit)
         except subprocess.TimeoutExpired:
             code = None
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+        finally:
+            # It leads a session of its own, so Ctrl-C does not reach it.
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
     wall_secs = time.monotonic() - begin
     text = (out / "log.txt").read_text(errors="replace")
     verdict, reason, game_secs = judged(out, text, code, args.limit)

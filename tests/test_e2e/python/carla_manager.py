@@ -226,6 +226,26 @@ def check_witness():
     ticks(world, 30)
 
 
+def check_bereaved():
+    """A client whose manager is killed loses the world for no longer than a moment: no tick runs into its time-out."""
+    client = connect(PORT, timeout_secs=60.0)
+    world = client.get_world()
+    step_by_hand(world)
+    manager = client.get_trafficmanager(TM_PORT)
+    manager.set_synchronous_mode(True)
+    gone = pathlib.Path.home() / "gone"
+    ticks(world, 5)
+    print("stepping", flush=True)
+    while not gone.exists():
+        world.tick()
+    # The package notices within 4 s, and then takes an error in the place of a snapshot.
+    until = time.monotonic() + 6.0
+    while time.monotonic() < until:
+        before = time.monotonic()
+        world.tick()
+        assert time.monotonic() - before < 50.0
+
+
 def check_after():
     """A new client finds the cars that its successor drives on."""
     client = connect(PORT)

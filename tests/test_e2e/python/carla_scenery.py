@@ -156,6 +156,33 @@ def check_collisions():
     assert world.try_spawn_actor(car, spot) is None
 
 
+def check_lamps_of_before():
+    """A client's list of lamps outlives the map it was made for; those that this map does not have keep no others dark."""
+    global world
+    world = client.load_world("Town10HD")
+    step_by_hand(world)
+    gone = max(world.get_lightmanager().get_all_lights(), key=lambda lamp: lamp.id)
+    world = client.load_world("Town02")
+    step_by_hand(world)
+
+    others = []
+
+    def lamps():
+        """As a client sees them that has known no other map. Clients are kept: the wheel may crash while it takes one apart between ticks."""
+        others.append(connect(sys.argv[1]))
+        return [(lamp.id, lamp.is_on) for lamp in others[-1].get_world().get_lightmanager().get_all_lights()]
+
+    here = lamps()
+    assert gone.id >= len(here) and not any(is_on for _, is_on in here), (gone.id, len(here))
+    first = next(lamp for lamp in world.get_lightmanager().get_all_lights() if lamp.id == 0)
+    world.get_lightmanager().turn_on([gone, first])
+    world.tick()
+    world.tick()
+    assert [number for number, is_on in lamps() if is_on] == [0]
+    world.get_lightmanager().turn_off([first])
+    world.tick()
+
+
 def main():
     run_checks({
         "objects": check_objects,
@@ -163,6 +190,7 @@ def main():
         "layers": check_layers,
         "lights": check_lights,
         "collisions": check_collisions,
+        "lamps_of_before": check_lamps_of_before,
     })
     world.apply_settings(before)
 

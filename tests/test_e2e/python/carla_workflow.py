@@ -34,8 +34,10 @@ def check_settings(world):
     settings.substepping = True
     settings.max_substep_delta_time = 0.01
     settings.max_substeps = 10
+    settings.tile_stream_distance, settings.actor_active_distance, settings.spectator_as_ego = 650.0, 640.0, False
     world.apply_settings(settings)
     now = world.get_settings()
+    assert (now.tile_stream_distance, now.actor_active_distance, now.spectator_as_ego) == (650.0, 640.0, False)
     assert now.synchronous_mode and abs(now.fixed_delta_seconds - STEP_SECS) < 1e-9 and now.substepping
     assert (now.max_substep_delta_time, now.max_substeps) == (0.01, 10)
     return original

@@ -60,6 +60,11 @@ impl Stage {
         )
     }
 
+    /// The gateway.
+    pub fn gateway(&self) -> &Process {
+        &self.gateway
+    }
+
     /// Stops both, asserts that they end well, and returns the sandbox with what they left in it.
     pub fn stop(self) -> Sandbox {
         self.gateway.stop().expect_code(0);

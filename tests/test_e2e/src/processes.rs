@@ -61,3 +61,20 @@ pub fn python_package() -> PathBuf {
     }
     folder
 }
+
+/// Arguments of `unshare` for a mount namespace of one's own. Who is not root may mount in a user
+/// namespace.
+pub fn mount_namespace() -> &'static [&'static str] {
+    match nix::unistd::geteuid().is_root() {
+        true => &["--mount"],
+        false => &["--user", "--map-root-user", "--mount"],
+    }
+}
+
+/// Says on the terminal that a test did not test, and why: what tests print is shown only when they
+/// fail.
+pub fn not_tested(what: &str, why: &str) {
+    use std::io::Write as _;
+    // A test whose terminal is gone has nobody to tell.
+    let _ = writeln!(std::io::stderr(), "NOT TESTED: {what}, because {why}");
+}

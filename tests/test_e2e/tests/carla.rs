@@ -104,7 +104,7 @@ fn the_world_goes_on_when_the_client_that_stepped_it_is_killed() {
 /// Opens far more connections than the gateway serves: those beyond the limit are refused with a
 /// sentence, memory stays bounded, and the connected clients go on.
 #[test]
-fn thousands_of_connections_are_refused_and_nothing_else_happens() {
+fn thousands_of_silent_connections_make_room_and_nothing_else_happens() {
     let sandbox = Sandbox::new("carlaflood");
     let (mut gateway, port, stream_port) = start_gateway(&sandbox);
     let version = |connection: &mut TcpStream| {
@@ -134,8 +134,8 @@ fn thousands_of_connections_are_refused_and_nothing_else_happens() {
             }
         }
     }
-    gateway.wait_line("closed the oldest RPC connection that never asked anything");
-    gateway.wait_line("refused a streaming connection");
+    gateway.wait_line("closed one of 512 RPC connections, the one that did nothing for longest");
+    // 1024 streams have room, beyond what this process may hold open; `peers.rs` fills them.
     version(&mut first);
     let grown_bytes = gateway.resident_bytes().saturating_sub(before_bytes);
     assert!(grown_bytes < 64 << 20, "{grown_bytes} bytes more");

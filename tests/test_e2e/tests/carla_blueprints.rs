@@ -6,7 +6,7 @@ use test_kit::sandbox::repository;
 #[test]
 fn blueprints_are_carlas_but_for_those_that_the_page_names() {
     let stage = Stage::new("carlaprints", &empty_town("Town10HD"));
-    let page = repository().join("docs/carla-compatibility.md");
+    let page = repository().join("docs/reference/carla-compatibility.md");
     stage.run(
         "carla_blueprints.py",
         &[page.to_str().expect("paths are UTF-8")],

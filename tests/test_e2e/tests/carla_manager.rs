@@ -31,6 +31,22 @@ fn clients_drive_through_a_manager_that_is_a_process() {
     stage.end();
 }
 
+/// What cars do after a call is what CARLA's reference says of that call.
+#[test]
+fn methods_act_on_the_road() {
+    let stage = Stage::new("carlawatched", &empty_town("Town06"));
+    let port = free_port().to_string();
+    let manager = serve(&stage, &port);
+    let themes = [
+        "offsets", "speeds", "gaps", "forced", "random", "auto", "ignored", "signs", "lamps",
+        "route", "respawn", "seeds", "dead_end",
+    ];
+    let args = [&[port.as_str()], &themes[..]].concat();
+    stage.run("carla_watched.py", &args, &themes);
+    manager.stop().expect_code(0);
+    stage.end();
+}
+
 /// A killed manager stops neither the world nor the cars: its successor drives on those that were
 /// registered, as they were told to.
 #[test]
@@ -50,5 +66,22 @@ fn a_killed_manager_has_a_successor() {
     stage.run("carla_manager.py", &[&port, "after"], &["after"]);
     let said = second.stop().expect_code(0);
     assert!(said.says("vehicles=5"), "{}", said.lines.join("\n"));
+    stage.end();
+}
+
+/// The package's client takes an error in the place of the next snapshot once it has noticed that its
+/// manager is dead; its tick must not wait for its time-out.
+#[test]
+fn a_client_goes_on_when_its_manager_is_killed() {
+    let stage = Stage::new("carlamanagerlost", &empty_town("Town02"));
+    let port = free_port().to_string();
+    let manager = serve(&stage, &port);
+    let rpc = stage.port.to_string();
+    let args = [rpc.as_str(), port.as_str(), "bereaved"];
+    let mut client = start_script(&stage.sandbox, "carla_manager.py", &args);
+    client.wait_line("stepping");
+    manager.kill9();
+    std::fs::write(stage.sandbox.path("gone"), "").expect("the sandbox can be written to");
+    client.wait().expect_code(0);
     stage.end();
 }

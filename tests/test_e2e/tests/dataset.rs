@@ -266,7 +266,7 @@ fn recipes_of_the_repository_and_of_the_tutorial_are_right() {
         .map(|entry| entry.unwrap().path())
         .collect();
     assert!(files.len() >= 2);
-    let page = text(&repository.join("docs/datasets.md"));
+    let page = text(&repository.join("docs/how-to/datasets.md"));
     let blocks = page.split("```toml\n").skip(1);
     let recipes = blocks.filter_map(|block| block.split("```").next());
     let recipe = recipes

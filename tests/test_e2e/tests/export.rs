@@ -5,11 +5,16 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use consumer_truth::ticks::{Actors, World};
+use consumer_truth::{Body, BoxTruth, Camera, Images, bodies, box_truths};
 use nix::sys::signal::Signal;
+use schema_frames::document::ActorList;
+use schema_frames::{Command, CommandReply};
+use schema_types::Pose;
 use test_e2e::SMALL_RIG;
 use test_e2e::exports::{record_drive, run_python};
 use test_kit::patience::eventually;
-use test_kit::{Process, Sandbox};
+use test_kit::{Process, Sandbox, Setup, Simulator};
 
 /// A rectified pair, a camera that looks elsewhere, both lidars at one place, and motion, in a street
 /// with traffic and parked cars.
@@ -385,4 +390,114 @@ fn a_launch_file_is_run_recorded_and_exported() {
         &[broken.to_str().unwrap(), "--format", "coco", "--out", "no"],
     );
     assert!(ended.wait().expect_code(2).says("mapp"));
+}
+
+/// A camera high above a town, whose lens bends what it sees.
+const BENT_EYE: &str = r#"version = 1
+[scenario]
+map = "Town02"
+seed = 7
+vehicles = 0
+walkers = 0
+[rig.post]
+pose = { position_m = [0.0, 0.0, 300.0] }
+[sensor.eye]
+rig = "post"
+kind = "camera"
+modalities = ["instance"]
+rate_hz = 20
+width_px = 320
+height_px = 240
+fov_deg = 90
+"#;
+
+/// Crates fill their boxes, so a crate's pixels are its projected box, wherever the lens puts them.
+#[test]
+fn boxes_bend_as_the_image_does() {
+    for [k, k_cubed] in [[0.5, 0.0], [-0.3, 0.0], [0.2, 0.3]] {
+        let mut simulator = Simulator::start(
+            Setup::text(BENT_EYE)
+                .set(format!("sensor.eye.optics.distortion_k={k:?}"))
+                .set(format!("sensor.eye.optics.distortion_k_cubed={k_cubed:?}"))
+                .set("sensor.eye.optics.distortion_size=[1.0, 0.75]"),
+        );
+        for (i, (y, z)) in [-2.7, 0.0, 2.7]
+            .into_iter()
+            .flat_map(|y| [-1.6, 0.0, 1.6].map(|z| (y, z)))
+            .enumerate()
+        {
+            let turned = nalgebra::UnitQuaternion::from_euler_angles(0.3 * i as f64, 0.5, i as f64);
+            let pose = Pose {
+                translation_m: [4.5, y, 300.0 + z],
+                rotation_xyzw: turned.coords.into(),
+            };
+            let spawn = Command::Spawn {
+                type_id: "static.prop.mesh".into(),
+                pose: pose.into(),
+                parent_id: None,
+                role: String::new(),
+                attributes: Default::default(),
+            };
+            let reply = simulator.ask(spawn);
+            assert!(matches!(reply, CommandReply::Spawned { .. }), "{reply:?}");
+        }
+        let mut images = simulator.frames("post/eye/instance");
+        let tick = simulator.step(1);
+        let image = simulator.frame_of(&mut images, tick);
+        let ids: Vec<u32> = bytemuck::pod_collect_to_vec(&image);
+        let bodies = bodies_of(&mut simulator);
+        let camera = Camera::of(image.header());
+        assert!(camera.lens.is_some());
+        let seen = |camera: &Camera| {
+            let images = Images {
+                instance: Some(&ids),
+                depth: None,
+            };
+            box_truths(camera, &bodies, images)
+        };
+        let bent = seen(&camera);
+        assert_eq!(bent.len(), 9);
+        for truth in &bent {
+            let shown = truth.seen.expect("there is an instance image");
+            assert!(shown.pixels > 400, "{truth:?}");
+            assert!(beside_px(truth) <= 1.5, "k {k} {k_cubed}: {truth:?}");
+            let more = truth.hull_pixels.abs_diff(shown.pixels);
+            assert!(25 * more <= shown.pixels, "k {k} {k_cubed}: {truth:?}");
+        }
+        let straight = Camera {
+            lens: None,
+            ..camera
+        };
+        let worst = seen(&straight).iter().map(beside_px).fold(0.0, f64::max);
+        assert!(worst > 5.0, "without the lens boxes are elsewhere: {worst}");
+        drop((image, images));
+        simulator.finish();
+    }
+}
+
+/// What stands in the world now.
+fn bodies_of(simulator: &mut Simulator) -> Vec<Body> {
+    let list: ActorList = simulator.document("world/actors").json().unwrap();
+    let by_id = list.actors.into_iter().map(|info| (info.id, info));
+    let actors = Actors {
+        revision: 1,
+        by_id: by_id.collect(),
+    };
+    let snapshot = simulator.snapshot();
+    let world = World {
+        header: *snapshot.header(),
+        records: snapshot.records().to_vec(),
+        actors: actors.into(),
+        scenery: [].into(),
+    };
+    bodies(&world, 0)
+}
+
+/// How far the box's rectangle in the image is from the one round its pixels, pixels.
+fn beside_px(truth: &BoxTruth) -> f64 {
+    let seen = truth.seen.and_then(|seen| seen.bounds);
+    let pixels = seen.map_or([0.0; 4], |bounds| bounds.map(f64::from));
+    (0..4)
+        .map(|side| (pixels[side] - truth.clipped_px[side]).abs())
+        .fold(0.0, f64::max)
 }

@@ -171,6 +171,94 @@ fn too_little_shared_memory_is_one_sentence_before_anything_starts() {
     assert_eq!(sandbox.leftovers(), Vec::<String>::new());
 }
 
+/// A GPU that fails ends the daemon with a sentence and a code of its own, and nothing is left; the
+/// same readers go on with the daemon that comes next.
+#[test]
+fn a_lost_gpu_ends_the_daemon_with_a_sentence_and_its_own_code() {
+    let sandbox = Sandbox::new("lost-gpu");
+    let file = sandbox.path("lose");
+    let words = ["--lose-gpu-when", file.to_str().unwrap()];
+    let daemon = start_daemon(&sandbox, SMALL_RIG, &words);
+    let bus = join_bus(&sandbox, "test");
+    let mut rgb = reader(&bus, "ego/front/rgb");
+    let epoch = eventually("a frame", || rgb.next().unwrap()).header().epoch;
+    sandbox.write("lose", "");
+    let ended = daemon.wait().expect_code(4);
+    let sentences = ended
+        .lines
+        .iter()
+        .filter(|line| line.starts_with("error: "));
+    assert_eq!(sentences.count(), 1, "{:?}", ended.lines);
+    assert!(
+        ended.says("failed while working on a frame"),
+        "{:?}",
+        ended.lines
+    );
+    assert!(!ended.says("panicked"), "{:?}", ended.lines);
+    let _daemon = start_daemon(&sandbox, SMALL_RIG, &[]);
+    eventually("a frame of the new daemon", || {
+        let frame = rgb.next().unwrap()?;
+        (frame.header().epoch != epoch).then_some(())
+    });
+    drop((rgb, bus));
+    _daemon.stop().expect_code(0);
+    assert_eq!(sandbox.leftovers(), Vec::<String>::new());
+}
+
+/// A camera that does not fit the GPU's memory is refused; the others go on.
+#[test]
+fn a_camera_that_does_not_fit_the_gpu_is_refused() {
+    let sandbox = Sandbox::new("gpu-memory");
+    let _daemon = start_daemon(&sandbox, SMALL_RIG, &["--gpu-memory", "16"]);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let mut rgb = reader(&bus, "ego/front/rgb");
+    let first = eventually("a frame", || rgb.latest().unwrap()).header().seq;
+    let spawn = |side_px: u32| {
+        Command::SpawnSensor {
+        type_id: "sensor.camera.view".into(),
+        pose: schema_types::Pose::from_xyz_yaw(0.5, 0.0, 2.0, 0.3).into(),
+        parent_id: None,
+        attachment: Default::default(),
+        interval_nanos: 0,
+        spec: serde_json::from_str(&format!(
+            r#"{{"kind": "camera", "width_px": {side_px}, "height_px": {side_px}, "modalities": ["rgb"]}}"#
+        ))
+        .unwrap(),
+        attributes: Default::default(),
+    }
+    };
+    let CommandReply::Refused { error } = ask(&mut client, spawn(1024)) else {
+        panic!("a camera of 1024 x 1024 pixels fits 16 MiB")
+    };
+    assert!(
+        error.contains("1024 x 1024") && error.contains("16 MiB"),
+        "{error}"
+    );
+    let CommandReply::Spawned { topics, .. } = ask(&mut client, spawn(32)) else {
+        panic!("a small camera was refused")
+    };
+    let mut small = reader(&bus, &topics[0]);
+    eventually("a frame of the small camera", || small.latest().unwrap());
+    eventually("frames go on", || {
+        let frame = rgb.latest().unwrap()?;
+        (frame.header().seq > first + 5).then_some(())
+    });
+    // A launch file that asks for too much is refused as a whole.
+    let other = Sandbox::new("gpu-memory-file");
+    let large = SMALL_RIG
+        .replace("width_px = 96", "width_px = 256")
+        .replace("height_px = 64", "height_px = 256");
+    let ended = spawn_daemon(&other, &large, &["--gpu-memory", "1"])
+        .wait()
+        .expect_code(2);
+    assert!(
+        ended.says("\"front\"") && ended.says("has no memory for"),
+        "{:?}",
+        ended.lines
+    );
+}
+
 #[test]
 fn a_second_daemon_on_one_domain_is_refused() {
     let sandbox = Sandbox::new("second");

@@ -316,3 +316,97 @@ fn commands_change_the_world_between_ticks() {
         (counter(&mut client, "ticks") > 10).then_some(())
     });
 }
+
+/// A rig that no processor draws a thousand times a second.
+const TOO_MUCH: &str = "version = 1
+[scenario]
+map = \"Town01\"
+seed = 1
+tick_hz = 1000
+[ego]
+type_id = \"vehicle.tesla.model3\"
+spawn_point = 0
+[sensor.front]
+kind = \"camera\"
+modalities = [\"rgb\", \"flow\"]
+rate_hz = 1000
+width_px = 1920
+height_px = 1080
+[sensor.imu]
+kind = \"imu\"
+rate_hz = 1000
+";
+
+/// With `--keep-up` cameras fire less often where real time is not kept: that is said, their numbers
+/// have no gaps, flow tells the time that it covers, and other sensors stay as they are.
+#[test]
+fn who_wants_to_keep_up_gets_fewer_frames_and_is_told() {
+    let sandbox = Sandbox::new("keepup");
+    let mut daemon = start_daemon(&sandbox, TOO_MUCH, &["--keep-up"]);
+    let bus = join_bus(&sandbox, "test");
+    let [mut flow, mut imu] = ["ego/front/flow", "ego/imu/imu"].map(|topic| reader(&bus, topic));
+    daemon.wait_line("real time is not kept");
+    let mut next = || *eventually("a frame", || flow.next().unwrap()).header();
+    // Those in flight were begun before.
+    let mut before = (0..8).map(|_| next()).last().expect("eight frames");
+    for _ in 0..4 {
+        let header = next();
+        let n_ticks = header.tick - before.tick;
+        assert!(n_ticks >= 2 * (header.seq - before.seq), "{n_ticks} ticks");
+        if header.seq == before.seq + 1 {
+            assert_eq!(header.window_nanos, n_ticks * 1_000_000);
+        }
+        before = header;
+    }
+    let header = *eventually("a frame", || imu.next().unwrap()).header();
+    assert_eq!(header.seq, header.tick, "one at every tick");
+}
+
+/// `gantry bench tick` sees from outside what a process does in a tick, without reading a topic.
+#[test]
+fn stages_of_a_tick_are_counted_and_seen_from_outside() {
+    let sandbox = Sandbox::new("stages");
+    let look = |seconds: &str| {
+        let words = ["tick", "--profile", "--for", seconds, "--json", "tick.json"];
+        let words = [&words[..], &["--domain", sandbox.domain()]].concat();
+        sandbox.spawn("gantry-bench", &words).wait()
+    };
+    let ended = look("1s").expect_code(1);
+    assert!(
+        ended.says("start one with `gantry up`"),
+        "{:?}",
+        ended.lines
+    );
+    let _daemon = start_daemon(&sandbox, SMALL_RIG, &[]);
+    let bus = join_bus(&sandbox, "test");
+    let _rgb = reader(&bus, "ego/front/rgb");
+    let ended = look("4s").expect_code(0);
+    assert!(ended.says("physics"), "{:?}", ended.lines);
+    let text = std::fs::read_to_string(sandbox.path("tick.json")).expect("the report was written");
+    let report: serde_json::Value = serde_json::from_str(&text).expect("the report is JSON");
+    let number = |value: &serde_json::Value| value.as_f64().expect("a number");
+    let n_ticks = number(&report["n_ticks"]);
+    let processes = report["processes"].as_array().expect("processes");
+    let simd = processes.iter().find(|process| process["name"] == "simd");
+    let simd = simd.expect("the simulator is there");
+    let stages = simd["stages"].as_array().expect("stages");
+    let stage = |name: &str| {
+        let found = stages.iter().find(|stage| stage["stage"] == name);
+        found.unwrap_or_else(|| panic!("no stage {name} in {stages:?}"))
+    };
+    for name in ["physics", "snapshot", "record"] {
+        // The sums are written ten times a second, so the ticks at both ends may be missing.
+        let n_spans = number(&stage(name)["spans"]) * n_ticks;
+        assert!(
+            (n_spans - n_ticks).abs() <= 8.0,
+            "{name}: {n_spans} of {n_ticks}"
+        );
+    }
+    let sum: f64 = stages.iter().map(|stage| number(&stage["cpu_ms"])).sum();
+    let whole = number(&simd["cpu_ms"]);
+    // The kernel counts whole processes in hundredths of a second.
+    assert!(
+        (sum - whole).abs() * n_ticks <= 300.0,
+        "{sum} of {whole} ms"
+    );
+}

@@ -106,8 +106,9 @@ fn maps_load_by_name_path_folder_and_text() {
     bench.expect("road", &text.replace("Town02", "road"));
     for (map, sentence) in [
         ("nowhere", "not found"),
-        ("../elsewhere/road", "not found"),
-        ("elsewhere/none.xodr", "not found"),
+        ("../elsewhere/road", "clients load no other paths"),
+        ("elsewhere/none.xodr", "clients load no other paths"),
+        ("/proc/self/environ", "clients load no other paths"),
         ("", "1 to 4096"),
     ] {
         let CommandReply::Refused { error } = bench.load(map) else {

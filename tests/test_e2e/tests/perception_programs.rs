@@ -1,5 +1,4 @@
-//! The worked programs of `launch/bench/standard.toml` do what they are meant to show, and the first
-//! program of `docs/perception-benchmark.md` runs as it is written there.
+//! The worked programs of `launch/bench/standard.toml` do what they are meant to show.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -160,39 +159,4 @@ fn worked_programs_reach_what_their_methods_are_known_for() {
     }
     // Trained on photographs of people 96 pixels high; what is as small as here it may miss.
     assert!((0.0..0.6).contains(&of("hog", "AP")));
-}
-
-/// The page's first program and first command, with the paths of this checkout.
-#[test]
-fn the_first_program_of_the_page_is_benchmarked_as_it_is_written() {
-    let page = repository().join("docs/perception-benchmark.md");
-    let page = std::fs::read_to_string(page).expect("the page");
-    let block = |fence: &str| {
-        let (_, rest) = page.split_once(fence).expect("a block");
-        rest.split_once("```").expect("its end").0.to_owned()
-    };
-    let sandbox = Sandbox::new("first-program");
-    let code = format!(
-        "import sys\nsys.path.insert(0, {:?})\n{}",
-        python_package(),
-        block("```python\n")
-    );
-    sandbox.write("my_classes.py", &code);
-    let line = block("```sh\n");
-    let words: Vec<&str> = line.split_whitespace().collect();
-    assert_eq!(words[..3], ["./gantry", "bench", "perception"]);
-    let suite = repository().join(words[3]);
-    let python = venv_program("python");
-    let mut args: Vec<&str> = vec!["perception", suite.to_str().unwrap(), "--cache", "cache"];
-    for word in &words[4..] {
-        args.push(match *word {
-            ".venv/bin/python" => python.to_str().unwrap(),
-            other => other,
-        });
-    }
-    bench(&sandbox, &args).wait_longer(LIMIT).expect_code(0);
-    let report = bench_report(&sandbox, "first");
-    // Four colours cannot tell fifteen classes, and tell more than none.
-    let miou = offline(&report, "my_classes", "mIoU");
-    assert!((0.1..0.4).contains(&miou), "{miou}");
 }

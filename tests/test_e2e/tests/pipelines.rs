@@ -1,12 +1,13 @@
-//! The worked examples of `docs/pipelines.md` as processes: lidar, clusters, brake in lockstep, what
+//! The worked examples of `docs/how-to/pipelines.md` as processes: lidar, clusters, brake in lockstep, what
 //! happens when one of them dies, and people that two Python programs find and follow.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 use schema_bus::{Bus, Frame, FrameReader, Snapshot, SnapshotReader};
 use schema_frames::{ActorKind, ActorRecord, Box3d, Command, CommandReply, SpawnPoints, Track};
+use schema_roads::RoadMap;
 use schema_types::{Class, Pose};
 use test_e2e::{
     ask, document, join_bus, reader, spawn_consumer, spawn_daemon, start_daemon, step, venv_program,
@@ -78,7 +79,7 @@ fn wait_until_it_stands(snapshots: &mut SnapshotReader, other: u32) -> (ActorRec
     eventually("the car has driven and stands again", || {
         let snapshot = snapshots.next().ok()??;
         let ego = ego_of(&snapshot)?;
-        let speed = nalgebra::Vector3::from(ego.velocity_in_world_mps).norm();
+        let speed = Vector3::from(ego.velocity_in_world_mps).norm();
         has_driven |= speed > 5.0;
         n_still = if speed < 0.05 { n_still + 1 } else { 0 };
         let other = *snapshot.actor(other)?;
@@ -133,7 +134,7 @@ fn when_the_detector_is_killed_the_brake_stops_the_car() {
     eventually("the car drives", || {
         let snapshot = snapshots.next().ok()??;
         let ego = ego_of(&snapshot)?;
-        (nalgebra::Vector3::from(ego.velocity_in_world_mps).norm() > 5.5).then_some(())
+        (Vector3::from(ego.velocity_in_world_mps).norm() > 5.5).then_some(())
     });
     clusters.kill9();
     daemon.wait_line("clusters");
@@ -141,6 +142,71 @@ fn when_the_detector_is_killed_the_brake_stops_the_car() {
     let (ego, other) = wait_until_it_stands(&mut snapshots, obstacle);
     let gap = gap_m(&ego, &other);
     assert!(gap > 1.0, "it stopped {gap} m before it");
+}
+
+/// Simulated time for which the car that sees for itself is watched.
+const WATCHED_NANOS: u64 = 40_000_000_000;
+
+/// Offset from the middle of the lane, metres, and turn against its direction, radians, where the
+/// point lies on a lane outside of junctions; and half the lane's width.
+fn place_on_lane(roads: &RoadMap, at: &Pose) -> Option<(f64, f64, f64)> {
+    let place = roads.nearest(at.translation_m, |lane| lane.kind.is_drivable())?;
+    let lane = roads.lane(place.lane)?;
+    let world_from_lane = roads.pose(place)?;
+    let forward = (world_from_lane.rotation.inverse() * at.isometry().rotation) * Vector3::x();
+    let found = (
+        place.offset_m,
+        forward.y.atan2(forward.x),
+        0.5 * roads.width_m(place),
+    );
+    lane.junction.is_none().then_some(found)
+}
+
+/// A car that knows nothing but what its sensors measure stays on its lane, crosses junctions and
+/// touches nothing; the map is this test's alone.
+#[test]
+fn a_car_that_sees_for_itself_keeps_its_lane() {
+    let sandbox = Sandbox::new("perceive");
+    let file = test_kit::sandbox::repository().join("launch/perceive.toml");
+    let launch = std::fs::read_to_string(file).unwrap() + "[sensor.bumper]\nkind = \"collision\"\n";
+    let mut daemon = spawn_daemon(&sandbox, &launch, &["--await-lockstep", "1", "--unpaced"]);
+    daemon.wait_line("ready");
+    let bus = join_bus(&sandbox, "test");
+    let roads = RoadMap::parse(&document(&bus, "world/map").text).unwrap();
+    let mut snapshots = bus.snapshot_reader().unwrap();
+    let mut collisions = reader(&bus, "ego/bumper/collision");
+    let script = test_kit::sandbox::repository()
+        .join("consumers/consumer_python/examples/perceive_drive.py");
+    let env = [("GANTRY_DOMAIN", sandbox.domain())];
+    let script = script.to_str().expect("paths are UTF-8");
+    let _program = sandbox.spawn_program("perceive", &venv_program("python"), &[script], &env);
+    let (mut last, mut way_m, mut now_nanos) = (None::<[f64; 3]>, 0.0, 0);
+    while now_nanos < WATCHED_NANOS {
+        let (ego, nanos) = eventually("the next tick", || {
+            let snapshot = snapshots.next().unwrap()?;
+            Some((ego_of(&snapshot)?, snapshot.header().sim_nanos))
+        });
+        now_nanos = nanos;
+        let at = ego.world_from_actor;
+        let [x, y, _] = at.translation_m;
+        way_m += last.map_or(0.0, |[a, b, _]| (x - a).hypot(y - b));
+        last = Some(at.translation_m);
+        let half_width_m = f64::from(ego.half_box_m[1]);
+        if let Some((offset_m, turn_rad, half_m)) = place_on_lane(&roads, &at) {
+            let secs = nanos as f64 * 1e-9;
+            assert!(
+                offset_m.abs() + half_width_m < half_m + 0.1 && turn_rad.abs() < 0.35,
+                "after {secs} s it is {offset_m} m beside the middle of its lane, turned by {turn_rad}"
+            );
+        }
+    }
+    assert!(collisions.next().unwrap().is_none(), "it touched something");
+    assert!(way_m > 150.0, "it drove {way_m} m");
+    for topic in ["perceive/lines", "perceive/obstacles", "perceive/path"] {
+        let mut results = bus.result_reader(topic).unwrap();
+        let result = eventually("a result", || results.next().unwrap());
+        assert!(!result.inputs().is_empty(), "{topic} answers a frame");
+    }
 }
 
 /// A box in an image: left, top, right, bottom, pixels.

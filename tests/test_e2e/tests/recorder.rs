@@ -154,14 +154,14 @@ fn a_restart_of_the_simulator_does_not_stop_the_recorder() {
         "gantry-record",
         &["--out", "drive.mcap", "--lockstep"],
     );
-    // The map and the other documents are 1 MB of it.
+    // The map and the other documents are 2 MB of it.
     eventually("something is recorded", || {
-        (size(&sandbox.path("drive.mcap.part")) > 2_000_000).then_some(())
+        (size(&sandbox.path("drive.mcap.part")) > 6_000_000).then_some(())
     });
     daemon.kill9();
     let daemon = start_daemon(&sandbox, SMALL_RIG, &WAIT_FOR_ONE);
     eventually("the second run is recorded", || {
-        (size(&sandbox.path("drive.2.mcap.part")) > 2_000_000).then_some(())
+        (size(&sandbox.path("drive.2.mcap.part")) > 6_000_000).then_some(())
     });
     assert!(recorder.is_running());
     recorder.stop().expect_code(0);

@@ -530,9 +530,23 @@ fn files_that_cannot_be_replayed_are_told_in_a_sentence() {
         half.lines
     );
     // A damaged chunk costs its own samples, which are counted.
+    // Frames that nobody reads are passed over, so it is the head of a result's record.
     let mut damaged = whole.clone();
-    let middle = damaged.len() / 2;
-    for byte in &mut damaged[middle..middle + 64] {
+    let summary = mcap::Summary::read(&whole).unwrap().unwrap();
+    let of_boxes = |chunk: &mcap::records::ChunkIndex| {
+        let indexes = summary.read_message_indexes(&whole, chunk).unwrap();
+        let mut channels = indexes.into_iter();
+        channels.find(|(channel, _)| channel.topic.ends_with("boxer/boxes"))
+    };
+    let (chunk, at) = summary
+        .chunk_indexes
+        .iter()
+        .find_map(|chunk| Some((chunk, of_boxes(chunk)?.1[0].offset)))
+        .expect("boxes are recorded");
+    assert_eq!(chunk.compression, "", "what follows counts in plain bytes");
+    // The chunk's record head, its own head without a name of a compression, its records.
+    let at = (chunk.chunk_start_offset + 9 + 40 + at) as usize;
+    for byte in &mut damaged[at..at + 9] {
         *byte ^= 0x55;
     }
     std::fs::write(sandbox.path("damaged.mcap"), &damaged).unwrap();

@@ -1,4 +1,9 @@
-//! The spectator: rendered only for readers, moved by commands, and alone in showing texts.
+//! The spectator: rendered only for readers, moved by commands, alone in showing texts, flown in a
+//! terminal, and shown in rerun.
+
+use std::io::{Read as _, Write as _};
+use std::process::{Child, ChildStdin, Command as Program, Stdio};
+use std::sync::{Arc, Mutex};
 
 use schema_bus::names::SPECTATOR_RGB;
 use schema_bus::{CommandClient, Frame, FrameReader};
@@ -8,8 +13,8 @@ use schema_frames::{
 };
 use schema_types::Pose;
 use test_e2e::carla::{run_script, start_gateway};
-use test_e2e::{ask, join_bus, reader, start_daemon, step};
-use test_kit::sandbox::binary_path;
+use test_e2e::{ask, join_bus, reader, start_daemon, step, venv_program};
+use test_kit::sandbox::{binary_path, repository};
 use test_kit::{Sandbox, Setup, Simulator, eventually};
 
 /// A spectator and a camera of equal lens in the middle of a town that stands still.
@@ -338,6 +343,104 @@ fn a_client_of_carla_moves_it_and_writes_into_it() {
     daemon.stop().expect_code(0);
 }
 
+/// A program in a terminal of its own: what it shows, and its keys.
+struct InTerminal {
+    child: Child,
+    keys: ChildStdin,
+    shown: Arc<Mutex<String>>,
+}
+
+impl InTerminal {
+    /// Starts one of Gantry's programs in a terminal of 80 columns and 24 rows.
+    fn start(sandbox: &Sandbox, binary: &str, args: &[&str]) -> InTerminal {
+        let script = repository().join("tests/test_e2e/python/in_terminal.py");
+        let mut child = Program::new(venv_program("python"))
+            .arg(script)
+            .args(["80", "24"])
+            .arg(binary_path(binary))
+            .args(args)
+            .current_dir(sandbox.dir())
+            .env("TERM", "xterm-256color")
+            .env("COLORTERM", "truecolor")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("the environment's Python");
+        let keys = child.stdin.take().expect("it is piped");
+        let mut output = child.stdout.take().expect("it is piped");
+        let shown = Arc::new(Mutex::new(String::new()));
+        let theirs = shown.clone();
+        std::thread::spawn(move || {
+            let mut bytes = [0; 4096];
+            while let Ok(n @ 1..) = output.read(&mut bytes) {
+                let text = String::from_utf8_lossy(&bytes[..n]);
+                theirs.lock().expect("nobody panics").push_str(&text);
+            }
+        });
+        InTerminal { child, keys, shown }
+    }
+
+    fn says(&self, text: &str) -> bool {
+        self.shown.lock().expect("nobody panics").contains(text)
+    }
+
+    fn hit(&mut self, keys: &str) {
+        self.keys
+            .write_all(keys.as_bytes())
+            .expect("the terminal is there");
+    }
+
+    /// Waits for a text on the screen.
+    fn wait_for(&mut self, text: &str) {
+        eventually(text, || self.says(text).then_some(()));
+    }
+}
+
+impl Drop for InTerminal {
+    /// A program that is left without a terminal ends.
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn it_is_flown_in_a_terminal_which_is_given_back() {
+    let setup = Setup::text(LAUNCH).set("scenario.mode=\"free_running\"");
+    let mut simulator = Simulator::start(setup);
+    let (_, before) = spectator(&mut simulator);
+    let fly = ["--fly=terminal", "--domain", simulator.domain()];
+    let mut viewer = InTerminal::start(simulator.sandbox(), "gantry-view", &fly);
+    viewer.wait_for("▀");
+    viewer.wait_for("free");
+    // A key of a terminal that does not tell when it goes up counts as held for a while.
+    eventually("the spectator has risen", || {
+        viewer.hit("q");
+        let (_, now) = spectator(&mut simulator);
+        (now.translation_m[2] > before.translation_m[2] + 2.0).then_some(())
+    });
+    viewer.hit("n");
+    viewer.wait_for("behind vehicle.");
+    viewer.hit("t");
+    viewer.wait_for("above vehicle.");
+    viewer.hit("x");
+    viewer.wait_for("images shown");
+    viewer.wait_for("ended with 0, terminal as before");
+    simulator.finish();
+}
+
+/// Signals that end it give the terminal back, too: Ctrl-C is a key in raw mode.
+#[test]
+fn ctrl_c_ends_a_flight_and_gives_the_terminal_back() {
+    let simulator = Simulator::start(Setup::text(LAUNCH));
+    let fly = ["--fly=terminal", "--domain", simulator.domain()];
+    let mut viewer = InTerminal::start(simulator.sandbox(), "gantry-view", &fly);
+    viewer.wait_for("free");
+    viewer.hit("\u{3}");
+    viewer.wait_for("ended with 0, terminal as before");
+    simulator.finish();
+}
+
 #[test]
 fn without_a_display_and_a_terminal_a_sentence_says_what_to_do() {
     let sandbox = Sandbox::new("flynowhere");
@@ -354,4 +457,33 @@ fn without_a_display_and_a_terminal_a_sentence_says_what_to_do() {
         &[("DISPLAY", ":4711")],
     );
     assert!(viewer.wait().expect_code(2).says("--fly=terminal"));
+}
+
+/// Only with the option, and only while it is shown.
+#[test]
+fn rerun_shows_it_if_asked_to() {
+    let setup = Setup::text(LAUNCH).set("scenario.mode=\"free_running\"");
+    let mut simulator = Simulator::start(setup);
+    let save = |simulator: &mut Simulator, file: &str, more: &[&str]| {
+        let domain = simulator.domain().to_owned();
+        let words = [&["--save", file, "--domain", &domain], more].concat();
+        let viewer = simulator.sandbox().spawn("gantry-view", &words);
+        simulator.wait_readers("post/view/rgb", 1);
+        let before = counter(simulator, "sent post/view/rgb");
+        eventually("some images", || {
+            (counter(simulator, "sent post/view/rgb") > before + 5).then_some(())
+        });
+        let sent = counter(simulator, &format!("sent {SPECTATOR_RGB}"));
+        (viewer.stop().expect_code(0), sent)
+    };
+    let (ended, sent) = save(&mut simulator, "without.rrd", &[]);
+    assert!(ended.says("frames of 1 topics"), "{:?}", ended.lines);
+    assert_eq!(sent, 0);
+    let (ended, sent) = save(&mut simulator, "with.rrd", &["--spectator"]);
+    assert!(ended.says("frames of 2 topics"), "{:?}", ended.lines);
+    assert!(sent > 0);
+    let file = std::fs::read(simulator.sandbox().path("with.rrd")).unwrap();
+    let name = b"/world/spectator/rgb";
+    assert!(file.windows(name.len()).any(|bytes| bytes == name));
+    simulator.finish();
 }

@@ -176,6 +176,34 @@ fn a_killed_driver_is_restarted_and_drives_on() {
     assert_clean(&sandbox);
 }
 
+/// A GPU that fails ends the daemon; it is started again, and the driver drives on.
+#[test]
+fn a_daemon_whose_gpu_fails_is_restarted_and_its_clients_go_on() {
+    let sandbox = Sandbox::new("up-gpu");
+    let file = sandbox.path("lose");
+    let launch = pipeline().replace(
+        "cmd = [\"simd\"]\nrequired = true\n",
+        &format!(
+            "cmd = [\"simd\", \"--lose-gpu-when\", {file:?}]\nrestart = {{ policy = \"on-failure\" }}\n"
+        ),
+    );
+    let mut gantry = up(&sandbox, &launch, &["--view", "none"]);
+    gantry.wait_line("driving vehicles=5");
+    let driver = pid_of(&sandbox, "gantry-drive");
+    std::fs::write(&file, "").unwrap();
+    gantry.wait_line("simd ended with exit code 4");
+    eventually("it is driven again", || {
+        let lines = gantry.lines();
+        let n = lines
+            .iter()
+            .filter(|line| line.contains("driving vehicles=5"));
+        (n.count() >= 2).then_some(())
+    });
+    assert_eq!(pid_of(&sandbox, "gantry-drive"), driver);
+    gantry.stop().expect_code(0);
+    assert_clean(&sandbox);
+}
+
 #[test]
 fn a_dry_run_tells_everything_and_starts_nothing() {
     let sandbox = Sandbox::new("up-dry");
@@ -248,5 +276,121 @@ fn what_is_wrong_is_said_before_anything_starts() {
         "mine",
         "nobody's file is overwritten"
     );
+    assert_clean(&sandbox);
+}
+
+/// `./gantry` in a folder of its own, with a cargo that "builds" by handing out the programs that
+/// are built already; the viewer's build waits for a file `go`, and fails if there is one `fail`.
+fn first_run(sandbox: &Sandbox, more: &[&str]) -> Process {
+    use std::os::unix::fs::PermissionsExt as _;
+    let tree = sandbox.path("tree");
+    for folder in ["bin", "target/release"] {
+        std::fs::create_dir_all(tree.join(folder)).expect("a folder");
+    }
+    let repository = test_kit::sandbox::repository();
+    for file in ["gantry", "requirements.txt"] {
+        std::fs::copy(repository.join(file), tree.join(file)).expect("a copy");
+    }
+    std::os::unix::fs::symlink(repository.join(".venv"), tree.join(".venv")).expect("a link");
+    let built = test_kit::sandbox::binary_path("simd");
+    let built = built.parent().expect("a program is in a folder").display();
+    let cargo = format!(
+        "#!/bin/sh\necho \"cargo $*\" >>../cargo.log\n\
+         give() {{ for name; do cp -f {built}/$name target/release/.$name && mv target/release/.$name target/release/$name; done; }}\n\
+         case \"$*\" in\n\
+         --version*) echo 'cargo 9.9.9 (made up)' ;;\n\
+         *--bin=simd*) give simd gantry gantry-drive ;;\n\
+         *--bin=gantry-view*) printf '   Building [===>   ] 7/9: made-up\\r' >&2\n\
+         until [ -e ../go ]; do sleep 0.1; done\n\
+         [ ! -e ../fail ] || {{ echo 'error: could not compile `made-up`' >&2; exit 101; }}\n\
+         give gantry-view ;;\n\
+         esac\n"
+    );
+    let file = tree.join("bin/cargo");
+    std::fs::write(&file, cargo).expect("a program");
+    std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o755)).expect("ours");
+    let drive = sandbox.path("drive.rrd");
+    let launch = sandbox.write(
+        "test.toml",
+        &format!(
+            "{}[process.view]\ncmd = [\"gantry-view\", \"--save\", {:?}]\nafter = [\"simd\"]\n",
+            pipeline(),
+            drive.to_str().unwrap()
+        ),
+    );
+    let data = sandbox.path("data");
+    let words = [
+        "up",
+        launch.to_str().unwrap(),
+        "--data",
+        data.to_str().unwrap(),
+        "--domain",
+        sandbox.domain(),
+    ];
+    let path = format!(
+        "{}:{}",
+        tree.join("bin").display(),
+        std::env::var("PATH").expect("there is one")
+    );
+    let target = tree.join("target");
+    let env = [
+        ("PATH", path.as_str()),
+        ("CARGO_TARGET_DIR", target.to_str().unwrap()),
+    ];
+    let words = [&words[..], more].concat();
+    sandbox.spawn_program("./gantry", &tree.join("gantry"), &words, &env)
+}
+
+#[test]
+fn the_world_runs_while_the_viewer_is_built_and_the_viewer_joins() {
+    let sandbox = Sandbox::new("first_run");
+    let mut up = first_run(&sandbox, &[]);
+    up.wait_line("the world starts now; its viewer is still being built");
+    up.wait_line("gantry-view is being built: 7 of 9 crates");
+    pid_of(&sandbox, "simd");
+    assert!(!sandbox.path("drive.rrd").exists(), "nobody shows it yet");
+    sandbox.write("go", "");
+    let drive = sandbox.path("drive.rrd");
+    eventually("the viewer has joined", || {
+        drive
+            .metadata()
+            .is_ok_and(|file| file.len() > 10_000)
+            .then_some(())
+    });
+    kill(pid_of(&sandbox, "gantry"), Signal::SIGINT).expect("it runs");
+    up.wait().expect_code(0);
+    assert_clean(&sandbox);
+    let asked = std::fs::read_to_string(sandbox.path("cargo.log")).expect("cargo was asked");
+    let world = asked.find("--bin=simd").expect("the world was built");
+    assert!(world < asked.find("--bin=gantry-view").unwrap(), "{asked}");
+
+    // The second time everything is there: nothing is built in the background.
+    std::fs::remove_file(sandbox.path("tree/.venv")).unwrap();
+    let again = first_run(&sandbox, &["--dry-run"]).wait().expect_code(0);
+    assert!(!again.says("is still being built"), "{:?}", again.lines);
+    let asked_again = std::fs::read_to_string(sandbox.path("cargo.log")).unwrap();
+    let news = &asked_again[asked.len()..];
+    assert!(
+        !news.lines().any(|line| line.ends_with("--workspace")),
+        "{news}"
+    );
+}
+
+#[test]
+fn a_viewer_that_cannot_be_built_is_a_sentence_and_the_world_goes_on() {
+    let sandbox = Sandbox::new("first_run_fails");
+    sandbox.write("go", "");
+    sandbox.write("fail", "");
+    let mut up = first_run(&sandbox, &[]);
+    up.wait_line("gantry-view could not be built, so that nothing shows this run");
+    assert!(
+        up.lines()
+            .iter()
+            .any(|line| line.contains("could not compile `made-up`"))
+    );
+    up.wait_line("view ended with exit code 1");
+    assert!(up.is_running(), "the world goes on");
+    kill(pid_of(&sandbox, "gantry"), Signal::SIGINT).expect("it runs");
+    up.wait();
     assert_clean(&sandbox);
 }

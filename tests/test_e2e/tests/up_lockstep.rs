@@ -230,7 +230,7 @@ fn a_simulator_that_is_restarted_waits_for_those_who_run() {
     assert_nothing_left(&sandbox);
 }
 
-/// Goal: what `docs/launch-files.md` says of a program of a user holds for one in Python: folder,
+/// Goal: what `docs/reference/launch-files.md` says of a program of a user holds for one in Python: folder,
 /// environment, settings, domain, lockstep from the first tick on, and its restart.
 #[test]
 fn a_python_program_steps_with_the_world_from_its_first_tick() {

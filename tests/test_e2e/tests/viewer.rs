@@ -1,12 +1,18 @@
-//! `gantry-view --save` beside a real daemon, and what rerun then draws of the file, without a
-//! display.
+//! `gantry-view` beside a real daemon: a saved file and what rerun draws of it without a display, a
+//! picture of the window, a program that logs into the same view; and the page of `gantry-desk`.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::Path;
 
+use schema_frames::{Command, CommandReply};
 use schema_types::Class;
-use test_e2e::{SMALL_RIG, assert_nothing_left, spawn_consumer, start_daemon, venv_program};
+use test_e2e::carla::empty_town;
+use test_e2e::{
+    SMALL_RIG, ask, assert_nothing_left, join_bus, python_package, reader, spawn_consumer,
+    start_daemon, venv_program,
+};
+use test_kit::sandbox::repository;
 use test_kit::{Process, Sandbox, eventually};
 
 /// An RGB image.
@@ -113,7 +119,10 @@ fn the_saved_file_is_whole_and_rerun_draws_every_view_of_it() {
     driver.stop().expect_code(0);
     daemon.stop().expect_code(0);
     assert_nothing_left(&sandbox);
-    rerun(&sandbox, &["rrd", "verify", "drive.rrd"]);
+    // The file has no index; rerun reads it whole, and makes one that has.
+    let indexed = ["rrd", "optimize", "drive.rrd", "-o", "indexed.rrd"];
+    rerun(&sandbox, &indexed);
+    rerun(&sandbox, &["rrd", "verify", "indexed.rrd"]);
     let shot = [
         "--headless",
         "--port",
@@ -182,4 +191,187 @@ fn the_saved_file_is_whole_and_rerun_draws_every_view_of_it() {
         "curves are drawn: {} colours",
         n_colours(&plots)
     );
+}
+
+/// The memory of such a topic is made for its first reader: until then it has no writer.
+#[test]
+fn a_camera_that_nobody_reads_yet_is_viewed_and_recorded() {
+    for (program, words, said) in [
+        ("gantry-view", ["--save", "late.rrd"], "frames of 1 topics"),
+        ("gantry-record", ["--out", "late.mcap"], "late.mcap"),
+    ] {
+        let sandbox = Sandbox::new("late-camera");
+        let daemon = start_daemon(&sandbox, &empty_town("Town02"), &[]);
+        let bus = join_bus(&sandbox, "test");
+        let mut client = bus.command_client("test").unwrap();
+        let spawn = Command::SpawnSensor {
+            type_id: "sensor.camera.view".into(),
+            pose: schema_types::Pose::from_xyz_yaw(0.0, 0.0, 20.0, 0.3).into(),
+            parent_id: None,
+            attachment: Default::default(),
+            interval_nanos: 0,
+            spec: serde_json::from_str(
+                r#"{"kind": "camera", "width_px": 64, "height_px": 48, "modalities": ["rgb"]}"#,
+            )
+            .unwrap(),
+            attributes: Default::default(),
+        };
+        let CommandReply::Spawned { topics, .. } = ask(&mut client, spawn) else {
+            panic!("the camera was refused")
+        };
+        let topic = |name: &str| {
+            let all = bus.topics().unwrap();
+            all.into_iter().find(|topic| topic.name == name).unwrap()
+        };
+        assert_eq!((topics.len(), topic(&topics[0]).publishers), (1, 0));
+        let reads = spawn_consumer(&sandbox, program, &words);
+        eventually("it is read, and so written", || {
+            let topic = topic(&topics[0]);
+            (topic.publishers == 1 && topic.subscribers == 1).then_some(())
+        });
+        let mut own = reader(&bus, &topics[0]);
+        let mut seq = || eventually("a frame", || own.latest().unwrap()).header().seq;
+        let first = seq();
+        eventually("forty frames", || (seq() > first + 40).then_some(()));
+        let ended = reads.stop().expect_code(0);
+        assert!(ended.says(said), "{:?}", ended.lines);
+        drop((client, own, bus));
+        daemon.stop().expect_code(0);
+        assert_nothing_left(&sandbox);
+    }
+}
+
+#[test]
+fn a_picture_of_the_window_needs_no_display() {
+    let sandbox = Sandbox::new("view-shot");
+    let missing = spawn_consumer(&sandbox, "gantry-view", &["--blueprint", "no.rbl", "--web"]);
+    assert!(missing.wait().expect_code(2).says("no.rbl is no file"));
+    let daemon = start_daemon(&sandbox, SMALL_RIG, &[]);
+    let words = [
+        "--screenshot",
+        "shot.png",
+        "--size",
+        "800x600",
+        "--topics",
+        "ego/*/rgb",
+        "*/gnss",
+    ];
+    let ended = spawn_consumer(&sandbox, "gantry-view", &words).wait_longer(SHOT_LIMIT);
+    let ended = ended.expect_code(0);
+    assert!(ended.says("frames of 2 topics"), "{:?}", ended.lines);
+    let picture = Picture::read(&sandbox.path("shot.png")).expect("a readable picture");
+    // Two pixels for each point of the window.
+    assert_eq!((picture.width, picture.height()), (1600, 1200));
+    // One image takes the left side above the curves; the world is on the right.
+    let image = picture.part(0.02..0.55, 0.15..0.65);
+    assert!(n_colours(&image) >= 40, "{} colours", n_colours(&image));
+    let again = spawn_consumer(&sandbox, "gantry-view", &["--screenshot", "shot.png"]);
+    assert!(again.wait().expect_code(2).says("shot.png exists already"));
+    let left: Vec<_> = std::fs::read_dir(sandbox.path("."))
+        .unwrap()
+        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        .filter(|name| name.ends_with(".rrd"))
+        .collect();
+    assert!(left.is_empty(), "{left:?}");
+    daemon.stop().expect_code(0);
+    assert_nothing_left(&sandbox);
+}
+
+/// How long drawing a window without a GPU may take.
+const SHOT_LIMIT: std::time::Duration = std::time::Duration::from_secs(150);
+
+/// The program below the wheel's wrapper, which hands no signal on.
+fn rerun_itself() -> std::path::PathBuf {
+    let libraries = venv_program("rerun").parent().unwrap().join("../lib");
+    let pythons = std::fs::read_dir(libraries).expect("a virtual environment");
+    let mut programs = pythons.filter_map(|python| {
+        let program = "site-packages/rerun_sdk/rerun_cli/rerun";
+        Some(python.ok()?.path().join(program)).filter(|path| path.is_file())
+    });
+    programs.next().expect("the package rerun-sdk")
+}
+
+/// A stand-in for the viewer's window keeps what it is sent in a file.
+#[test]
+fn a_program_logs_into_the_recording_that_the_viewer_shows() {
+    let sandbox = Sandbox::new("view-join");
+    let daemon = start_daemon(&sandbox, SMALL_RIG, &[]);
+    let port = test_e2e::carla::free_port().to_string();
+    let env = [("DO_NOT_TRACK", "1"), ("RUST_LOG", "warn")];
+    let keep = [
+        "--port",
+        &port,
+        "--bind",
+        "127.0.0.1",
+        "--save",
+        "joined.rrd",
+    ];
+    let window = sandbox.spawn_program("rerun", &rerun_itself(), &keep, &env);
+    eventually("the window listens", || {
+        std::net::TcpStream::connect(format!("127.0.0.1:{port}")).ok()
+    });
+    let url = format!("rerun+http://127.0.0.1:{port}/proxy");
+    let viewer = spawn_consumer(&sandbox, "gantry-view", &["--connect", &url]);
+    let (script, package) = (
+        repository().join("tests/test_e2e/python/join_view.py"),
+        python_package(),
+    );
+    let args = [script.to_str().unwrap(), sandbox.domain()];
+    let env = [
+        ("PYTHONPATH", package.to_str().unwrap()),
+        ("PYTHONDONTWRITEBYTECODE", "1"),
+        ("DO_NOT_TRACK", "1"),
+    ];
+    let joined = sandbox.spawn_program("python", &venv_program("python"), &args, &env);
+    assert!(joined.wait().expect_code(0).says("joined"));
+    viewer.stop().expect_code(0);
+    // Its end makes the file whole.
+    window.stop();
+    let printed = rerun(&sandbox, &["rrd", "print", "joined.rrd"]);
+    let has = |entity: &str| printed.iter().any(|line| line.contains(entity));
+    assert!(has("/world/ego/front/rgb/mine") && has("/world/actors"));
+    let own = format!("\"{}-", sandbox.domain());
+    let recordings: BTreeSet<&str> = printed
+        .iter()
+        .map(|line| line.trim())
+        .filter(|line| line.starts_with(&own))
+        .collect();
+    assert_eq!(recordings.len(), 1, "{recordings:?}");
+    daemon.stop().expect_code(0);
+    assert_nothing_left(&sandbox);
+}
+
+#[test]
+fn the_desk_rules_time_weather_and_vehicles_for_who_knows_its_address() {
+    let sandbox = Sandbox::new("desk");
+    let launch = format!(
+        "{}[spectator]\nwidth_px = 96\nheight_px = 64\n",
+        empty_town("Town02")
+    );
+    let daemon = start_daemon(&sandbox, &launch, &[]);
+    let mut desk = spawn_consumer(&sandbox, "gantry-desk", &["--no-open"]);
+    let line = desk.wait_line("open http://127.0.0.1:");
+    let page = line
+        .split_whitespace()
+        .last()
+        .expect("an address")
+        .to_owned();
+    let script = repository().join("tests/test_e2e/python/desk.py");
+    let args = [script.to_str().unwrap(), &page];
+    let asked = sandbox.spawn_program("python", &venv_program("python"), &args, &[]);
+    let ended = asked.wait_longer(SHOT_LIMIT).expect_code(0);
+    for theme in ["door", "time", "weather", "vehicle"] {
+        assert!(ended.says(&format!("{theme} passed")), "{:?}", ended.lines);
+    }
+    let taken = page.split([':', '/']).nth(4).expect("a port").to_owned();
+    let second = spawn_consumer(&sandbox, "gantry-desk", &["--no-open", "--port", &taken]);
+    assert!(
+        second
+            .wait()
+            .expect_code(2)
+            .says("name another with --port")
+    );
+    desk.stop().expect_code(0);
+    daemon.stop().expect_code(0);
+    assert_nothing_left(&sandbox);
 }

@@ -119,10 +119,13 @@ impl Process {
                 if let Some(line) = lines.iter().find(|line| line.contains(text)) {
                     return line.clone();
                 }
+                let how = match self.child.try_wait() {
+                    Ok(Some(status)) => format!("ended ({status})"),
+                    _ => "hangs".to_owned(),
+                };
                 panic!(
-                    "{} {} without saying {text:?}; output:\n{}",
+                    "{} {how} without saying {text:?}; output:\n{}",
                     self.name,
-                    if ended { "ended" } else { "hangs" },
                     lines.join("\n")
                 );
             }

@@ -1,5 +1,6 @@
 //! What one test has for itself: a directory, a domain, an iceoryx2 root and prefix.
 
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -106,6 +107,25 @@ impl Sandbox {
         let _ = std::fs::remove_file(&config);
         std::fs::copy(self.iceoryx_config(), config).expect("iceoryx2 configuration");
         place
+    }
+
+    /// iceoryx2's files and folders of nodes and services in this sandbox.
+    pub fn bookkeeping(&self) -> Vec<String> {
+        let mut kept = Vec::new();
+        let mut folders = vec![self.path("iox/nodes"), self.path("iox/services")];
+        while let Some(folder) = folders.pop() {
+            // A folder that is gone has nothing.
+            let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+            for path in entries.map(|entry| entry.path()) {
+                let mode = std::fs::symlink_metadata(&path).map(|about| about.mode() & 0o7777);
+                kept.push(format!("{} {:o}", path.display(), mode.unwrap_or_default()));
+                if path.is_dir() {
+                    folders.push(path);
+                }
+            }
+        }
+        kept.sort();
+        kept
     }
 
     /// Shared-memory files that carry this sandbox's prefix.

@@ -1,8 +1,9 @@
 //! Measures cameras in a town and prints a table:
 //! `rendering_bench [ROW …] [KEY=VALUE …] [--json FILE]`.
 //!
-//! Rows: `six` `separate` `apart` `rgb` `depth` `trio` `wide` `many` `hide` `peer` (default: all
-//! but `hide`, which times the upload when objects are hidden, and `peer`, which needs `ply=FILE`).
+//! Rows: `six` `separate` `apart` `rgb` `depth` `trio` `wide` `many` `effects` `hide` `peer`
+//! (default: all but `effects`, one rgb camera with each effect of its lens and film by turns,
+//! `hide`, which times the upload when objects are hidden, and `peer`, which needs `ply=FILE`).
 //! `separate`: one view of six modalities against six sensors of one modality each, each rendered
 //! in a submission of its own, by turns in one run. `apart`: the same against six such views that
 //! go through one submission together. Keys: `town=Town10HD` `vehicles=20` `frames=60`
@@ -24,7 +25,7 @@ use schema_types::ObjectId;
 use sensor_camera::{CameraRenderer, Quality};
 use sensor_core::{Scene, SceneAssets};
 use sensor_gpu::{CopyPath, Gpu, GpuOptions};
-use sensor_spec::Intrinsics;
+use sensor_spec::{FilmCurve, Intrinsics, OpticsSpec};
 use test_render::separate::{Sides, best, median};
 use test_render::{Cameras, Figures, Stage, peer, weathers};
 
@@ -40,6 +41,9 @@ const TRIO: [Modality; 3] = [Modality::Rgb, Modality::Depth, Modality::Semantic]
 const ROWS: [&str; 8] = [
     "six", "separate", "apart", "rgb", "depth", "trio", "wide", "many",
 ];
+const OTHER_ROWS: [&str; 3] = ["effects", "hide", "peer"];
+/// Turns of the cameras with and without effects.
+const N_TURNS: usize = 4;
 
 struct Options {
     rows: Vec<String>,
@@ -79,10 +83,10 @@ fn options() -> Result<Options, String> {
     options.json = json;
     for word in words {
         let Some((key, value)) = word.split_once('=') else {
-            if !ROWS.contains(&word.as_str()) && !["peer", "hide"].contains(&word.as_str()) {
+            if !ROWS.contains(&word.as_str()) && !OTHER_ROWS.contains(&word.as_str()) {
                 return Err(format!(
-                    "row {word:?} does not exist; rows are {}, hide, peer",
-                    ROWS.join(", ")
+                    "row {word:?} does not exist; rows are {}",
+                    [&ROWS[..], &OTHER_ROWS].concat().join(", ")
                 ));
             }
             options.rows.push(word);
@@ -331,8 +335,62 @@ impl Bench {
                 println!("  images per second: {per_sec:.0}");
                 self.note("images per second", &[("per_sec", per_sec)]);
             }
+            "effects" => self.effects(),
             "hide" => self.hide(),
             _ => self.peer(),
+        }
+    }
+
+    /// One rgb camera by turns with every effect off and with one of them on.
+    fn effects(&self) {
+        let with = |change: fn(&mut OpticsSpec)| {
+            let mut optics = OpticsSpec::default();
+            change(&mut optics);
+            optics
+        };
+        let kinds = [
+            ("rgb, no effects", with(|_| ())),
+            ("rgb, film", with(|it| it.film.curve = FilmCurve::Shaped)),
+            ("rgb, flare", with(|it| it.flare_intensity = 1.0)),
+            ("rgb, bent lens", with(|it| it.distortion_k = 30.0)),
+            (
+                "rgb, motion blur",
+                with(|it| it.motion_blur.shutter_secs = 0.02),
+            ),
+            ("rgb, focus at 8 m", with(|it| it.focus.distance_m = 8.0)),
+        ];
+        let mut cameras = kinds.each_ref().map(|(_, optics)| {
+            Cameras::with_optics(
+                &self.gpu,
+                self.quality,
+                self.lens(self.options.size_px),
+                optics.clone(),
+                &[&[Modality::Rgb]],
+                self.in_flight,
+            )
+        });
+        let mut figures = kinds.each_ref().map(|_| Vec::new());
+        for turn in 0..N_TURNS {
+            for (cameras, figures) in cameras.iter_mut().zip(&mut figures) {
+                figures.push(cameras.run(self.options.frames, |frame| {
+                    let along_m = 0.4 * (turn * self.options.frames + frame) as f64 % 40.0;
+                    let scene = self.scenes[frame % self.scenes.len()].clone();
+                    let pose = self.stage.camera(self.options.place, along_m, 0.0, 0.0);
+                    (scene, vec![pose])
+                }));
+            }
+        }
+        for ((name, _), figures) in kinds.iter().zip(&figures) {
+            let least = |of: fn(&Figures) -> f64| figures.iter().map(of).fold(f64::MAX, f64::min);
+            let turn = Figures {
+                p50_ms: median(figures.iter().map(|turn| turn.p50_ms)),
+                best_ms: least(|turn| turn.best_ms),
+                mean_ms: least(|turn| turn.mean_ms),
+                cpu_ms: least(|turn| turn.cpu_ms),
+                cpu_best_ms: least(|turn| turn.cpu_best_ms),
+                ..figures[0]
+            };
+            self.print(name, &turn, 1);
         }
     }
 
@@ -435,9 +493,10 @@ impl Bench {
             cpu_best_ms,
             n_triangles,
             n_draws,
+            n_passes,
         } = figures;
         println!(
-            "{name:38} p50 {p50_ms:8.3}  best {best_ms:8.3}  mean {mean_ms:8.3} ms  {:8.1} sets/s  CPU {cpu_ms:7.2} best {cpu_best_ms:7.2} ms  {} views {n_triangles} triangles {n_draws} draws",
+            "{name:38} p50 {p50_ms:8.3}  best {best_ms:8.3}  mean {mean_ms:8.3} ms  {:8.1} sets/s  CPU {cpu_ms:7.2} best {cpu_best_ms:7.2} ms  {} views {n_triangles} triangles {n_draws} draws {n_passes} passes",
             1e3 / mean_ms,
             n_views
         );
@@ -453,6 +512,7 @@ impl Bench {
                 ("n_views", n_views as f64),
                 ("n_triangles", *n_triangles as f64),
                 ("n_draws", *n_draws as f64),
+                ("n_passes", *n_passes as f64),
             ],
         );
     }

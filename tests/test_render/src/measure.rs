@@ -12,10 +12,10 @@ use std::time::Instant;
 
 use nalgebra::Isometry3;
 use schema_frames::Modality;
-use sensor_camera::{CameraRenderer, Output, Place, Quality, Submission, View, ViewJob, ViewSpec};
+use sensor_camera::{CameraRenderer, Output, Quality, Submission, View, ViewJob, ViewSpec};
 use sensor_core::Scene;
 use sensor_gpu::{Gpu, ShmTarget};
-use sensor_spec::Intrinsics;
+use sensor_spec::{Intrinsics, OpticsSpec};
 
 /// Views that fire together.
 pub struct Cameras {
@@ -47,6 +47,8 @@ pub struct Figures {
     pub n_triangles: u64,
     /// Draw calls per frame.
     pub n_draws: u64,
+    /// Passes per frame.
+    pub n_passes: u64,
 }
 
 /// Frames that are rendered before timing starts, while pipelines compile and shadow maps are
@@ -63,8 +65,28 @@ impl Cameras {
         asked: &[&[Modality]],
         n_in_flight: usize,
     ) -> Cameras {
+        Cameras::with_optics(
+            gpu,
+            quality,
+            lens,
+            OpticsSpec::default(),
+            asked,
+            n_in_flight,
+        )
+    }
+
+    /// As [`Cameras::new`], with other optics.
+    pub fn with_optics(
+        gpu: &Gpu,
+        quality: Quality,
+        lens: Intrinsics,
+        optics: OpticsSpec,
+        asked: &[&[Modality]],
+        n_in_flight: usize,
+    ) -> Cameras {
         let spec = |i: usize| ViewSpec {
             sensor_id: i as u32,
+            optics: optics.clone(),
             ..ViewSpec::pinhole(lens)
         };
         let views: Vec<View> = (0..asked.len()).map(|i| View::new(gpu, spec(i))).collect();
@@ -77,7 +99,7 @@ impl Cameras {
         let len = (frame_bytes * n_in_flight).next_multiple_of(1 << 21);
         let base = page_aligned(len);
         // SAFETY: the memory is leaked, and only frames in flight touch it, each its own range.
-        let target = Arc::new(unsafe { ShmTarget::import(gpu, base, len) });
+        let target = Arc::new(unsafe { ShmTarget::import(gpu, base, len, ()) });
         let asked = asked.iter().map(|list| list.to_vec()).collect();
         Cameras {
             gpu: gpu.clone(),
@@ -150,6 +172,7 @@ impl Cameras {
                 .fold(cpu_ms, f64::min),
             n_triangles: per_frame(counts.triangles),
             n_draws: per_frame(counts.draws),
+            n_passes: per_frame(counts.passes),
         }
     }
 
@@ -221,11 +244,8 @@ fn job<'v>(
     let mut outputs = Vec::with_capacity(list.len());
     for modality in list {
         let capacity_bytes = view.payload_bytes(*modality);
-        let place = Place::Shm {
-            target: target.clone(),
-            offset_bytes: *offset_bytes,
-            capacity_bytes,
-        };
+        // SAFETY: ranges of a leaked segment that do not overlap, and are looked at after the wait.
+        let place = unsafe { target.place(*offset_bytes, capacity_bytes) };
         outputs.push(Output {
             modality: *modality,
             place,

@@ -1,0 +1,37 @@
+"""Prints the page of all programs from their reviewed help texts.
+
+    book_programs.py FOLDER_OF_HELP_TEXTS
+"""
+
+import pathlib
+import sys
+
+#: The order of the page; whatever is not named comes last.
+FIRST = ["gantry", "simd", "gantry-drive", "gantry-view", "gantry-record", "gantry-replay", "gantry-rerun", "gantry-export", "gantry-dataset"]
+#: Sections that all help texts have; the page has them once.
+SHARED = ("Common options:", "Environment:", "Exit codes:")
+
+
+def divided(text):
+    """A help text without the sections that all have, and those."""
+    own, shared, into = [], [], None
+    for line in text.splitlines():
+        if not line.startswith(" ") and line.endswith(":"):
+            into = shared if line in SHARED else own
+        (own if into is None else into).append(line)
+    return "\n".join(own).rstrip(), "\n".join(shared).rstrip()
+
+
+def main():
+    texts = {tuple(file.stem.split("_")): file.read_text() for file in pathlib.Path(sys.argv[1]).glob("*.txt")}
+    order = {name: place for place, name in enumerate(FIRST)}
+    print("# Programs\n\nMade from the help texts, which every program prints with `--help`; a test holds both together.")
+    print("Man pages and completions say the same: [Install](../start/install.md#completions-and-man-pages).")
+    print(f"\n## What all of them have\n\n```text\n{divided(texts['gantry',])[1]}\n```\n")
+    print("`PROGRAM completions bash` (`zsh`, `fish`) prints a completion script, `PROGRAM man` the man page; `PROGRAM man --into DIR` writes one for each subcommand.")
+    for path in sorted(texts, key=lambda path: (order.get(path[0], len(order)), path)):
+        print(f"\n{'#' * min(len(path) + 1, 4)} {' '.join(path)}\n\n```text\n{divided(texts[path])[0]}\n```")
+
+
+if __name__ == "__main__":
+    main()

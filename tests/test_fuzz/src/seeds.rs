@@ -1,0 +1,256 @@
+//! Bytes that can be read, from which the search begins.
+
+use consumer_rpc::list;
+use consumer_rpc::msgpack::{self, Value};
+use schema_frames::result::RESULT_MAGIC;
+use schema_frames::{ResultHeader, ResultType, SCHEMA_VERSION};
+use simd_world::Checkpoint;
+
+use crate::targets::flat_world;
+
+fn message(value: &Value) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    msgpack::write(&mut bytes, value);
+    bytes
+}
+
+/// Requests of a client, and lists of all shapes around theirs.
+pub fn rpc() -> Vec<Vec<u8>> {
+    requests().into_iter().chain(shapes()).collect()
+}
+
+/// Every list of up to four of the values that a request has, in any order.
+fn shapes() -> Vec<Vec<u8>> {
+    let values = [
+        Value::Nil,
+        Value::UInt(0),
+        Value::from("tick_cue"),
+        list![list![false]],
+        list![],
+        Value::Bool(true),
+    ];
+    let mut found = Vec::new();
+    for n in 0..=4u32 {
+        for number in 0..values.len().pow(n) {
+            let nth = |digit| values[number / values.len().pow(digit) % values.len()].clone();
+            found.push(message(&Value::Array((0..n).map(nth).collect())));
+        }
+    }
+    found
+}
+
+fn requests() -> Vec<Vec<u8>> {
+    [
+        list![0u32, 5u32, "destroy_actor", list![list![true], 9u32]],
+        list![0u32, 6u32, "version", list![list![false]]],
+        list![
+            0u32,
+            7u32,
+            "spawn_actor",
+            list![
+                list![false],
+                list![
+                    1u32,
+                    "vehicle.audi.tt",
+                    list![list!["role_name", "hero", 4u32]]
+                ],
+                list![
+                    list![0.5f32, 1.0f32, 2.0f32],
+                    list![0.0f32, 90.0f32, 0.0f32]
+                ]
+            ]
+        ],
+    ]
+    .iter()
+    .map(message)
+    .collect()
+}
+
+/// A connection with several requests; the first byte says in which pieces they come.
+pub fn streams() -> Vec<Vec<u8>> {
+    let whole: Vec<u8> = requests().concat();
+    (0..3)
+        .map(|piece| [&[piece], &whole[..]].concat())
+        .collect()
+}
+
+/// Small maps.
+pub fn opendrive() -> Vec<Vec<u8>> {
+    let line = r#"<geometry s="0" x="0" y="0" hdg="0" length="60"><line/></geometry>"#;
+    let spiral = r#"<geometry s="0" x="0" y="9" hdg="0" length="60"><spiral curvStart="0" curvEnd="0.1"/></geometry>"#;
+    let poly = r#"<geometry s="0" x="0" y="20" hdg="0" length="40"><paramPoly3 aU="0" bU="40" cU="-4" dU="1" aV="0" bV="0" cV="9" dV="-5" pRange="normalized"/></geometry>"#;
+    let road = |id: u32, length: u32, geometry: &str| {
+        format!(
+            r#"<road name="" length="{length}" id="{id}" junction="-1"><planView>{geometry}</planView>
+<elevationProfile><elevation s="0" a="1" b="0.02" c="0" d="0"/></elevationProfile>
+<lanes><laneOffset s="0" a="0.5" b="0" c="0" d="0"/><laneSection s="0"><center><lane id="0" type="none"><roadMark sOffset="0" type="broken" color="white" width="0.1"/></lane></center>
+<right><lane id="-1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/><speed sOffset="0" max="50" unit="mph"/></lane></right></laneSection></lanes>
+<objects><object id="1" type="barrier" s="5" t="-6" length="2" width="0.3" height="1"><repeat s="5" length="20" distance="4" tStart="-6" tEnd="-7" heightStart="1" heightEnd="2"/></object></objects>
+<signals><signal id="9" s="30" t="-5" dynamic="yes" orientation="+" type="1000001" value="-1"/></signals></road>"#
+        )
+    };
+    let document = |roads: &str| {
+        format!(
+            r#"<?xml version="1.0"?><OpenDRIVE><header revMajor="1" revMinor="4" name=""/>{roads}<controller id="1"><control signalId="9"/></controller></OpenDRIVE>"#
+        )
+        .into_bytes()
+    };
+    vec![
+        document(&road(1, 60, line)),
+        document(&(road(1, 60, spiral) + &road(2, 40, poly))),
+    ]
+}
+
+/// A launch file with one of everything.
+pub fn launch_files() -> Vec<Vec<u8>> {
+    let text = r#"version = 1
+description = "everything"
+[scenario]
+map = "Town10HD"
+seed = 7
+tick_hz = 20
+vehicles = 4
+[rig.roadside]
+pose = { position_m = [0.0, 0.0, 8.0] }
+[sensor.front]
+kind = "camera"
+modalities = ["rgb", "depth"]
+rate_hz = 20
+width_px = 96
+height_px = 64
+mount.position_m = [0.6, 0.0, 1.6]
+[sensor.watch]
+rig = "roadside"
+kind = "lidar"
+rate_hz = 10
+channels = 8
+columns = 180
+[process.drive]
+cmd = ["gantry-drive"]
+"#;
+    vec![text.into()]
+}
+
+/// A small MCAP file of each compression.
+pub fn recordings() -> Vec<Vec<u8>> {
+    [
+        None,
+        Some(mcap::Compression::Lz4),
+        Some(mcap::Compression::Zstd),
+    ]
+    .into_iter()
+    .map(|compression| {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        let options = mcap::WriteOptions::new()
+            .compression(compression)
+            .chunk_size(Some(200));
+        let mut writer = options.create(&mut bytes).expect("memory can be written");
+        let schema = writer.add_schema("text", "", b"").expect("a schema");
+        let none = std::collections::BTreeMap::new();
+        for (topic, number) in [("/world/info", 0), ("/ego/front/rgb/gantry", 1)] {
+            let channel = writer
+                .add_channel(schema, topic, "json", &none)
+                .expect("a channel");
+            for sequence in 0..4u32 {
+                let header = mcap::records::MessageHeader {
+                    channel_id: channel,
+                    sequence,
+                    log_time: u64::from(sequence) * 1000 + number,
+                    publish_time: u64::from(sequence) * 1000,
+                };
+                let body = format!("{{\"map\": \"Town01\", \"n\": {sequence}}}");
+                writer
+                    .write_to_known_channel(&header, body.as_bytes())
+                    .expect("a message");
+            }
+        }
+        writer.finish().expect("a summary");
+        drop(writer);
+        bytes.into_inner()
+    })
+    .collect()
+}
+
+/// A recording of CARLA with a frame, an actor and its place.
+pub fn carla_logs() -> Vec<Vec<u8>> {
+    let text = |text: &str| [&(text.len() as u16).to_le_bytes(), text.as_bytes()].concat();
+    let packet = |number: u8, body: &[u8]| {
+        [&[number][..], &(body.len() as u32).to_le_bytes(), body].concat()
+    };
+    let floats = |values: &[f32]| -> Vec<u8> {
+        values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect()
+    };
+    let head = [
+        &1u16.to_le_bytes()[..],
+        &text("CARLA_RECORDER"),
+        &1_612_803_769u64.to_le_bytes(),
+        &text("Carla/Maps/Town04_Opt"),
+    ]
+    .concat();
+    let start = |number: u64| {
+        let body = [
+            &number.to_le_bytes()[..],
+            &0.5f64.to_le_bytes(),
+            &(number as f64 * 0.05).to_le_bytes(),
+        ];
+        packet(0, &body.concat())
+    };
+    let born = [
+        &1u16.to_le_bytes()[..],
+        &7u32.to_le_bytes(),
+        &[1],
+        &floats(&[100.0, 200.0, 3.0, 0.0, 0.0, 90.0]),
+        &40u32.to_le_bytes(),
+        &text("vehicle.audi.tt"),
+        &1u16.to_le_bytes(),
+        &[4],
+        &text("role_name"),
+        &text("hero"),
+    ]
+    .concat();
+    let place = [
+        &1u16.to_le_bytes()[..],
+        &7u32.to_le_bytes(),
+        &floats(&[100.0, 200.0, 3.0, 0.0, 0.0, 90.0]),
+    ]
+    .concat();
+    let end = packet(1, &[]);
+    vec![
+        [
+            head,
+            start(1),
+            packet(2, &born),
+            packet(6, &place),
+            end.clone(),
+            start(2),
+            packet(6, &place),
+            end,
+        ]
+        .concat(),
+    ]
+}
+
+/// A checkpoint of a world on a plane.
+pub fn checkpoints() -> Vec<Vec<u8>> {
+    let mut world = flat_world();
+    world.step(50_000_000);
+    let checkpoint: Checkpoint = world.checkpoint(50_000_000);
+    vec![checkpoint.to_bytes().expect("a world can be written")]
+}
+
+/// A result of bytes.
+pub fn results() -> Vec<Vec<u8>> {
+    let mut header: ResultHeader = bytemuck::Zeroable::zeroed();
+    header.magic = RESULT_MAGIC;
+    header.schema_version = SCHEMA_VERSION;
+    header.header_bytes = size_of::<ResultHeader>() as u16;
+    header.result_type = ResultType::Bytes as u16;
+    (header.n_items, header.element_bytes, header.body_bytes) = (64, 1, 64);
+    header.payload_bytes = ResultHeader::payload_for(64, 1);
+    header.n_inputs = 1;
+    let body = vec![1u8; header.payload_bytes as usize];
+    vec![[bytemuck::bytes_of(&header), &body].concat()]
+}

@@ -1,0 +1,229 @@
+//! One function for each kind of foreign bytes. What it reads it also uses, since a value that was
+//! read may still be one that breaks its user.
+
+use std::io::{Read, Write as _};
+
+use consumer_carla::recorder::file::{Cast, Reader};
+use consumer_carla::recorder::report;
+use consumer_carla::wire::requests;
+use consumer_kit::items::{Figures, mask_columns};
+use consumer_rpc::fields::Fields;
+use consumer_rpc::message;
+use consumer_rpc::msgpack::{self, Limits, Value};
+use launch_spec::Launch;
+use schema_frames::{ElementType, FrameHeader, InputRecord, ResultHeader, SnapshotHeader};
+use schema_recording::read::{RecordingFile, Selection, What};
+use schema_roads::{LanePosition, RoadMap, SurfaceSteps};
+use simd_world::{Checkpoint, MapData, World, WorldOptions};
+
+/// What one message may cost here: small, so that many fit into a second.
+const LIMITS: Limits = Limits {
+    bytes: 1 << 16,
+    values: 10_000,
+    depth: 32,
+};
+/// Longest text that is read as a map: rounds stay short.
+const MAX_TEXT_BYTES: usize = 1 << 16;
+
+/// One message of a client, as the Traffic Manager and the gateway read it.
+pub fn rpc(bytes: &[u8]) {
+    let Ok(value) = msgpack::read(&mut &bytes[..], LIMITS) else {
+        return;
+    };
+    let mut written = Vec::new();
+    msgpack::write(&mut written, &value);
+    match message::parse(value.clone()) {
+        Ok(request) => {
+            use_fields(&request.args);
+            let unknown = message::unknown(&request.method, request.args.len());
+            assert!(!message::failure(request.id, &unknown).is_empty());
+        }
+        Err(wrong) => assert!(wrong.to_string().contains(' '), "{wrong}"),
+    }
+    match requests::parse(value) {
+        Ok(request) => use_fields(&request.args),
+        Err(wrong) => assert!(wrong.to_string().contains(' '), "{wrong}"),
+    }
+}
+
+/// Reads arguments as each kind of field in turn.
+fn use_fields(args: &[Value]) {
+    for (idx, value) in args.iter().enumerate() {
+        let mut of_one = Fields::new("the arguments", std::slice::from_ref(value));
+        let _ = match idx % 8 {
+            0 => of_one.u32().map(drop),
+            1 => of_one.f32().map(drop),
+            2 => of_one.text().map(drop),
+            3 => of_one.vector().map(drop),
+            4 => of_one.optional_f64().map(drop),
+            5 => of_one.each("one").map(drop),
+            6 => of_one.i32().map(drop),
+            _ => of_one.bool().map(drop),
+        };
+        if let Value::Array(inner) = value {
+            use_fields(inner);
+        }
+    }
+}
+
+/// A connection: messages one after another, in pieces of any size.
+pub fn streams(bytes: &[u8]) {
+    let Some((first, rest)) = bytes.split_first() else {
+        return;
+    };
+    let mut pieces = Pieces {
+        bytes: rest,
+        piece: usize::from(first % 7) + 1,
+    };
+    while let Ok(value) = msgpack::read(&mut pieces, LIMITS) {
+        let _ = requests::parse(value);
+    }
+}
+
+/// Gives a few bytes at a time, as a slow connection does.
+struct Pieces<'b> {
+    bytes: &'b [u8],
+    piece: usize,
+}
+
+impl Read for Pieces<'_> {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        let n = self.piece.min(out.len()).min(self.bytes.len());
+        let (now, later) = self.bytes.split_at(n);
+        out[..n].copy_from_slice(now);
+        self.bytes = later;
+        Ok(n)
+    }
+}
+
+/// The text of a map: roads, lanes, surfaces, objects, signals and paint of it.
+pub fn opendrive(bytes: &[u8]) {
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(MAX_TEXT_BYTES)]);
+    let Ok(map) = RoadMap::parse(&text) else {
+        return;
+    };
+    for lane in map.lanes().iter().take(10) {
+        let at = LanePosition::new(lane.key, 0.4 * lane.length_m);
+        let _ = (map.pose(at), map.width_m(at), map.speed_limit_mps(at));
+        let _ = (map.advance(at, 60.0), map.advance(at, -60.0));
+        let _ = (map.centreline(lane.key, 20.0), map.may_change_left(at));
+    }
+    for x in [-1e12, 0.0, f64::INFINITY] {
+        let _ = map.nearest([x, 3.0, 0.0], |lane| lane.kind.is_drivable());
+    }
+    let steps = SurfaceSteps {
+        max_points: 400,
+        ..SurfaceSteps::default()
+    };
+    let _ = (map.surfaces(&steps), map.mark_lines(50.0), map.objects());
+}
+
+/// The text of a launch file.
+pub fn launch_files(bytes: &[u8]) {
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(MAX_TEXT_BYTES)]);
+    match Launch::parse(&text, "launch.toml") {
+        Ok(launch) => drop(launch.memory_budget()),
+        Err(errors) => assert!(!errors.to_string().is_empty()),
+    }
+}
+
+/// A recording, or any MCAP file.
+pub fn recordings(bytes: &[u8]) {
+    let mut file = tempfile::NamedTempFile::new().expect("a temporary file");
+    file.write_all(bytes).expect("a temporary file takes bytes");
+    let Ok(recording) = RecordingFile::open(file.path()) else {
+        return;
+    };
+    let _ = recording.documents_at(5000);
+    for name in recording.attachment_names() {
+        let _ = recording.attachment(name);
+    }
+    for name in recording.metadata_names() {
+        let _ = recording.metadata(name);
+    }
+    let mut samples = recording.samples(&Selection::default());
+    while let Ok(Some(sample)) = samples.next() {
+        match sample.what {
+            What::Frame { mut payload, .. } => drop(payload.to_vec()),
+            What::Result { mut body, .. } => drop(body.to_vec()),
+            _ => {}
+        }
+    }
+    let _ = samples.damage().sentences();
+}
+
+/// A recording of CARLA's own recorder.
+pub fn carla_logs(bytes: &[u8]) {
+    let Ok(mut reader) = Reader::new(bytes) else {
+        return;
+    };
+    let mut cast = Cast::default();
+    while let Ok(Some(frame)) = reader.next_frame() {
+        if cast.note(&frame).is_err() {
+            break;
+        }
+    }
+    let fresh = || Reader::new(bytes).expect("its head was read before");
+    let _ = report::info(&mut fresh(), true);
+    let _ = report::collisions(&mut fresh(), 'a', 'a');
+    let _ = report::blocked(&mut fresh(), 1.0, 1.0);
+}
+
+/// A checkpoint, for a world that has no map to fit it.
+pub fn checkpoints(bytes: &[u8]) {
+    thread_local! {
+        static WORLD: World = flat_world();
+    }
+    WORLD.with(|world| {
+        if let Ok(checkpoint) = Checkpoint::from_bytes(bytes, world) {
+            let _ = checkpoint.elapsed_nanos();
+        }
+    });
+}
+
+/// A world on a plane.
+pub(crate) fn flat_world() -> World {
+    let mut world = World::new(WorldOptions::default());
+    world
+        .load(&MapData::flat(100.0))
+        .expect("a plane can be loaded");
+    world
+}
+
+/// Headers of frames, snapshots and results, and what stands behind a result's.
+pub fn results(bytes: &[u8]) {
+    if let Some(head) = bytes.get(..size_of::<FrameHeader>()) {
+        let header: FrameHeader = bytemuck::pod_read_unaligned(head);
+        let _ = header.check(bytes.len());
+    }
+    if let Some(head) = bytes.get(..size_of::<SnapshotHeader>()) {
+        let header: SnapshotHeader = bytemuck::pod_read_unaligned(head);
+        let _ = format!("{header:?}");
+    }
+    let n_head = size_of::<ResultHeader>();
+    let Some((head, payload)) = bytes.split_at_checked(n_head) else {
+        return;
+    };
+    let header: ResultHeader = bytemuck::pod_read_unaligned(head);
+    let Ok(_kind) = header.check(payload.len()) else {
+        return;
+    };
+    let _ = header.shape();
+    // A header that passed its check tells the truth about what stands behind it.
+    let body = &payload[..header.body_bytes as usize];
+    let mut inputs = &payload[header.inputs_offset() as usize..];
+    for _ in 0..header.n_inputs {
+        let (one, rest) = inputs.split_at(size_of::<InputRecord>());
+        let input: InputRecord = bytemuck::pod_read_unaligned(one);
+        let _ = input.topic();
+        inputs = rest;
+    }
+    for element in [ElementType::U8, ElementType::F32, ElementType::F64] {
+        let _ = Figures::of(element, body).bins();
+    }
+    let runs: Vec<u32> = body
+        .chunks_exact(4)
+        .map(|word| u32::from_le_bytes(word.try_into().expect("four bytes")))
+        .collect();
+    let _ = mask_columns(&runs, [64, 48]);
+}

@@ -1,0 +1,101 @@
+//! Every target on its seeds and on thousands of changed ones, the same every time. A round that
+//! panics is printed with its number; `GANTRY_SOAK` makes them a hundred times as many.
+
+use std::panic::catch_unwind;
+
+use test_fuzz::mutate::mutant;
+use test_fuzz::{TARGETS, Target};
+
+const SEED: u64 = 20_261_123;
+
+fn run(name: &str, n_rounds: u64) {
+    let target: &Target = TARGETS
+        .iter()
+        .find(|target| target.name == name)
+        .expect("a target of this name");
+    let seeds = (target.seeds)();
+    seeds.iter().for_each(|seed| (target.run)(seed));
+    let factor = if std::env::var_os("GANTRY_SOAK").is_some() {
+        100
+    } else {
+        1
+    };
+    for round in 0..n_rounds * factor {
+        let mut random = fastrand::Rng::with_seed(SEED + round);
+        let bytes = mutant(&seeds, target.is_text, &mut random);
+        if catch_unwind(|| (target.run)(&bytes)).is_err() {
+            let file = std::env::temp_dir().join(format!("fuzz-{name}-{round}"));
+            let _ = std::fs::write(&file, &bytes);
+            panic!(
+                "{name}: round {round} panicked; its bytes are in {}",
+                file.display()
+            );
+        }
+    }
+}
+
+macro_rules! targets {
+    ($($name:ident $n_rounds:literal;)*) => {$(
+        #[test]
+        fn $name() {
+            run(stringify!($name), $n_rounds);
+        }
+    )*
+
+        /// Every target is run here, and under cargo-fuzz.
+        #[test]
+        fn every_target_has_a_test_and_a_file() {
+            let tests = [$(stringify!($name)),*];
+            let mut names: Vec<&str> = TARGETS.iter().map(|target| target.name).collect();
+            assert_eq!(names, tests);
+            let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../fuzz/fuzz_targets");
+            let mut files: Vec<String> = std::fs::read_dir(folder)
+                .expect("the folder of targets")
+                .flatten()
+                .map(|file| file.file_name().to_string_lossy().replace(".rs", ""))
+                .collect();
+            files.sort();
+            names.sort();
+            assert_eq!(files, names);
+        }
+    };
+}
+targets! {
+    rpc 20_000;
+    streams 5_000;
+    opendrive 600;
+    launch_files 3_000;
+    recordings 1_500;
+    carla_logs 10_000;
+    checkpoints 2_000;
+    results 20_000;
+}
+
+/// The seeds are such that the targets get far: each can be read whole.
+#[test]
+fn seeds_can_be_read() {
+    use consumer_carla::recorder::file::Reader;
+    for text in test_fuzz::seeds::opendrive() {
+        let text = String::from_utf8(text).unwrap();
+        assert!(
+            !schema_roads::RoadMap::parse(&text)
+                .unwrap()
+                .lanes()
+                .is_empty()
+        );
+    }
+    for text in test_fuzz::seeds::launch_files() {
+        let text = String::from_utf8(text).unwrap();
+        launch_spec::Launch::parse(&text, "launch.toml").unwrap();
+    }
+    for log in test_fuzz::seeds::carla_logs() {
+        let mut reader = Reader::new(&log[..]).unwrap();
+        assert!(reader.next_frame().unwrap().is_some());
+        assert!(reader.next_frame().unwrap().is_some());
+    }
+    for bytes in test_fuzz::seeds::results() {
+        let (head, body) = bytes.split_at(size_of::<schema_frames::ResultHeader>());
+        let header: schema_frames::ResultHeader = bytemuck::pod_read_unaligned(head);
+        header.check(body.len()).unwrap();
+    }
+}
