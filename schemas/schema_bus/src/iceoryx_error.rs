@@ -17,6 +17,7 @@ use iceoryx2::service::builder::request_response::{
     RequestResponseCreateError, RequestResponseOpenError, RequestResponseOpenOrCreateError,
 };
 use iceoryx2::service::{ServiceDetailsError, ServiceListError};
+use nix::sys::resource::{Resource, getrlimit};
 
 use crate::error::{BusError, LoanError};
 use crate::memory::shared_memory_free;
@@ -200,11 +201,13 @@ pub(crate) fn writer_error(
         },
         // iceoryx2 reports every failure to make the segment under this one name (no memory, no
         // permission, a file of the same name). Too little memory is by far the likeliest.
-        PublisherCreateError::UnableToCreateDataSegment => BusError::Memory {
-            service: name,
-            need_bytes,
-            free_bytes: shared_memory_free().unwrap_or(0),
-        },
+        PublisherCreateError::UnableToCreateDataSegment if shortage_of_files().is_none() => {
+            BusError::Memory {
+                service: name,
+                need_bytes,
+                free_bytes: shared_memory_free().unwrap_or(0),
+            }
+        }
         cause => other_error("write to", service, &cause),
     }
 }
@@ -261,7 +264,37 @@ pub(crate) fn other_error(action: &'static str, service: &str, cause: &dyn Debug
     BusError::Service {
         action,
         service: service.to_string(),
-        cause: format!("{cause:?}"),
+        cause: with_shortage(format!("{cause:?}")),
+    }
+}
+
+/// The cause, and a shortage of files if this process has one: iceoryx2 does not tell them apart.
+pub(crate) fn with_shortage(cause: String) -> String {
+    match shortage_of_files() {
+        Some(shortage) => format!("{cause}: {shortage}"),
+        None => cause,
+    }
+}
+
+/// Files that one operation of iceoryx2 may have open at a time, beside those that stay.
+const FILES_OF_AN_OPERATION: u64 = 8;
+
+/// A sentence if this process has opened nearly as many files as it may.
+fn shortage_of_files() -> Option<String> {
+    let (may, _) = getrlimit(Resource::RLIMIT_NOFILE).ok()?;
+    match std::fs::read_dir("/proc/self/fd") {
+        Ok(open) => {
+            let n = open.count() as u64;
+            (n + FILES_OF_AN_OPERATION > may).then(|| {
+                format!("this process has {n} files open and may have {may}; raise the limit with ulimit -n")
+            })
+        }
+        Err(error) if error.raw_os_error() == Some(nix::errno::Errno::EMFILE as i32) => {
+            Some(format!(
+                "this process has all of the {may} files open that it may have; raise the limit with ulimit -n"
+            ))
+        }
+        Err(_) => None,
     }
 }
 

@@ -9,6 +9,7 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::Service as _;
 
 use crate::error::BusError;
+use crate::iceoryx_error::with_shortage;
 use crate::leftovers::Leftovers;
 use crate::names::{valid_domain, valid_topic};
 use crate::root::{SHM, own_place};
@@ -70,7 +71,7 @@ impl BusNode {
                 .config(&config)
                 .signal_handling_mode(SignalHandlingMode::Disabled)
                 .create::<Service>()
-                .map_err(|e| failed(format!("{e:?}")))
+                .map_err(|e| failed(with_shortage(format!("{e:?}"))))
         })?;
         let node = BusNode {
             node,
