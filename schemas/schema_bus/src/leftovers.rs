@@ -208,6 +208,10 @@ impl Place {
         let is_found = self.is_complete(id) && !is_missing(&self.state_file(id, ""));
         let mut keeps_details = false;
         for entry in entries(&folder) {
+            // Processes with another prefix may keep their nodes in the same folder.
+            if self.name_within(&entry, "").is_none() {
+                return;
+            }
             if in_the_making(&entry.path()).is_some() || !is_found {
                 let _ = std::fs::remove_file(entry.path());
             } else {

@@ -920,6 +920,13 @@ fn a_node_killed_while_it_was_made_is_removed_and_one_that_starts_is_left() {
     std::fs::create_dir(&gone).unwrap();
     bus.clean_dead_nodes();
     assert!(gone.exists(), "it is too young");
+    // So may one whose files have another prefix, which says nothing to us about its state.
+    put_in_the_making(&gone.join("other_node.details"));
+    let times = std::fs::FileTimes::new().set_modified(long_ago);
+    let folder = std::fs::File::open(&gone).unwrap();
+    folder.set_times(times).unwrap();
+    bus.clean_dead_nodes();
+    assert_eq!(files_below(&gone).len(), 1, "it is not ours");
 }
 
 #[test]
