@@ -63,7 +63,8 @@ impl Process {
         let mut stages: BTreeMap<String, Sums> = block.rows.into_iter().collect();
         for (name, sums) in driver_threads(&self.folder) {
             let of_stage = stages.entry(name.to_owned()).or_default();
-            of_stage.cpu_nanos += sums.cpu_nanos;
+            // The block may hold any number.
+            of_stage.cpu_nanos = of_stage.cpu_nanos.saturating_add(sums.cpu_nanos);
             of_stage.n_spans = of_stage.n_spans.max(sums.n_spans);
         }
         Some(Look {
@@ -88,7 +89,8 @@ impl Look {
             stages.insert(name.clone(), took);
         }
         let cpu_nanos = self.cpu_nanos.saturating_sub(before.cpu_nanos);
-        let known: u64 = stages.values().map(|sums| sums.cpu_nanos).sum();
+        let cpu_of_stages = stages.values().map(|sums| sums.cpu_nanos);
+        let known = cpu_of_stages.fold(0, u64::saturating_add);
         let rest = Sums {
             cpu_nanos: cpu_nanos.saturating_sub(known),
             ..Sums::default()
@@ -200,5 +202,10 @@ mod tests {
         assert_eq!((took.tick, took.cpu_nanos), (Some(20), 900));
         assert_eq!(took.stages["physics"].cpu_nanos, 350);
         assert_eq!(took.stages[REST].cpu_nanos, 550);
+        let mut wild = look(30, 1000, u64::MAX);
+        wild.stages
+            .insert("tyres".to_owned(), wild.stages["physics"]);
+        let took = wild.since(&look(10, 100, 50));
+        assert_eq!(took.stages[REST].cpu_nanos, 0, "whatever a process posts");
     }
 }
