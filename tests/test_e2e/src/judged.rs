@@ -18,7 +18,7 @@ pub fn judge(script: &str, cases: &[String], at_least: u64) {
     let script = repository().join("tests/test_e2e/python").join(script);
     let words = [&script, &file].map(|path| path.to_str().expect("paths are text"));
     let judged = sandbox.spawn_program("python", &venv_program("python"), &words, &[]);
-    let judged = judged.wait_longer(Duration::from_secs(300)).expect_code(0);
+    let judged = judged.wait_longer(Duration::from_secs(1800)).expect_code(0);
     let said = judged.lines.last().map_or("", String::as_str);
     let n = said.strip_prefix("compared ").and_then(|rest| {
         let n = rest.split(' ').next()?;

@@ -1,6 +1,7 @@
 //! Starts the daemon and its consumers in a sandbox.
 
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
 use test_kit::sandbox::{binary_path, repository};
 use test_kit::{Process, Sandbox};
@@ -51,6 +52,9 @@ pub fn python_package() -> PathBuf {
         binary_path("libconsumer_python.so"),
         folder.join("gantry/_native.abi3.so"),
     );
+    // Tests of one program are threads of one process.
+    static LINKING: Mutex<()> = Mutex::new(());
+    let _linking = LINKING.lock().unwrap_or_else(PoisonError::into_inner);
     if std::fs::read_link(&link).ok().as_deref() != Some(built.as_path()) {
         // Renamed into place, because tests run beside one another.
         let own = folder.join(format!("gantry/_native.so.{}", std::process::id()));

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use schema_bus::{Bus, BusOptions, CommandClient, Document, FrameReader};
 use schema_frames::{Command, CommandBatch, CommandReply};
 
-use crate::patience::eventually;
+use crate::patience::{PATIENCE, eventually};
 use crate::sandbox::Sandbox;
 
 /// Joins the sandbox's bus from this process.
@@ -49,7 +49,7 @@ pub fn document(bus: &Bus, name: &str) -> Document {
 /// Sends one command and returns its answer.
 pub fn ask(client: &mut CommandClient, command: Command) -> CommandReply {
     let answer = client
-        .request(&CommandBatch::new(vec![command]), Duration::from_secs(60))
+        .request(&CommandBatch::new(vec![command]), PATIENCE)
         .unwrap_or_else(|error| panic!("{error}"));
     answer
         .replies

@@ -11,6 +11,9 @@ use nix::unistd::Pid;
 
 use crate::patience::PATIENCE;
 
+/// How long is waited for the last lines of a process that has ended.
+const LAST_WORDS: Duration = Duration::from_secs(5);
+
 /// A running child; killed when dropped.
 #[derive(Debug)]
 pub struct Process {
@@ -114,7 +117,7 @@ impl Process {
             }
             let ended = !self.is_running();
             if ended || start.elapsed() > PATIENCE {
-                std::thread::sleep(std::time::Duration::from_millis(50));
+                self.hear_out();
                 let lines = self.lines();
                 if let Some(line) = lines.iter().find(|line| line.contains(text)) {
                     return line.clone();
@@ -130,6 +133,16 @@ impl Process {
                 );
             }
             std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+    }
+
+    /// Waits until its output is read to the end, which another process may hold open.
+    fn hear_out(&self) {
+        let start = Instant::now();
+        while !self.readers.iter().all(|reader| reader.is_finished())
+            && start.elapsed() < LAST_WORDS
+        {
+            std::thread::sleep(Duration::from_millis(5));
         }
     }
 
