@@ -59,7 +59,7 @@ def main():
             me = tick.snapshot.actor(car.id)
             at = np.array(me["world_from_actor"]["translation_m"])
             start = at if start is None else start
-            while (frame := camera.next(timeout=10)) is not None and frame.tick < tick:
+            while (frame := camera.next(timeout=60)) is not None and frame.tick < tick:
                 pass
             seen = lane_ahead(frame.array, frame.header.intrinsics_px, seen)
             lane.send(gantry.path([(d, middle, -CAMERA_HEIGHT_M) for d, middle in zip(DISTANCES_M, seen)]), answers=frame)

@@ -65,7 +65,7 @@ def main():
     ):
         poses, truth, scans = [], [], []
         for tick in lockstep:
-            while (cloud := lidar.next(timeout=10)) is not None and cloud.tick < tick:
+            while (cloud := lidar.next(timeout=60)) is not None and cloud.tick < tick:
                 pass
             scan = walls(cloud)
             # As fast on as in the last step, then as the scans fit.
