@@ -70,9 +70,9 @@ print("door passed")
 # Time.
 world = until("a world", lambda world: world["tick"] > 0)
 assert command({"do": "configure", "mode": "stepped"})[0]["is"] == "done"
-still = until("a pause", lambda world: world["paused"])
-time.sleep(0.5)
-still = get("/state")["world"]
+until("a pause", lambda world: world["paused"])
+stands = post("/command", {"v": 1, "commands": [{"do": "ping"}]})["tick"]
+still = until("the last tick", lambda world: world["tick"] == stands)
 time.sleep(0.5)
 assert get("/state")["world"]["tick"] == still["tick"]
 assert command({"do": "step", "n": 7})[0]["last_tick"] == still["tick"] + 7

@@ -650,6 +650,23 @@ fn messages(node: &Process, topic: &str) -> BTreeMap<u64, serde_json::Value> {
     node.lines().into_iter().filter_map(of_line).collect()
 }
 
+/// Topics that a node of ROS 2 looks at.
+const ROS2_TOPICS: [&str; 13] = [
+    "/clock",
+    "/tf",
+    "/carla/ego/odometry",
+    "/carla/ego/vehicle_status",
+    "/carla/ego/front/image",
+    "/carla/ego/front/image/compressed",
+    "/carla/ego/front/camera_info",
+    "/carla/ego/front/depth/image",
+    "/carla/ego/front/semantic/image",
+    "/carla/ego/roof",
+    "/carla/ego/imu",
+    "/carla/ego/gnss",
+    "/carla/detector/boxes",
+];
+
 /// Every message, as another implementation of zenoh and of CDR reads it, says what the frame says.
 #[test]
 fn a_node_of_ros_2_sees_what_the_topics_carry() {
@@ -678,33 +695,35 @@ fn a_node_of_ros_2_sees_what_the_topics_carry() {
     wait_readers(&bus, names::WORLD_SNAPSHOT, 1);
     let mut worlds = bus.snapshot_reader().unwrap();
     let mut client = bus.command_client("test").unwrap();
-    let tick = step(&mut client, 3);
-    let world = eventually("the snapshot", || {
-        worlds
-            .latest()
-            .unwrap()
-            .filter(|world| world.header().tick == tick)
-    });
-    let now = world.header().sim_nanos;
-    let [rgb, depth, semantic, lidar, imu, gnss] = frames.each_mut().map(|frames| {
-        eventually("the frame", || {
-            let frame = frames.next().unwrap()?;
-            (frame.header().tick == tick).then(|| (*frame.header(), frame.to_vec()))
-        })
-    });
-    let found = Box2d {
-        min_px: [10.0, 20.0],
-        max_px: [30.0, 60.0],
-        score: 0.5,
-        class: 1,
-        id: 9,
-        reserved: 0,
-    };
-    let header = rgb.0;
-    boxes
-        .publisher()
-        .loan(size_of::<Box2d>())
-        .map(|mut loan| {
+    step(&mut client, 1);
+    // As between nodes of ROS 2, what a busy link does not take at once is dropped: what is compared is
+    // a tick of which every message has come. Lidars and GNSS fire every second tick.
+    let (world, [rgb, depth, semantic, lidar, imu, gnss]) =
+        eventually("a tick of which every message comes", || {
+            let tick = step(&mut client, 2);
+            let world = eventually("the snapshot", || {
+                worlds
+                    .latest()
+                    .unwrap()
+                    .filter(|world| world.header().tick == tick)
+            });
+            let now = world.header().sim_nanos;
+            let seen = frames.each_mut().map(|frames| {
+                eventually("the frame", || {
+                    let frame = frames.next().unwrap()?;
+                    (frame.header().tick == tick).then(|| (*frame.header(), frame.to_vec()))
+                })
+            });
+            let header = seen[0].0;
+            let found = Box2d {
+                min_px: [10.0, 20.0],
+                max_px: [30.0, 60.0],
+                score: 0.5,
+                class: 1,
+                id: 9,
+                reserved: 0,
+            };
+            let mut loan = boxes.publisher().loan(size_of::<Box2d>()).unwrap();
             loan.write(&[found]).unwrap();
             loan.header_mut().space = schema_frames::Space::Image as u32;
             loan.header_mut().sim_nanos = now;
@@ -712,12 +731,23 @@ fn a_node_of_ros_2_sees_what_the_topics_carry() {
             (input.tick, input.sim_nanos) = (header.tick, header.sim_nanos);
             loan.add_input(input);
             loan.send().unwrap();
-        })
-        .unwrap();
+            let sent = Instant::now();
+            let mut missing = ROS2_TOPICS.to_vec();
+            while sent.elapsed() < Duration::from_secs(3) {
+                missing.retain(|topic| !messages(&node, topic).contains_key(&now));
+                if missing.is_empty() {
+                    return Some((world, seen));
+                }
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            println!("nothing of tick {tick} on {missing:?}");
+            None
+        });
+    let now = world.header().sim_nanos;
+    let header = rgb.0;
     let said = |topic: &str| {
-        eventually(&format!("a message on {topic}"), || {
-            messages(&node, topic).remove(&now)
-        })
+        let message = messages(&node, topic).remove(&now);
+        message.unwrap_or_else(|| panic!("no message on {topic}"))
     };
     let close = |found: &serde_json::Value, expected: f64| {
         let found = found.as_f64().unwrap_or(f64::NAN);
@@ -867,7 +897,7 @@ fn wrong_arguments_are_said_in_one_sentence() {
     let taken = TcpListener::bind(("127.0.0.1", port)).unwrap();
     let endpoint = format!("tcp/127.0.0.1:{port}");
     let ended = spawn_consumer(&sandbox, "gantry-bridge", &["--listen", &endpoint])
-        .wait_longer(Duration::from_secs(60))
+        .wait()
         .expect_code(1);
     assert!(ended.says("taken"), "{ended:?}");
     drop(taken);

@@ -2,12 +2,14 @@
 //! kill it as they kill CARLA.
 
 use std::collections::BTreeSet;
+use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use nix::sys::signal::{Signal, kill, killpg};
 use nix::unistd::Pid;
-use test_e2e::carla::{free_port, run_script};
+use test_e2e::carla::run_script;
 use test_kit::sandbox::binary_path;
 use test_kit::{Process, Sandbox, eventually};
 
@@ -23,14 +25,16 @@ fn make(sandbox: &Sandbox) -> PathBuf {
     root
 }
 
-/// Two ports beside each other that are free now.
+/// Two ports beside each other that are free now and nobody else's in this process. They are below
+/// those that the kernel gives to connections, so that no client takes one of them before a server
+/// begins, or between two.
 fn two_ports() -> u16 {
+    static NEXT: AtomicU32 = AtomicU32::new(0);
+    let is_free = |port| TcpListener::bind(("127.0.0.1", port)).is_ok();
     eventually("two ports beside each other", || {
-        let port = free_port();
-        let next = port.checked_add(1)?;
-        std::net::TcpListener::bind(("127.0.0.1", next))
-            .is_ok()
-            .then_some(port)
+        let number = std::process::id() + NEXT.fetch_add(1, Ordering::Relaxed);
+        let port = 20_000 + 2 * (number % 6_000) as u16;
+        (is_free(port) && is_free(port + 1)).then_some(port)
     })
 }
 
