@@ -5,7 +5,7 @@
 mod sample;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use consumer_kit::items::ResultParts;
@@ -243,13 +243,17 @@ fn results_of_a_running_program_are_shown_and_garbage_is_counted() {
         .frame_publisher("ego/front/rgb", FrameTopic::new(Modality::Rgb, 8 * 6 * 4))
         .unwrap();
     let mut eye = bus.frame_reader("ego/front/rgb").unwrap();
-    let stop = AtomicBool::new(false);
+    let (stop, n_turns) = (AtomicBool::new(false), AtomicU64::new(0));
+    let mut ends = || {
+        n_turns.fetch_add(1, Ordering::AcqRel);
+        stop.load(Ordering::Acquire)
+    };
     let shown = std::thread::scope(|scope| {
-        let viewer = scope.spawn(|| show(&options, &mut || stop.load(Ordering::Acquire)));
+        let viewer = scope.spawn(|| show(&options, &mut ends));
         // The writers come after the viewer, which must find them.
         std::thread::sleep(Duration::from_millis(300));
         let mut writers = sample::Writers::open(&bus);
-        let deadline = Instant::now() + Duration::from_secs(60);
+        let deadline = Instant::now() + Duration::from_secs(120);
         while writers.n_readers() == 0 {
             std::thread::sleep(Duration::from_millis(5));
             assert!(Instant::now() < deadline, "the viewer never came");
@@ -268,8 +272,14 @@ fn results_of_a_running_program_are_shown_and_garbage_is_counted() {
             }
             std::thread::sleep(Duration::from_millis(30));
         }
-        // The newest of each topic waits for the viewer; it needs one turn to take it.
+        // The newest of each topic waits for the viewer; it needs one turn to take it, and some time
+        // since those before it.
         std::thread::sleep(Duration::from_secs(1));
+        let n_before = n_turns.load(Ordering::Acquire);
+        while n_turns.load(Ordering::Acquire) < n_before + 3 {
+            std::thread::sleep(Duration::from_millis(5));
+            assert!(Instant::now() < deadline, "the viewer stands still");
+        }
         stop.store(true, Ordering::Release);
         viewer.join().unwrap().unwrap()
     });

@@ -1,6 +1,6 @@
 """A slow lockstep participant of a replay: prints a checksum of every frame that it gets.
 
-Usage: replay_slow.py DOMAIN TOPIC...
+Usage: replay_slow.py DOMAIN LAST_TICK TOPIC...
 """
 
 import sys
@@ -9,7 +9,7 @@ import zlib
 
 import gantry
 
-domain, names = sys.argv[1], sys.argv[2:]
+domain, last_tick, names = sys.argv[1], int(sys.argv[2]), sys.argv[3:]
 
 
 def wait_for_replay():
@@ -26,13 +26,16 @@ def wait_for_replay():
 assert wait_for_replay()["source"] == "replay"
 topics = [gantry.open(name, domain=domain) for name in names]
 with gantry.lockstep("slow", domain=domain) as lockstep:
-    while (tick := lockstep.next(timeout=3.0)) is not None:
+    for tick in lockstep:
         time.sleep(0.01)
+        lockstep.wait_frames()
         for topic in topics:
             while (frame := topic.next(timeout=0.0)) is not None:
                 assert frame.header.flags & 2, "a replayed frame says so"
                 assert frame.tick == tick, (topic, frame.tick, tick)
                 crc = zlib.crc32(frame.array.tobytes())
                 print(f"frame {frame.topic} {frame.header.seq} {crc:08x}", flush=True)
+        if tick == last_tick:
+            break
 assert all(topic.counts.lost == 0 for topic in topics)
 print("done", flush=True)

@@ -295,7 +295,9 @@ fn a_slow_participant_gets_every_frame() {
         "ego/roof/lidar",
         "ego/imu/imu",
     ];
-    let slow = python(&sandbox, "replay_slow.py", &topics);
+    let last = N_TICKS.to_string();
+    let words = [&[last.as_str()][..], &topics].concat();
+    let slow = python(&sandbox, "replay_slow.py", &words);
     let replay = replay(&sandbox, &["--rate", "max", "--lockstep"]);
     let ended = slow.wait().expect_code(0);
     replay.wait().expect_code(0);

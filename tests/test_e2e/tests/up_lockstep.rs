@@ -6,7 +6,7 @@ use nix::unistd::Pid;
 use schema_bus::{Bus, SnapshotReader, names};
 use schema_frames::WorldInfo;
 use test_e2e::processes::{python_package, venv_program};
-use test_e2e::{assert_nothing_left, document, join_bus};
+use test_e2e::{assert_nothing_left, document, join_bus, step};
 use test_kit::sandbox::binary_path;
 use test_kit::{Process, Sandbox, eventually};
 
@@ -310,7 +310,7 @@ fn the_simulator_itself_reads_files_with_what_they_include() {
 #[test]
 fn the_simulator_gives_topics_the_places_that_the_file_says() {
     let sandbox = Sandbox::new("places");
-    let camera = "[sensor.front]\nkind = \"camera\"\nwidth_px = 64\nheight_px = 48\n\
+    let camera = "[scenario]\nmode = \"stepped\"\n[sensor.front]\nkind = \"camera\"\nwidth_px = 64\nheight_px = 48\n\
         [topic.\"ego/front/rgb\"]\nreaders = 2\nbuffer = 5\nborrowed = 1\n";
     let mut gantry = up(&sandbox, camera, &[]);
     gantry.wait_line("all 1 processes are up");
@@ -325,20 +325,17 @@ fn the_simulator_gives_topics_the_places_that_the_file_says() {
     let _second = bus.frame_reader("ego/front/rgb").unwrap();
     let error = bus.frame_reader("ego/front/rgb").unwrap_err().to_string();
     assert!(error.contains('2'), "{error}");
-    // Five frames wait for a reader that sleeps, and it may hold one.
-    let seqs = eventually("five frames wait", || {
-        std::thread::sleep(std::time::Duration::from_secs(1));
-        let mut seqs = Vec::new();
-        while let Some(frame) = reader.next().unwrap() {
-            seqs.push(frame.header().seq);
-        }
-        (seqs.len() >= 5).then_some(seqs)
-    });
-    assert_eq!(seqs.len(), 5, "{seqs:?}");
-    let held = eventually("a frame", || reader.next().unwrap());
-    let error = eventually("a second one is refused", || reader.next().err());
-    assert!(error.to_string().contains('1'), "{error}");
-    drop((held, reader, _second, bus));
+    // Of eight frames the last five wait for a reader that sleeps, and it may hold one.
+    let mut client = bus.command_client("test").unwrap();
+    step(&mut client, 8);
+    let waiting = std::iter::from_fn(|| reader.next().unwrap());
+    let seqs: Vec<u64> = waiting.map(|frame| frame.header().seq).collect();
+    assert_eq!(seqs, [4, 5, 6, 7, 8]);
+    step(&mut client, 2);
+    let held = reader.next().unwrap().expect("a frame");
+    let error = reader.next().unwrap_err().to_string();
+    assert!(error.contains('1'), "{error}");
+    drop((held, reader, _second, client, bus));
     gantry.stop().expect_code(0);
     assert_nothing_left(&sandbox);
 }

@@ -90,7 +90,9 @@ fn n_colours(pixels: &[[u8; 3]]) -> usize {
 /// viewer to end.
 fn view(sandbox: &Sandbox, n_bytes: u64) -> (Process, Process) {
     let daemon = start_daemon(sandbox, SMALL_RIG, &[]);
-    let driver = spawn_consumer(sandbox, "gantry-drive", &[]);
+    let mut driver = spawn_consumer(sandbox, "gantry-drive", &[]);
+    // Flow and events need something that moves.
+    driver.wait_line("driving");
     let viewer = spawn_consumer(sandbox, "gantry-view", &["--save", "drive.rrd"]);
     let file = sandbox.path("drive.rrd");
     eventually("the file grows", || {
@@ -233,8 +235,10 @@ fn a_camera_that_nobody_reads_yet_is_viewed_and_recorded() {
         let mut seq = || eventually("a frame", || own.latest().unwrap()).header().seq;
         let first = seq();
         eventually("forty frames", || (seq() > first + 40).then_some(()));
-        let ended = reads.stop().expect_code(0);
-        assert!(ended.says(said), "{:?}", ended.lines);
+        let ended = reads.stop();
+        // A recorder that the machine left waiting says what it lost, and ends with 3.
+        let is_fine = ended.code() == 0 || (ended.code() == 3 && program == "gantry-record");
+        assert!(is_fine && ended.says(said), "{:?}", ended.lines);
         drop((client, own, bus));
         daemon.stop().expect_code(0);
         assert_nothing_left(&sandbox);
