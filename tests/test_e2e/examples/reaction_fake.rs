@@ -45,15 +45,17 @@ fn main() -> Outcome {
     }
 }
 
-/// One line per publication: what, the tick that it answers, when it was sent, when its input was.
+/// One line per publication: what, the tick that it answers, and a moment before and one after it
+/// was sent, between which other programs may have had the processor.
 struct Log(File);
 
 impl Log {
-    fn note(&mut self, what: &str, tick: u64, sent: u64, input: u64) -> Outcome {
+    fn note(&mut self, what: &str, tick: u64, before: u64) -> Outcome {
+        let after = mono_now().0;
         // One write, so that a kill leaves whole lines.
         Ok(self
             .0
-            .write_all(format!("{what} {tick} {sent} {input}\n").as_bytes())?)
+            .write_all(format!("{what} {tick} {before} {after}\n").as_bytes())?)
     }
 }
 
@@ -109,10 +111,10 @@ fn see(mode: &str, delay: u64, mut log: Log) -> Outcome {
             list.answers(&frame);
             list.header_mut().space = Space::World as u32;
             list.header_mut().world_from_space = Pose::IDENTITY;
-            let now = mono_now().0;
+            let before = mono_now().0;
             list.send(found.len())?;
             if !found.is_empty() {
-                log.note("box", header.tick, now, header.published_mono_nanos)?;
+                log.note("box", header.tick, before)?;
             }
         }
     }
@@ -162,9 +164,9 @@ fn brake(delay: u64, mut log: Log) -> Outcome {
                 brake_ratio: 1.0,
                 ..VehicleControl::default()
             };
-            let now = mono_now().0;
+            let before = mono_now().0;
             controls.send(header.tick, &[VehicleControlRecord::new(ego.id, control)])?;
-            log.note("brake", header.tick, now, header.published_mono_nanos)?;
+            log.note("brake", header.tick, before)?;
         }
     }
 }
