@@ -144,7 +144,8 @@ fn broken_requests_end_their_connection_and_nothing_else() {
             "nothing beside them"
         );
     }
-    std::fs::remove_dir_all(data).unwrap();
+    // The last requests may still be carried out, and make a file meanwhile.
+    let _ = std::fs::remove_dir_all(data);
 }
 
 #[test]

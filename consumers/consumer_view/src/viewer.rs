@@ -233,14 +233,14 @@ mod tests {
         std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
         let mut viewer = Viewer::start(&program, ViewerKind::Native, "1GB", None).unwrap();
         assert!(viewer.is_running());
-        while !folder.join("pid").exists() {
-            std::thread::sleep(Duration::from_millis(10));
-        }
-        std::thread::sleep(Duration::from_millis(50));
-        let pid: i32 = std::fs::read_to_string(folder.join("pid"))
-            .unwrap()
-            .parse()
-            .unwrap();
+        let pid: i32 = loop {
+            // The file is there before the number is in it.
+            let text = std::fs::read_to_string(folder.join("pid")).unwrap_or_default();
+            match text.parse() {
+                Ok(pid) => break pid,
+                Err(_) => std::thread::sleep(Duration::from_millis(10)),
+            }
+        };
         drop(viewer);
         let gone = || {
             nix::sys::signal::kill(Pid::from_raw(pid), None).is_err()

@@ -92,6 +92,12 @@ impl OnTerminal {
     }
 
     fn resize(&self, rows: u16, columns: u16) {
+        // First what is shown, then the terminal: what the program draws anew fits, however soon.
+        self.shown
+            .lock()
+            .unwrap()
+            .screen_mut()
+            .set_size(nonzero(rows), nonzero(columns));
         let size = [
             "rows".into(),
             rows.to_string(),
@@ -107,11 +113,6 @@ impl OnTerminal {
                 .unwrap()
                 .success()
         );
-        self.shown
-            .lock()
-            .unwrap()
-            .screen_mut()
-            .set_size(nonzero(rows), nonzero(columns));
         self.signal(Signal::SIGWINCH);
     }
 

@@ -6,7 +6,7 @@ twice        answers every frame twice
 swapped      answers each pair of frames in the wrong order
 late         answers each frame when two more have come
 never        says nothing
-crash        ends with exit code 3 after eight frames
+crash SECS   ends with exit code 3 so long after its eighth answer
 flood        answers every frame 500 times
 invented     answers every frame, and one that never was
 slow SECS    answers the newest frame after this time
@@ -46,7 +46,7 @@ def answer(boxes, frame, kept, n):
     if KIND == "invented":
         boxes.send(BOX, tick=1_000_000)
     if KIND == "crash" and n == 7:
-        time.sleep(1.0)  # its last answer is seen, even if this machine is slow
+        time.sleep(float(sys.argv[2]))  # its last answer is seen, even if this machine is slow
         sys.exit(3)
 
 

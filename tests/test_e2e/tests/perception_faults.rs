@@ -20,10 +20,11 @@ fn programs_that_crash_flood_or_keep_silent_do_not_end_the_benchmark() {
     let sandbox = Sandbox::new("perception-faults");
     let restart = "restart = { policy = \"on-failure\", delay = \"100ms\", max = 100 }";
     let suite = suite().replace("ready_within_s = 600", "ready_within_s = 60")
-        + &fake_program("crash", &["crash"], "modes = [\"offline\"]")
+        + &fake_program("crash", &["crash", "1.0"], "modes = [\"offline\"]")
         + &fake_program(
             "again",
-            &["crash"],
+            // Frames that nobody answers are soon over; some are to be left for the second start.
+            &["crash", "0.1"],
             &format!("modes = [\"offline\"]\n{restart}"),
         )
         + &fake_program("flood", &["flood"], "")
