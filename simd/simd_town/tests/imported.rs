@@ -348,6 +348,19 @@ fn lanes_that_cross_in_a_junction_have_one_surface() {
     assert!(n(&level) < n(&town));
 }
 
+/// Such a section has one row of points, and nothing lies between rows.
+#[test]
+fn a_section_of_half_a_millimetre_in_a_junction_changes_nothing() {
+    let plain = crossing(0.4);
+    let last = r#"<laneSection s="19.9995"><left><lane id="1" type="driving" level="false"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></left><center><lane id="0" type="none" level="false"/></center><right><lane id="-1" type="driving" level="false"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></right></laneSection></lanes>"#;
+    let split = plain.replace("</lanes>", last);
+    let [plain, split] = [plain, split].map(|text| world(&text, &ImportOptions::default()));
+    for [x, y] in [[0.9, 1.75], [-1.75, 4.0], [-9.0, -1.75]] {
+        let difference = road_height(&plain, x, y) - road_height(&split, x, y);
+        assert!(difference.abs() < 0.02, "{difference} at {x}, {y}");
+    }
+}
+
 #[test]
 fn posts_of_signals_stand_beside_the_lanes() {
     let text = crossing(0.0);

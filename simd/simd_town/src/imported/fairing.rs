@@ -37,8 +37,9 @@ pub(super) struct Fairing {
     mouths_m: BTreeMap<(i32, i32), Vec<Vector3<f64>>>,
 }
 
+/// Number of a cell; its neighbours' numbers exist wherever a file puts a lane.
 fn cell(x: f64, side_m: f64) -> i32 {
-    (x / side_m).floor() as i32
+    (x / side_m).floor().clamp(-1e9, 1e9) as i32
 }
 
 impl Fairing {

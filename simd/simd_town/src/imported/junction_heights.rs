@@ -64,18 +64,18 @@ pub(super) fn level(sections: &mut [SectionSurface]) {
         if !of_it.iter().any(|idx| pieces.differ(&sections[*idx], *idx)) {
             continue;
         }
-        let mut finer: Vec<SectionSurface> =
-            of_it.iter().map(|idx| finer(&sections[*idx])).collect();
-        n_added += finer
-            .iter()
-            .flat_map(|section| &section.lanes)
-            .map(|lane| lane.points_m.len())
-            .sum::<usize>();
-        if n_added > MAX_ADDED {
-            return;
+        let mut all_finer: Vec<SectionSurface> = Vec::new();
+        for idx in &of_it {
+            let section = finer(&sections[*idx]);
+            let lanes = section.lanes.iter();
+            n_added += lanes.map(|lane| lane.points_m.len()).sum::<usize>();
+            if n_added > MAX_ADDED {
+                return;
+            }
+            all_finer.push(section);
         }
         let mut fairing = Fairing::default();
-        for lane in finer.iter_mut().flat_map(lanes_for_vehicles) {
+        for lane in all_finer.iter_mut().flat_map(lanes_for_vehicles) {
             for point in &mut lane.points_m {
                 point[2] = pieces.height(*point);
                 fairing.add(*point);
@@ -88,12 +88,12 @@ pub(super) fn level(sections: &mut [SectionSurface]) {
                 fairing.add_mouth(*point);
             }
         }
-        for lane in finer.iter_mut().flat_map(lanes_for_vehicles) {
+        for lane in all_finer.iter_mut().flat_map(lanes_for_vehicles) {
             for point in &mut lane.points_m {
                 point[2] = fairing.height(*point);
             }
         }
-        for (idx, section) in of_it.into_iter().zip(finer) {
+        for (idx, section) in of_it.into_iter().zip(all_finer) {
             sections[idx] = section;
         }
     }
@@ -253,6 +253,10 @@ fn samples(lane: &LaneSurface) -> impl Iterator<Item = [f64; 3]> + '_ {
 /// The same section with points at most a step apart.
 fn finer(section: &SectionSurface) -> SectionSurface {
     let stations = &section.stations_m;
+    // Sections under a millimetre have a single row.
+    if stations.len() < 2 {
+        return section.clone();
+    }
     // Row before and share of the way to the next one.
     let mut rows: Vec<(usize, f64)> = Vec::new();
     for row in 1..stations.len() {
