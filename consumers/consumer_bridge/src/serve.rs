@@ -1,8 +1,9 @@
 //! What other machines ask of this one's simulator: requests, controls, acknowledgements, the clock.
 
 use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bytemuck::pod_collect_to_vec;
 use crossbeam_channel::{RecvTimeoutError, Sender, unbounded};
@@ -23,12 +24,15 @@ use crate::wire::Envelope;
 
 /// How long the simulator may take to answer: loading a map takes a minute.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(170);
-/// After so long without a request a client's place is given up.
+/// After so long without a request a client's place is given up, and after so long without controls
+/// that of a writer, if another one comes.
 const IDLE: Duration = Duration::from_secs(20);
 /// Clients and writers of other machines at a time; the simulator has 32 places for each.
 const MAX_PLACES: usize = 24;
 /// Longest request that is taken, bytes.
 const MAX_REQUEST_BYTES: usize = 16 << 20;
+/// How long the end waits for threads that answer, which look twenty times a second.
+const END: Duration = Duration::from_secs(1);
 
 /// Answers other machines for as long as it is kept.
 #[derive(Debug)]
@@ -42,14 +46,18 @@ pub struct Service {
 #[derive(Debug)]
 struct Desk {
     // Ports go before their node.
-    writers: Mutex<HashMap<String, ControlWriter>>,
+    writers: Mutex<HashMap<String, Writer>>,
     acks: Mutex<HashMap<u32, Guest>>,
     clients: Mutex<HashMap<String, Sender<Query>>>,
     wake: Notifier,
     bus: Bus,
     lockstep: bool,
     said: Mutex<bool>,
+    ends: AtomicBool,
 }
+
+/// Who writes controls in the name of a program of another machine, and when it last did.
+type Writer = (ControlWriter, Instant);
 
 /// A lockstep participant of another machine.
 #[derive(Debug)]
@@ -78,6 +86,7 @@ impl Service {
             bus,
             lockstep: options.lockstep,
             said: Mutex::default(),
+            ends: AtomicBool::new(false),
         });
         let clock = session
             .declare_queryable(keys.to(&id, "clock"))
@@ -140,6 +149,20 @@ impl Service {
     }
 }
 
+impl Drop for Service {
+    /// Threads that answer end before the process does, so that nothing of theirs stays on the bus.
+    fn drop(&mut self) {
+        self._queryables.clear();
+        self._subscribers.clear();
+        self.desk.ends.store(true, Relaxed);
+        lock(&self.desk.clients).clear();
+        let began = Instant::now();
+        while Arc::strong_count(&self.desk) > 1 && began.elapsed() < END {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+}
+
 impl Desk {
     /// Gives up the places of the participants behind a bridge, or of all, because the link to them
     /// ended.
@@ -189,17 +212,19 @@ impl Desk {
         let mut bytes = vec![0; envelope.raw_bytes];
         copy_to(sample.payload(), &mut bytes)?;
         let records: Vec<VehicleControlRecord> = pod_collect_to_vec(&bytes);
+        let now = Instant::now();
         let mut writers = lock(&self.writers);
         if !writers.contains_key(&name) {
             anyhow::ensure!(
-                writers.len() < MAX_PLACES,
+                has_room(&mut writers, now),
                 "{MAX_PLACES} programs of other machines write controls already"
             );
             let writer = self.bus.control_writer(&name)?;
-            writers.insert(name.clone(), writer);
+            writers.insert(name.clone(), (writer, now));
         }
-        if let Some(writer) = writers.get_mut(&name) {
+        if let Some((writer, used)) = writers.get_mut(&name) {
             writer.send(header.tick, &records)?;
+            *used = now;
         }
         self.wake.notify_listeners();
         Ok(())
@@ -296,7 +321,8 @@ impl Desk {
         };
         let batch: CommandBatch = serde_json::from_slice(&text)?;
         let joining = self.open_ack_writers(&batch)?;
-        let answer = client.request_text(&text, ANSWER_TIMEOUT, &mut || true)?;
+        let answer =
+            client.request_text(&text, ANSWER_TIMEOUT, &mut || !self.ends.load(Relaxed))?;
         self.keep_ack_writers(bridge, &batch, &answer, joining);
         query
             .reply(query.key_expr().clone(), answer)
@@ -350,6 +376,35 @@ impl Desk {
     }
 }
 
+/// Whether one more has a place. Programs end without a word, so those that were idle for long make
+/// room.
+fn has_room<T>(places: &mut HashMap<String, (T, Instant)>, now: Instant) -> bool {
+    if places.len() >= MAX_PLACES {
+        places.retain(|_, (_, used)| now.duration_since(*used) < IDLE);
+    }
+    places.len() < MAX_PLACES
+}
+
 fn refuse(query: &Query, why: &str) {
     let _ = query.reply_err(why.to_owned()).wait();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn programs_that_have_ended_make_room() {
+        let long_ago = Instant::now();
+        let now = long_ago + IDLE;
+        let mut places: HashMap<String, ((), Instant)> = HashMap::new();
+        for n in 0..MAX_PLACES {
+            assert!(has_room(&mut places, now));
+            let used = if n == 7 { long_ago } else { now };
+            places.insert(n.to_string(), ((), used));
+        }
+        assert!(has_room(&mut places, now) && !places.contains_key("7"));
+        places.insert("new".to_owned(), ((), now));
+        assert!(!has_room(&mut places, now), "all others are at work");
+    }
 }
