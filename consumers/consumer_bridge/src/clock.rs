@@ -100,9 +100,9 @@ impl Clock {
     /// 0 says that there was no moment, and stays.
     fn translate(&self, stamp_nanos: &mut u64) {
         if *stamp_nanos != 0 {
-            *stamp_nanos = stamp_nanos
-                .saturating_add_signed(-self.ahead_nanos())
-                .max(1);
+            // The other machine may say anything.
+            let behind_nanos = self.ahead_nanos().saturating_neg();
+            *stamp_nanos = stamp_nanos.saturating_add_signed(behind_nanos).max(1);
         }
     }
 }
@@ -153,6 +153,13 @@ mod tests {
         let now = mono_now().0;
         clock.note(&answer(), now.saturating_sub(5_000_000), now);
         assert_eq!(clock.ahead_nanos(), 0);
+        let odd = format!("other {}", i64::MIN as u64);
+        let mut other = Clock::default();
+        other.note_at(&odd, 0, 0, "own");
+        let mut header = FrameHeader::new(schema_frames::Modality::Rgb);
+        header.rendered_mono_nanos = 5000;
+        other.translate_frame(&mut header);
+        assert_eq!(other.ahead_nanos(), i64::MIN);
         clock.note_at("nonsense", 0, 1, "own");
         clock.note_at("other later", 0, 1, "own");
         assert_eq!(clock.ahead_nanos(), 0);

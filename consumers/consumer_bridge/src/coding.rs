@@ -175,13 +175,22 @@ impl Encoder {
     }
 }
 
-/// A JPEG file of a colour image; `None` if it is larger than JPEG allows.
+/// A JPEG file of a colour image; `None` if it is larger than JPEG allows, or its header claims what
+/// the payload does not hold.
 pub(crate) fn jpeg(header: &FrameHeader, payload: &[u8], quality: u8) -> Option<Vec<u8>> {
-    let row_bytes = header.width as usize * 4;
-    let mut pixels = Vec::with_capacity(header.width as usize * header.height as usize * 3);
-    for row in payload.chunks(header.row_stride as usize) {
-        let row = row.get(..row_bytes)?.chunks_exact(4);
+    let [width, height] = [header.width, header.height].map(|side| side as usize);
+    let mut pixels = Vec::with_capacity(payload.len() / 4 * 3);
+    // Padding may follow the last row.
+    for row in payload
+        .chunks(header.row_stride.max(1) as usize)
+        .take(height)
+    {
+        let row = row.get(..width * 4)?.chunks_exact(4);
         pixels.extend(row.flat_map(|bgra| [bgra[2], bgra[1], bgra[0]]));
+    }
+    // The encoder panics on any other number of bytes.
+    if pixels.len() != width * height * 3 {
+        return None;
     }
     let mut file = Vec::with_capacity(pixels.len() / 8);
     JpegEncoder::new_with_quality(&mut file, quality)
@@ -336,6 +345,17 @@ mod tests {
             .sum();
         let mean = error as f64 / payload.len() as f64;
         assert!(mean < 3.0, "a byte is off by {mean} on average");
+    }
+
+    #[test]
+    fn images_with_padding_or_an_odd_header_are_no_trouble() {
+        let (mut header, mut payload) = image();
+        payload.extend([9; 500]);
+        assert!(jpeg(&header, &payload, 80).is_some());
+        payload.truncate(40 * 4 * 30 - 1);
+        assert!(jpeg(&header, &payload, 80).is_none());
+        header.row_stride = 0;
+        assert!(jpeg(&header, &payload, 80).is_none());
     }
 
     #[test]
