@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex};
 
 use crate::locked::lock;
-use crate::outbox::Outlet;
+use crate::outbox::Sent;
 
 /// Which way a topic crosses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -23,8 +23,8 @@ pub struct Counts(Arc<Mutex<BTreeMap<(Way, String), Row>>>);
 /// Counts of one topic.
 #[derive(Debug, Default)]
 struct Row {
-    /// The sending ends so far; a topic that came back has several.
-    outlets: Vec<Arc<Outlet>>,
+    /// What its sending ends so far have sent; a topic that came back has several.
+    sent: Vec<Arc<Sent>>,
     received: Received,
     /// Samples lost before the link, by readers that were closed.
     lost_before: u64,
@@ -67,11 +67,11 @@ pub struct Line {
 }
 
 impl Counts {
-    /// Adds the sending end of a topic.
-    pub fn add(&self, topic: &str, way: Way, outlet: Arc<Outlet>) {
+    /// Adds what a sending end of a topic sends; the end itself closes with its topic.
+    pub fn add(&self, topic: &str, way: Way, sent: Arc<Sent>) {
         let mut rows = lock(&self.0);
         let row = rows.entry((way, topic.to_owned())).or_default();
-        row.outlets.push(outlet);
+        row.sent.push(sent);
     }
 
     /// Notes what the reader that is closed now had lost.
@@ -116,11 +116,11 @@ impl Counts {
                 dropped: row.received.dropped + row.lost_before + row.lost,
                 failed: row.received.refused,
             };
-            for outlet in &row.outlets {
-                line.n += outlet.sent.n.load(Relaxed);
-                line.raw_bytes += outlet.sent.raw_bytes.load(Relaxed);
-                line.link_bytes += outlet.sent.link_bytes.load(Relaxed);
-                line.failed += outlet.sent.failed.load(Relaxed);
+            for sent in &row.sent {
+                line.n += sent.n.load(Relaxed);
+                line.raw_bytes += sent.raw_bytes.load(Relaxed);
+                line.link_bytes += sent.link_bytes.load(Relaxed);
+                line.failed += sent.failed.load(Relaxed);
             }
             line
         };

@@ -9,9 +9,9 @@ mod source;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use consumer_kit::{FollowedDocument, LEAVE_AFTER, WakeUps};
+use consumer_kit::{FollowedDocument, WakeUps};
 use schema_bus::qos::Qos;
 use schema_bus::{Bus, Exchange, ServicePorts, TopicKind, names};
 use schema_frames::{About, Modality, ResultType, SCHEMA_VERSION, SensorKind};
@@ -22,7 +22,7 @@ use crate::announce::{Announcement, DOCUMENTS, Kind, Offer};
 use crate::counts::{Counts, Way};
 use crate::keys::Keys;
 use crate::locked::lock;
-use crate::lookout::View;
+use crate::lookout::{Left, View};
 use crate::options::Options;
 use crate::outbox::{Outbox, Outlet, Parcel};
 use crate::wire::{Envelope, VERSION};
@@ -70,8 +70,7 @@ struct Exported {
     outlet: Arc<Outlet>,
     source: Source,
     description: Option<FollowedDocument>,
-    /// Since when it has no writer.
-    left_since: Option<Instant>,
+    left: Left,
     refusal_said: bool,
 }
 
@@ -155,14 +154,10 @@ impl Exporter {
                 self.begin(offer)?;
             }
         }
-        let now = Instant::now();
         let mut ended = Vec::new();
         for (name, topic) in &mut self.topics {
-            if here.contains(name) {
-                topic.left_since = None;
-            } else if imported.contains(name)
-                || now - *topic.left_since.get_or_insert(now) > LEAVE_AFTER
-            {
+            let is_here = here.contains(name);
+            if topic.left.is_over(is_here) || !is_here && imported.contains(name) {
                 ended.push(name.clone());
             }
         }
@@ -185,7 +180,7 @@ impl Exporter {
             is_large(&offer),
             move || woken.store(true, Relaxed),
         )?;
-        self.counts.add(&offer.name, Way::Out, outlet.clone());
+        self.counts.add(&offer.name, Way::Out, outlet.sent.clone());
         let description = (offer.kind == Kind::Results)
             .then(|| FollowedDocument::optional(names::about(&offer.name)));
         tracing::debug!(topic = offer.name, "on offer");
@@ -193,7 +188,7 @@ impl Exporter {
             outlet,
             source: Source::Closed,
             description,
-            left_since: None,
+            left: Left::default(),
             refusal_said: false,
             offer,
         };

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use schema_bus::{Bus, WaitSet, names};
+use schema_bus::{Bus, ServicePorts, WaitSet, names};
 use zenoh::{Session, Wait as _};
 
 use crate::announce::{Announcement, Kind, Offer};
@@ -314,7 +314,7 @@ impl Importer {
     }
 
     fn add_topics(&mut self, id: &str, announcement: &Announcement) -> anyhow::Result<()> {
-        let mut services = None;
+        let mut services: Option<Vec<ServicePorts>> = None;
         for offer in &announcement.topics {
             let is_topic = matches!(offer.kind, Kind::Frames | Kind::Results);
             if !is_topic || !self.options.has(&offer.name) {
@@ -330,7 +330,13 @@ impl Importer {
             }
             let services = match &mut services {
                 Some(services) => services,
-                empty => empty.insert(self.bus.services()?),
+                empty => match self.bus.services() {
+                    Ok(services) => empty.insert(services),
+                    Err(error) => {
+                        tracing::debug!(%error, "cannot list the services; trying again");
+                        return Ok(());
+                    }
+                },
             };
             let has_simulator = self.world.is_none() && self.bus.daemon_alive()?;
             if let Some(why) = topic::conflict(offer, services, has_simulator) {
@@ -358,8 +364,10 @@ impl Importer {
         Ok(())
     }
 
-    /// Tells the exporting side what is published here by this bridge.
-    fn keep_names(&self) {
+    /// Tells the exporting side what is published here by this bridge, and closes what belonged to
+    /// topics that are published no longer.
+    fn keep_names(&mut self) {
+        self.rigs.keep(self.topics.keys().map(String::as_str));
         let mut names = lock(&self.names);
         names.clear();
         names.extend(self.topics.keys().cloned());

@@ -4,9 +4,10 @@
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
+use consumer_kit::LEAVE_AFTER;
 use schema_bus::{Bus, ServicePorts};
 
 use crate::locked::lock;
@@ -108,4 +109,39 @@ impl Drop for Lookout {
 /// Whether a topic has no writer and is there only because others still read it.
 pub fn is_left_over(service: &ServicePorts) -> bool {
     service.writers.is_empty() && !service.readers.is_empty()
+}
+
+/// Since when a topic has no writer.
+#[derive(Debug, Default)]
+pub struct Left(Option<Instant>);
+
+impl Left {
+    /// Whether it has had none for so long that it is left. Our own reader would otherwise keep the
+    /// topic of a sensor that has ended.
+    pub fn is_over(&mut self, has_writer: bool) -> bool {
+        self.is_over_at(has_writer, Instant::now())
+    }
+
+    fn is_over_at(&mut self, has_writer: bool, now: Instant) -> bool {
+        if has_writer {
+            self.0 = None;
+            return false;
+        }
+        now - *self.0.get_or_insert(now) > LEAVE_AFTER
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_topic_is_left_once_it_has_had_no_writer_for_long() {
+        let (mut left, began) = (Left::default(), Instant::now());
+        let long = LEAVE_AFTER + NAP;
+        assert!(!left.is_over_at(false, began));
+        assert!(!left.is_over_at(true, began + long), "it came back");
+        assert!(!left.is_over_at(false, began + 2 * long));
+        assert!(left.is_over_at(false, began + 3 * long));
+    }
 }

@@ -39,7 +39,7 @@ pub struct Outlet {
     /// Bytes of its last payload.
     last_bytes: AtomicUsize,
     /// What it has sent.
-    pub sent: Sent,
+    pub sent: Arc<Sent>,
 }
 
 /// What an outlet has sent.
@@ -108,7 +108,7 @@ impl Outlet {
             is_large,
             in_flight: AtomicUsize::new(0),
             last_bytes: AtomicUsize::new(0),
-            sent: Sent::default(),
+            sent: Arc::default(),
         }))
     }
 

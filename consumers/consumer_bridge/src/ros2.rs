@@ -115,11 +115,11 @@ impl Ros2 {
         if self.woken.swap(false, Relaxed) {
             self.open_and_close()?;
         }
-        let sent = self.send_world();
-        let sent = sent.and_then(|()| {
-            let mut relays = self.relays.values_mut();
-            relays.try_for_each(|relay| relay.pass_on(&self.bus))
-        });
+        // One that fails keeps no other from sending.
+        let mut sent = self.send_world();
+        for relay in self.relays.values_mut() {
+            sent = sent.and(relay.pass_on(&self.bus));
+        }
         if let Err(error) = sent
             && !std::mem::replace(&mut self.failure_said, true)
         {
@@ -134,7 +134,11 @@ impl Ros2 {
         let mut here = BTreeSet::new();
         for topic in services {
             let is_one = match topic.kind() {
-                TopicKind::Frames => !is_left_over(topic) || self.relays.contains_key(&topic.name),
+                TopicKind::Frames => {
+                    let is_here = !is_left_over(topic);
+                    let known = self.relays.get_mut(&topic.name);
+                    known.map_or(is_here, |known| !known.left.is_over(is_here))
+                }
                 TopicKind::Results => !topic.writers.is_empty(),
                 _ => false,
             };

@@ -1,5 +1,7 @@
 //! The services into which another machine's frames and results are published.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use anyhow::{Context as _, ensure};
 use bytemuck::pod_read_unaligned;
 use schema_bus::{
@@ -235,7 +237,7 @@ impl ResultPort {
 
 /// Events of the rigs whose frames come from elsewhere.
 #[derive(Debug, Default)]
-pub struct Rigs(std::collections::BTreeMap<String, (Notifier, bool)>);
+pub struct Rigs(BTreeMap<String, (Notifier, bool)>);
 
 impl Rigs {
     /// Makes the event of a topic's rig, if it is the first topic of it.
@@ -249,6 +251,12 @@ impl Rigs {
             self.0.insert(rig.to_owned(), (event, false));
         }
         Ok(())
+    }
+
+    /// Closes the events of rigs without a topic.
+    pub fn keep<'a>(&mut self, topics: impl Iterator<Item = &'a str>) {
+        let rigs: BTreeSet<&str> = topics.map(names::rig_of).collect();
+        self.0.retain(|rig, _| rigs.contains(rig.as_str()));
     }
 
     /// Notes that a frame of the topic's rig was sent.

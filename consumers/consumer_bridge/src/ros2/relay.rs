@@ -4,6 +4,7 @@ use consumer_kit::{FollowedResult, Take};
 use schema_bus::{Bus, BusError, Frame, FrameReader, ResultSample, ServicePorts, TopicKind};
 use schema_frames::{About, Box2d, Box3d, Modality, ResultType, Space};
 
+use crate::lookout::Left;
 use crate::ros2::graph::{Node, Topic};
 use crate::ros2::messages::{self, Found, MAP};
 use crate::ros2::types;
@@ -14,6 +15,8 @@ pub struct Relay {
     topic: String,
     outputs: Vec<(Form, Topic)>,
     source: Source,
+    /// Since when it has no writer.
+    pub left: Left,
     refusal_said: bool,
 }
 
@@ -55,6 +58,7 @@ impl Relay {
             topic: topic.name.clone(),
             outputs,
             source: Source::Closed,
+            left: Left::default(),
             refusal_said: false,
         }))
     }

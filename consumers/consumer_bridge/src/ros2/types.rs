@@ -29,8 +29,6 @@ macro_rules! types {
                 hash: concat!("RIHS01_", $hash),
             };
         )*
-        /// All of them.
-        pub const ALL: &[Type] = &[$($constant),*];
     };
 }
 
