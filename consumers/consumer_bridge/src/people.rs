@@ -24,10 +24,10 @@ use schema_bus::{Bus, BusError, FrameReader, ServicePorts, SnapshotReader, Topic
 use schema_frames::{ActorList, Modality};
 use schema_recording::messages::{Content, Entry};
 
-use crate::lookout::{View, is_left_over};
+use crate::lookout::{Left, View, is_left_over};
 use crate::options::Options;
 use channels::Channels;
-use world::World;
+use world::{Parameters, World};
 
 /// Longest wait for a frame.
 const WAIT: Duration = Duration::from_millis(50);
@@ -59,6 +59,7 @@ struct Sensor {
     name: TopicName,
     reader: Option<FrameReader>,
     shown: Arc<RawChannel>,
+    left: Left,
     refusal_said: bool,
 }
 
@@ -80,7 +81,7 @@ impl People {
             .bind(address.ip().to_string(), address.port())
             .capabilities(capabilities)
             .supported_encodings(["json"])
-            .parameter_handler(world.clone())
+            .parameter_handler(Arc::new(Parameters::start(&world)?))
             .message_backlog_size(BACKLOG)
             .context(&context);
         if options.control {
@@ -147,12 +148,13 @@ impl People {
             let modality = topic.name.rsplit('/').next().and_then(Modality::from_name);
             match (topic.kind(), modality) {
                 (TopicKind::Frames, Some(modality)) => {
-                    let is_known = self.frames.contains_key(&topic.name);
-                    if is_known || !is_left_over(topic) {
+                    let is_here = !is_left_over(topic);
+                    let known = self.frames.get_mut(&topic.name);
+                    if known.is_some_and(|known| !known.left.is_over(is_here)) {
                         sensors.insert(topic.name.clone());
-                        if !is_known {
-                            self.add_sensor(&topic.name, modality)?;
-                        }
+                    } else if is_here {
+                        sensors.insert(topic.name.clone());
+                        self.add_sensor(&topic.name, modality)?;
                     }
                 }
                 (TopicKind::Results, _) if has_clients && !topic.writers.is_empty() => {
@@ -170,13 +172,30 @@ impl People {
             .filter(|name| !sensors.contains(*name))
             .cloned()
             .collect();
+        let n_followed = self.frames.len() + self.results.len();
         for name in gone {
-            if let Some(sensor) = self.frames.remove(&name) {
-                self.channels.end(&sensor.name.channel);
+            let Some(Sensor { name, .. }) = self.frames.remove(&name) else {
+                continue;
+            };
+            self.channels.end(&name.channel);
+            let mut others = self.frames.values();
+            if !others.any(|other| other.name.sensor_channel == name.sensor_channel) {
+                let calibration = format!("{}/calibration", name.sensor_channel);
+                self.channels.end(&calibration);
             }
         }
-        self.results.retain(|name, _| results.contains(name));
-        Ok(())
+        self.results.retain(|name, _| {
+            let is_kept = results.contains(name);
+            if !is_kept {
+                self.channels.end(&format!("/{name}"));
+                self.channels.end(&format!("/{name}/space"));
+            }
+            is_kept
+        });
+        match self.frames.len() + self.results.len() < n_followed {
+            true => self.listen(),
+            false => Ok(()),
+        }
     }
 
     fn add_sensor(&mut self, topic: &str, modality: Modality) -> anyhow::Result<()> {
@@ -188,6 +207,7 @@ impl People {
             name,
             reader: None,
             shown,
+            left: Left::default(),
             refusal_said: false,
         };
         self.frames.insert(topic.to_owned(), sensor);
@@ -316,6 +336,7 @@ impl Drop for People {
             // Clients see the end; nothing waits for slow ones.
             drop(server.stop());
         }
+        self.world.leave();
     }
 }
 

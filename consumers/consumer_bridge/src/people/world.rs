@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use consumer_kit::FollowedDocument;
+use crossbeam_channel::{Sender, bounded};
 use foxglove::WebSocketServerHandle;
 use foxglove::websocket::service::{Service, ServiceSchema};
 use foxglove::websocket::{
@@ -19,6 +20,8 @@ use crate::options::Options;
 
 /// How long the simulator may take for one command.
 const TIMEOUT: Duration = Duration::from_secs(10);
+/// Clients' settings that wait at a time.
+const MAX_SETTINGS: usize = 64;
 /// Name under which commands are sent.
 const NAME: &str = "foxglove";
 
@@ -44,6 +47,15 @@ impl World {
             info: Mutex::default(),
             document: Mutex::new(FollowedDocument::optional(names::WORLD_INFO)),
             speed: Mutex::new(1.0),
+        }
+    }
+
+    /// Closes its ports, because the server may keep this for longer than there is a bus. A command
+    /// that waits for its answer keeps its own.
+    pub fn leave(&self) {
+        *lock(&self.document) = FollowedDocument::optional(names::WORLD_INFO);
+        if let Ok(mut commands) = self.commands.try_lock() {
+            *commands = None;
         }
     }
 
@@ -173,7 +185,40 @@ fn mode(is_paused: bool) -> Command {
     }
 }
 
-impl ParameterHandler for World {
+/// Answers clients who ask for parameters or set them. The server's threads must not wait, and the
+/// simulator takes its time, so what is set goes through a thread of its own.
+pub struct Parameters {
+    world: Arc<World>,
+    settings: Sender<Setting>,
+}
+
+/// What a client sets, and who answers it.
+type Setting = (Vec<Parameter>, SetParametersResponder);
+
+impl Parameters {
+    /// Starts the thread, which ends with this.
+    ///
+    /// # Errors
+    /// If the system gives no thread.
+    pub fn start(world: &Arc<World>) -> anyhow::Result<Parameters> {
+        let (settings, asked) = bounded::<Setting>(MAX_SETTINGS);
+        let of = world.clone();
+        std::thread::Builder::new()
+            .name("settings".into())
+            .spawn(move || {
+                for (parameters, responder) in asked {
+                    responder.respond(of.set(parameters));
+                }
+            })
+            .context("the system gives no thread")?;
+        Ok(Parameters {
+            world: world.clone(),
+            settings,
+        })
+    }
+}
+
+impl ParameterHandler for Parameters {
     fn get(
         &self,
         _client: AnyClient,
@@ -181,7 +226,7 @@ impl ParameterHandler for World {
         _request_id: Option<String>,
         responder: GetParametersResponder,
     ) {
-        responder.respond(self.parameters(&names));
+        responder.respond(self.world.parameters(&names));
     }
 
     fn set(
@@ -191,6 +236,18 @@ impl ParameterHandler for World {
         _request_id: Option<String>,
         responder: SetParametersResponder,
     ) {
+        if let Err(full) = self.settings.try_send((parameters, responder)) {
+            // The client gets the values that hold.
+            let (parameters, responder) = full.into_inner();
+            let names: Vec<String> = parameters.into_iter().map(|it| it.name).collect();
+            responder.respond(self.world.parameters(&names));
+        }
+    }
+}
+
+impl World {
+    /// Sets parameters; returns what holds then.
+    fn set(&self, parameters: Vec<Parameter>) -> Vec<Parameter> {
         let mut applied = Vec::new();
         for parameter in parameters {
             let done = self.setting(&parameter).and_then(|command| {
@@ -213,7 +270,7 @@ impl ParameterHandler for World {
                 }
             }
         }
-        responder.respond(applied);
+        applied
     }
 }
 
