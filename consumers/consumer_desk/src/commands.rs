@@ -2,12 +2,14 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use schema_bus::{Bus, CommandClient};
 
 /// Longest wait for an answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
+/// Longest wait of a page: batches before its own may each take their time.
+const PAGE_TIMEOUT: Duration = Duration::from_secs(30);
 /// How often the end is looked for.
 const TURN: Duration = Duration::from_millis(100);
 
@@ -15,6 +17,8 @@ const TURN: Duration = Duration::from_millis(100);
 pub struct Job {
     batch: Vec<u8>,
     answer: Sender<Result<Vec<u8>, String>>,
+    /// When the page has said that there was no answer, and it must not be done any more.
+    until: Instant,
 }
 
 /// Where pages put batches.
@@ -35,12 +39,16 @@ impl Commands {
     pub fn ask(&self, batch: Vec<u8>) -> Result<Vec<u8>, String> {
         let (answer, answered) = channel();
         let ended = |_| "gantry-desk is ending".to_owned();
+        let until = Instant::now() + PAGE_TIMEOUT;
         self.0
-            .send(Job { batch, answer })
+            .send(Job {
+                batch,
+                answer,
+                until,
+            })
             .map_err(|_| ended(RecvTimeoutError::Disconnected))?;
-        // Batches before this one may each take their time.
         answered
-            .recv_timeout(3 * ANSWER_TIMEOUT)
+            .recv_timeout(PAGE_TIMEOUT)
             .map_err(|_| "the simulator does not answer; a step may be running".to_owned())?
     }
 }
@@ -57,6 +65,9 @@ pub fn serve(domain: &str, jobs: &Receiver<Job>, ends: &AtomicBool) -> anyhow::R
         let Ok(job) = jobs.recv_timeout(TURN) else {
             continue;
         };
+        if Instant::now() >= job.until {
+            continue;
+        }
         let mut go_on = || !ends.load(Ordering::Acquire);
         let asked = match &mut client {
             Some(client) => client.request_text(&job.batch, ANSWER_TIMEOUT, &mut go_on),
