@@ -67,6 +67,12 @@ impl Pictures {
         &self.look
     }
 
+    /// Drops what is kept of an entity; its next image begins anew.
+    pub(crate) fn forget(&mut self, path: &str) {
+        self.videos.remove(path);
+        self.raw.remove(path);
+    }
+
     fn is_raw(&self, path: &str) -> bool {
         self.look.images == Images::Raw || self.raw.contains(path)
     }
@@ -337,4 +343,26 @@ fn class_colours() -> [[u8; 3]; 256] {
         let known = CLASSES.get(number).map(|info| info.rgb);
         known.unwrap_or_else(|| images::id_colour(number as u32 + 1))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_video_that_was_forgotten_begins_with_a_key_frame() {
+        let look = Look {
+            images: Images::H264,
+            ..Look::default()
+        };
+        let mut pictures = Pictures::new(look);
+        let mut header = FrameHeader::new(Modality::Rgb);
+        header.set_image(64, 48);
+        let payload = vec![90; 64 * 48 * 4];
+        let mut is_key = || pictures.video("/a", &header, &payload).unwrap().1;
+        assert_eq!([is_key(), is_key()], [true, false]);
+        pictures.forget("/a");
+        assert!(pictures.videos.is_empty());
+        assert!(pictures.video("/a", &header, &payload).unwrap().1);
+    }
 }

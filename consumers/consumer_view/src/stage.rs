@@ -128,6 +128,11 @@ impl Stage {
     ) -> anyhow::Result<()> {
         let places: BTreeSet<Place> = topics.into_iter().filter_map(Place::new).collect();
         if places != self.places {
+            // What is large of those that have gone: sensors come and go in thousands.
+            for gone in self.places.difference(&places) {
+                self.pictures.forget(&gone.frame_path());
+                self.surfaces.remove(&gone.topic());
+            }
             self.places = places;
             self.arrange()?;
         }
