@@ -239,7 +239,10 @@ fn start_drawing(args: &Args, picture: &Path, shutdown: &Shutdown) -> anyhow::Re
         )));
     }
     let blueprint = args.blueprint.as_deref();
-    screenshot::draw(&program, &scratch, blueprint, picture, args.size)?;
+    // Who asked for the end while topics were awaited gets a picture of those that were seen.
+    let was_asked = shutdown.requested();
+    let stop = || shutdown.requested() && !was_asked;
+    screenshot::draw(&program, &scratch, blueprint, picture, args.size, &stop)?;
     print_shown(picture, &shown)?;
     Ok(Exit::Done)
 }

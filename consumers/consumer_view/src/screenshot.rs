@@ -84,19 +84,20 @@ impl Drop for Scratch {
 /// `picture`.
 ///
 /// # Errors
-/// If rerun fails or draws nothing in time.
+/// If rerun fails or draws nothing in time, or `stop` says so before it has.
 pub fn draw(
     program: &Path,
     scratch: &Scratch,
     blueprint: Option<&Path>,
     picture: &Path,
     size: Size,
+    stop: &dyn Fn() -> bool,
 ) -> anyhow::Result<()> {
     crate::viewer::decline_analytics(program);
     let mut index = Command::new(program);
     index.args(["rrd", "optimize"]).arg(&scratch.recording);
     index.arg("-o").arg(&scratch.indexed).stdout(Stdio::null());
-    let indexed = run_to_end(&mut index)?;
+    let indexed = run_to_end(&mut index, stop)?;
     if !scratch.indexed.is_file() {
         bail!("rerun cannot read what was recorded ({indexed})");
     }
@@ -110,7 +111,7 @@ pub fn draw(
             .arg(picture)
             .arg(&scratch.indexed)
             .args(blueprint);
-        let drawn = run_to_end(&mut command)?;
+        let drawn = run_to_end(&mut command, stop)?;
         if !picture.is_file() {
             bail!("rerun drew no picture ({drawn}); it needs a GPU or Mesa's Vulkan drivers");
         }
@@ -139,8 +140,9 @@ fn has_time_line(picture: &Path) -> anyhow::Result<bool> {
     Ok(colours.len() >= LINE_COLOURS)
 }
 
-/// Runs a command of rerun, and ends it with all that it started if it takes too long.
-fn run_to_end(command: &mut Command) -> anyhow::Result<ExitStatus> {
+/// Runs a command of rerun, and ends it with all that it started if it takes too long or `stop` says
+/// so. It hears no Ctrl-C itself.
+fn run_to_end(command: &mut Command, stop: &dyn Fn() -> bool) -> anyhow::Result<ExitStatus> {
     if std::env::var_os("RUST_LOG").is_none() {
         // It logs that it was not fast enough for its own taste.
         command.env("RUST_LOG", "off");
@@ -154,10 +156,14 @@ fn run_to_end(command: &mut Command) -> anyhow::Result<ExitStatus> {
         if let Some(status) = child.try_wait()? {
             break status;
         }
-        if start.elapsed() > DRAW_TIMEOUT {
+        let is_late = start.elapsed() > DRAW_TIMEOUT;
+        if is_late || stop() {
             let _ = killpg(group, Signal::SIGKILL);
             child.wait()?;
-            bail!("rerun did not end in {} s", DRAW_TIMEOUT.as_secs());
+            match is_late {
+                true => bail!("rerun did not end in {} s", DRAW_TIMEOUT.as_secs()),
+                false => bail!("interrupted before the picture was drawn"),
+            }
         }
         std::thread::sleep(Duration::from_millis(50));
     };
@@ -169,6 +175,15 @@ fn run_to_end(command: &mut Command) -> anyhow::Result<ExitStatus> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn drawing_ends_when_it_is_told_to() {
+        let began = Instant::now();
+        let mut sleeper = Command::new("sleep");
+        let ended = run_to_end(sleeper.arg("60"), &|| true).unwrap_err();
+        assert!(ended.to_string().contains("interrupted"), "{ended}");
+        assert!(began.elapsed() < Duration::from_secs(30));
+    }
 
     #[test]
     fn a_size_is_two_sides() {
