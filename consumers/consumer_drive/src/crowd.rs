@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
 use nalgebra::{Isometry2, Vector2};
+use schema_frames::limits::MAX_COMMANDS;
 use schema_frames::{Catalogue, Command, LightState, WalkerControl};
 use schema_roads::RoadMap;
 use schema_roads::walkable::detour::{self, Obstacle, Step as Detour};
@@ -132,6 +133,8 @@ impl Crowd {
         if n == 0 || is_full || self.kinds.is_empty() {
             return Vec::new();
         }
+        // A request takes no more commands; the others come with the next.
+        let n = n.min(MAX_COMMANDS as u64);
         (0..n).filter_map(|_| self.candidate()).collect()
     }
 
