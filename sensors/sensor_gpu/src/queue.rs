@@ -16,4 +16,4 @@ pub(crate) use family::{Family, MAX_QUEUES, family_for};
 pub(crate) use raw_copy::{RawCopies, RawCopy};
 pub use reads::Reads;
 pub use timeline::MAX_GPU_WAIT;
-pub(crate) use timeline::{AWAKE, Moment, wait_for};
+pub(crate) use timeline::{AWAKE, Moment, N_WAIT_SLICES, WAIT_SLICE, wait_for};

@@ -5,19 +5,15 @@ use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, Once, PoisonError};
-use std::time::{Duration, Instant};
 
-use crate::queue::MAX_GPU_WAIT;
-
-/// Piece of a wait after which the state of the device is looked at.
-const SLICE: Duration = Duration::from_millis(500);
+use crate::queue::{N_WAIT_SLICES, WAIT_SLICE};
 
 /// Why a wait ended without its submission.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Fault {
     /// The device is gone, or refused a command; with its words.
     Lost(String),
-    /// The submission took longer than [`MAX_GPU_WAIT`].
+    /// The submission took longer than [`crate::MAX_GPU_WAIT`].
     Hung,
 }
 
@@ -93,29 +89,24 @@ impl Health {
         self.0.is_closing.store(true, Ordering::Release);
     }
 
-    /// Waits for a submission, or for all; at most [`MAX_GPU_WAIT`], and not at all on a device that
-    /// hangs.
+    /// Waits for a submission, or for all; at most [`crate::MAX_GPU_WAIT`], and not at all on a
+    /// device that hangs.
     pub fn wait(
         &self,
         device: &wgpu::Device,
         submission: Option<&wgpu::SubmissionIndex>,
     ) -> Result<(), Fault> {
-        let begin = Instant::now();
-        loop {
+        for _ in 0..N_WAIT_SLICES {
             if let Some(Fault::Hung) = self.fault() {
                 return Err(Fault::Hung);
             }
             let wait = wgpu::PollType::Wait {
                 submission_index: submission.cloned(),
-                timeout: Some(SLICE),
+                timeout: Some(WAIT_SLICE),
             };
             match self.poll(device, wait) {
-                Ok(_) => break,
-                Err(wgpu::PollError::Timeout) if begin.elapsed() < MAX_GPU_WAIT => {}
-                Err(wgpu::PollError::Timeout) => {
-                    self.note(Fault::Hung);
-                    return Err(Fault::Hung);
-                }
+                Ok(_) => return self.fault().map_or(Ok(()), Err),
+                Err(wgpu::PollError::Timeout) => {}
                 // A submission that a lost device never took.
                 Err(wgpu::PollError::WrongSubmissionIndex(..)) => {
                     let words = "a submission was not taken".to_owned();
@@ -123,7 +114,8 @@ impl Health {
                 }
             }
         }
-        self.fault().map_or(Ok(()), Err)
+        self.note(Fault::Hung);
+        Err(Fault::Hung)
     }
 
     /// As [`wgpu::Device::poll`], but that wgpu panics about a lost device is noted instead.

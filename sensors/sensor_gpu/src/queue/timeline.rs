@@ -9,6 +9,12 @@ use wgpu::hal::api::Vulkan;
 /// Longest time that a submission may take. A software adapter may need seconds for large images;
 /// a device that takes longer than this hangs.
 pub const MAX_GPU_WAIT: Duration = Duration::from_secs(60);
+/// Piece of such a wait. Pieces are counted instead of the time, which goes on while the process is
+/// stopped, by a debugger or Ctrl-Z.
+pub(crate) const WAIT_SLICE: Duration = Duration::from_millis(500);
+/// Pieces of the longest wait.
+pub(crate) const N_WAIT_SLICES: u64 = MAX_GPU_WAIT.as_secs() * 1000 / 500;
+const _: () = assert!(N_WAIT_SLICES as u128 * WAIT_SLICE.as_millis() == MAX_GPU_WAIT.as_millis());
 /// How long a waiting thread spins before it sleeps: short work on a dedicated GPU is done before a
 /// sleeping thread would wake up.
 pub(crate) const AWAKE: Duration = Duration::from_micros(500);
@@ -25,9 +31,15 @@ pub(crate) unsafe fn wait_for(device: &ash::Device, moment: Moment) -> Result<()
     let info = vk::SemaphoreWaitInfo::default()
         .semaphores(&semaphores)
         .values(&values);
-    let limit_nanos = u64::try_from(MAX_GPU_WAIT.as_nanos()).unwrap_or(u64::MAX);
-    // SAFETY: the caller promises what the call asks.
-    unsafe { device.wait_semaphores(&info, limit_nanos) }
+    let slice_nanos = WAIT_SLICE.as_nanos() as u64;
+    for _ in 0..N_WAIT_SLICES {
+        // SAFETY: the caller promises what the call asks.
+        match unsafe { device.wait_semaphores(&info, slice_nanos) } {
+            Err(vk::Result::TIMEOUT) => {}
+            done => return done,
+        }
+    }
+    Err(vk::Result::TIMEOUT)
 }
 
 /// A value of a timeline semaphore.
