@@ -26,9 +26,6 @@ use launch_cli::{CommonArgs, Exit, Shutdown, run};
     after_help = "Examples:\n  gantry-carla\n  gantry-carla --port 0\n  gantry-carla --any-user\n  gantry-carla --bind 0.0.0.0"
 )]
 struct Args {
-    #[command(flatten)]
-    common: CommonArgs,
-
     /// Port of the RPC server; streams are at the next one. 0 chooses two free ports and prints
     /// them
     #[arg(long, value_name = "PORT", default_value_t = 2000, value_parser = clap::value_parser!(u16).range(..=65534))]
@@ -53,6 +50,9 @@ struct Args {
     /// Folder for recordings of `start_recorder` [default: gantry in the XDG data folder]
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
+
+    #[command(flatten)]
+    common: CommonArgs,
 }
 
 fn main() -> ExitCode {

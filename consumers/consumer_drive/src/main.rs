@@ -22,9 +22,6 @@ use launch_cli::{CommonArgs, Exit, Shutdown, run};
     after_help = "Examples:\n  gantry-drive\n  gantry-drive --vehicles ego --speed-factor 0.8\n  gantry-drive --vehicles others --lockstep --seed 7\n  gantry-drive --vehicles 24,31\n  gantry-drive --share 1/2\n  gantry-drive --serve 8000\n  gantry-drive --walkers 200 --walkers-crossing 10"
 )]
 struct Args {
-    #[command(flatten)]
-    common: CommonArgs,
-
     /// Whom to drive: "ego" (role ego_vehicle or hero), "others" (role autopilot), "all" (both), or
     /// actor ids; several with commas [default: all, and none besides those that clients register
     /// with --serve]
@@ -72,6 +69,9 @@ struct Args {
     /// Speed driven, as a share of the speed limit
     #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = speed_factor)]
     speed_factor: f64,
+
+    #[command(flatten)]
+    common: CommonArgs,
 }
 
 fn speed_factor(text: &str) -> Result<f64, String> {

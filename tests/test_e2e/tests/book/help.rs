@@ -120,6 +120,20 @@ fn help_texts_are_those_that_were_reviewed() {
     super::check_generated(page, "book_programs.py", "tests/golden/help");
 }
 
+/// The page tells these once for all, so that an option of one program among them would be nowhere.
+#[test]
+fn common_options_are_the_same_everywhere() {
+    let common = |program: &str| {
+        let help = printed(program, &["--help"]);
+        let (_, rest) = help.split_once("\nCommon options:\n").expect(program);
+        let (options, _) = rest.split_once("\nEnvironment:\n").expect(program);
+        options.to_owned()
+    };
+    for program in PROGRAMS {
+        assert_eq!(common(program), common("gantry"), "{program}");
+    }
+}
+
 /// What is typed first is shown by an example.
 #[test]
 fn every_program_shows_examples() {
