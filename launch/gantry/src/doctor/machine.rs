@@ -121,9 +121,13 @@ mod tests {
     fn a_folder_on_a_disk_is_slow_and_one_without_rights_is_useless() {
         use std::os::unix::fs::PermissionsExt as _;
         let folder = tempfile::tempdir_in(env!("CARGO_MANIFEST_DIR")).unwrap();
-        let finding = owner(folder.path()).unwrap();
-        assert_eq!(finding.grade, Grade::Warn, "{finding:?}");
-        assert!(finding.fix.contains("mount -t tmpfs"), "{finding:?}");
+        let kind = nix::sys::statfs::statfs(folder.path()).unwrap();
+        // The repository may lie in memory, too.
+        if kind.filesystem_type() != nix::sys::statfs::TMPFS_MAGIC {
+            let finding = owner(folder.path()).unwrap();
+            assert_eq!(finding.grade, Grade::Warn, "{finding:?}");
+            assert!(finding.fix.contains("mount -t tmpfs"), "{finding:?}");
+        }
         std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(0o555)).unwrap();
         // Root may write anywhere.
         if !nix::unistd::geteuid().is_root() {
