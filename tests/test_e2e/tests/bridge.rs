@@ -348,7 +348,14 @@ fn a_link_that_takes_nothing_holds_nobody_up_and_drops_the_oldest() {
     drop(camera);
     far_bridge.stop().expect_code(0);
     let ended = near_bridge.stop().expect_code(0);
-    assert!(ended.says("dropped for newer ones"), "{ended:?}");
+    // Where frames come so slowly that they do not fill the sockets within 10 s, the link is taken for
+    // dead meanwhile; else it ends only now.
+    let ends = |line: &&String| line.contains("another bridge is gone");
+    let was_given_up = ended.lines.iter().filter(ends).count() > 1;
+    assert!(
+        was_given_up || ended.says("dropped for newer ones"),
+        "{ended:?}"
+    );
     daemon.stop().expect_code(0);
 }
 
