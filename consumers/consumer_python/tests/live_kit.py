@@ -6,6 +6,7 @@ iceoryx2 reads its configuration once per process, from the working directory.
 import os
 import pathlib
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -44,7 +45,15 @@ class LiveCase(unittest.TestCase):
         env = {**os.environ, "PYTHONPATH": str(SOURCE), "GANTRY_DOMAIN": "live", **environment}
         code = "import gantry, numpy as np\n" + textwrap.dedent(text)
         return subprocess.Popen(
-            [sys.executable, "-c", code], cwd=self.folder, env=env, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.PIPE
+            [sys.executable, "-c", code],
+            cwd=self.folder,
+            env=env,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.PIPE,
+            # What a shell started in the background ignores Ctrl-C, and hands that on.
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
 
     def finish(self, process, code=0):
