@@ -176,6 +176,9 @@ impl Follower<'_> {
             }
             known.info = Some(info);
         });
+        if begins {
+            launch_cli::heap::give_back();
+        }
     }
 
     fn read_actors(&mut self) -> anyhow::Result<()> {

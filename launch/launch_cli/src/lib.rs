@@ -8,6 +8,7 @@
 //! In reading order: [`args`] (flags and subcommands), [`logging`], [`signals`] (Ctrl-C), [`exit`]
 //! (exit codes and errors), [`data`] (the data folder), [`limits`] (open files),
 //! [`accept`] (accept loops that do not spin), [`files`] (whole files, and only files),
+//! [`heap`] (freed memory back to the system),
 //! [`programs`] (where other programs are), [`progress`] (bars while users wait), [`man`] (man
 //! pages).
 //!
@@ -40,7 +41,6 @@
 //! assert_eq!(launch_cli::run_main(launch_file_is_wrong), Exit::WrongUsage.code().into());
 //! ```
 
-#![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
 pub mod accept;
@@ -51,6 +51,7 @@ pub mod build_info;
 pub mod data;
 pub mod exit;
 pub mod files;
+pub mod heap;
 pub mod limits;
 pub mod logging;
 pub mod machine;

@@ -137,11 +137,7 @@ mod tests {
                 .map(|n| format!("actor_12345/s12346/m{n}"))
                 .collect(),
         };
-        assert!(
-            all_of_a_camera
-                .outcome()
-                .contains("actor_12345/s12346/m19")
-        );
+        assert!(all_of_a_camera.outcome().contains("actor_12345/s12346/m19"));
         let refused = |error: &str| CommandReply::Refused {
             error: error.into(),
         };

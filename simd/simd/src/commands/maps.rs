@@ -63,6 +63,8 @@ pub fn load(daemon: &mut Daemon, map: &str) -> anyhow::Result<CommandReply> {
     daemon.debug.clear(DebugKind::All);
     daemon.mark_start();
     daemon.ports.documents.touch_info();
+    // The map before was as large as this one.
+    launch_cli::heap::give_back();
     tracing::info!(map, episode = daemon.episode.stamp.episode, "map loaded");
     Ok(CommandReply::Done)
 }
