@@ -179,10 +179,11 @@ fn a_car_that_sees_for_itself_keeps_its_lane() {
         .join("consumers/consumer_python/examples/perceive_drive.py");
     let env = [("GANTRY_DOMAIN", sandbox.domain())];
     let script = script.to_str().expect("paths are UTF-8");
-    let _program = sandbox.spawn_program("perceive", &venv_program("python"), &[script], &env);
+    let mut program = sandbox.spawn_program("perceive", &venv_program("python"), &[script], &env);
     let (mut last, mut way_m, mut now_nanos) = (None::<[f64; 3]>, 0.0, 0);
     while now_nanos < WATCHED_NANOS {
         let (ego, nanos) = eventually("the next tick", || {
+            assert!(program.is_running(), "{}", program.lines().join("\n"));
             let snapshot = snapshots.next().unwrap()?;
             Some((ego_of(&snapshot)?, snapshot.header().sim_nanos))
         });
@@ -267,6 +268,10 @@ fn people_are_found_and_followed_by_two_python_programs() {
     let mut semantic = reader(&bus, "ego/front/semantic");
     let mut instance = reader(&bus, "ego/front/instance");
     let _detector = python("people_detector.py");
+    // The tracker waits for boxes no longer than a minute.
+    eventually("boxes appear", || {
+        bus.result_reader("people/boxes").ok().map(drop)
+    });
     let _tracker = python("people_tracker.py");
     let mut tracks = eventually("tracks appear", || bus.result_reader("people/tracks").ok());
     // By then the car stands at a red light, and the next person sets foot on the crossing before it.
