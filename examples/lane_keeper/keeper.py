@@ -53,7 +53,7 @@ def main():
         gantry.publish("keeper/lane", "path") as lane,
         gantry.lockstep("keeper", timeout=60) as lockstep,
     ):
-        car = gantry.vehicle(gantry.snapshot().vehicles[0]["id"])
+        car = gantry.vehicle(gantry.snapshot(timeout=60).vehicles[0]["id"])
         start, crossings, seen = None, 0, [0.0] * len(DISTANCES_M)
         for n, tick in enumerate(lockstep):
             me = tick.snapshot.actor(car.id)

@@ -29,7 +29,7 @@ def check_same_frames(world):
     camera = spawn(world, "rgb")
     messages = queue.Queue()
     camera.listen(messages.put)
-    with gantry.attach(camera, domain=DOMAIN) as frames:
+    with gantry.attach(camera, domain=DOMAIN, timeout=PATIENCE_SECS) as frames:
         for _ in range(5):
             tick = world.tick()
             image = messages.get(timeout=PATIENCE_SECS)
@@ -49,7 +49,7 @@ def check_without_listening(world):
     camera = spawn(world, "depth")
     messages = queue.Queue()
     camera.listen(messages.put)
-    with gantry.attach(camera.id, domain=DOMAIN) as frames:
+    with gantry.attach(camera.id, domain=DOMAIN, timeout=PATIENCE_SECS) as frames:
         world.tick()
         image = messages.get(timeout=PATIENCE_SECS)
         camera.stop()
@@ -65,7 +65,8 @@ def check_without_listening(world):
 
 def check_choice(world):
     camera = spawn(world, "instance_segmentation")
-    with gantry.attach(camera, domain=DOMAIN) as ids, gantry.attach(camera, "semantic", domain=DOMAIN) as classes:
+    of_camera = {"domain": DOMAIN, "timeout": PATIENCE_SECS}
+    with gantry.attach(camera, **of_camera) as ids, gantry.attach(camera, "semantic", **of_camera) as classes:
         world.tick()
         assert ids.next(timeout=PATIENCE_SECS).modality == "instance"
         assert classes.next(timeout=PATIENCE_SECS).modality == "semantic"

@@ -58,7 +58,8 @@ def check_many(world):
             mine.listen(lambda data, messages=messages: messages.put(content(data)))
             listeners.append(mine)
             heard.append(messages)
-    with gantry.attach(camera, domain=DOMAIN) as one, gantry.attach(camera, domain=DOMAIN) as two:
+    attached = {"domain": DOMAIN, "timeout": PATIENCE_SECS}
+    with gantry.attach(camera, **attached) as one, gantry.attach(camera, **attached) as two:
         for _ in range(20):
             tick = world.tick()
             messages = [each.get(timeout=PATIENCE_SECS) for each in heard]
