@@ -598,10 +598,10 @@ impl Stage {
         Ok(())
     }
 
-    /// Draws the colours of distances along the lower edge of their image.
+    /// Draws the colours of distances in the lower part of their image, with room for words below.
     fn draw_scale(&self, place: &Place, size: [u32; 2]) -> anyhow::Result<()> {
         let [width, height] = size.map(|px| px as f32);
-        let (left, length, y) = (width * 0.2, width * 0.6, height * 0.95);
+        let (left, length, y) = (width * 0.2, width * 0.6, height * 0.86);
         let at = |share: f32| [left + length * share, y];
         let ends = |step: usize| [step, step + 1].map(|step| at(step as f32 / SCALE_STEPS as f32));
         let colour = |step: usize| {
