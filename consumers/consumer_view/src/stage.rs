@@ -37,6 +37,8 @@ const SCALE_STEPS: usize = 48;
 /// One recording and what it already contains.
 pub struct Stage {
     rec: RecordingStream,
+    /// Whether the window was divided.
+    is_arranged: bool,
     places: BTreeSet<Place>,
     bodies: BTreeMap<u32, BodyBox>,
     labels: BTreeMap<u32, String>,
@@ -78,8 +80,9 @@ impl Stage {
                     .with_colors([Rgba32::from_rgb(colour[0], colour[1], colour[2])]),
             )?;
         }
-        let stage = Stage {
+        Ok(Stage {
             rec,
+            is_arranged: false,
             places: BTreeSet::new(),
             bodies: BTreeMap::new(),
             labels: BTreeMap::new(),
@@ -95,9 +98,7 @@ impl Stage {
             scales: BTreeMap::new(),
             origin_deg: None,
             newest: (0, 0),
-        };
-        stage.arrange()?;
-        Ok(stage)
+        })
     }
 
     /// The recording.
@@ -127,7 +128,10 @@ impl Stage {
         topics: impl IntoIterator<Item = &'a str>,
     ) -> anyhow::Result<()> {
         let places: BTreeSet<Place> = topics.into_iter().filter_map(Place::new).collect();
-        if places != self.places {
+        // The first window comes with the first topics: of several in one file, programs of rerun
+        // may take any.
+        if places != self.places || !self.is_arranged {
+            self.is_arranged = true;
             // What is large of those that have gone: sensors come and go in thousands.
             for gone in self.places.difference(&places) {
                 self.pictures.forget(&gone.frame_path());
