@@ -162,7 +162,7 @@ def sbom(when):
         return {}
     label = f"gantry-sim-{version()}"
     made = {}
-    for ending, form in (("cdx.json", "cyclonedx_json_1_4"), ("spdx.json", "spdx_json_2_3")):
+    for ending, form in (("cdx.json", "cyclone_dx_json_1_6"), ("spdx.json", "spdx_json_2_3")):
         text = output(tool, "sbom", "--output-format", form, "--project-directory", str(ROOT))
         made[f"{label}.{ending}"] = stable(json.loads(text), label, when)
     return made
