@@ -119,7 +119,7 @@ fn main() {
         // What was killed is cleaned up within a few ticks.
         std::thread::sleep(Duration::from_secs(3));
         let ended = |(_, process): &mut (_, Process)| !process.is_running();
-        if let Some(idx) = staying.iter_mut().position(|pair| ended(pair)) {
+        if let Some(idx) = staying.iter_mut().position(ended) {
             let (name, process) = staying.swap_remove(idx);
             let ended = process.wait();
             panic!(
