@@ -268,6 +268,12 @@ pub(crate) fn other_error(action: &'static str, service: &str, cause: &dyn Debug
     }
 }
 
+/// Whether a cause of [`BusError::Service`] says that another process has begun to make the service
+/// and has not finished.
+pub(crate) fn is_in_the_making(cause: &str) -> bool {
+    cause.contains("HangsInCreation")
+}
+
 /// The cause, and a shortage of files if this process has one: iceoryx2 does not tell them apart.
 pub(crate) fn with_shortage(cause: String) -> String {
     match shortage_of_files() {
@@ -336,6 +342,11 @@ mod tests {
         assert!(matches!(
             service_error("open", "d/x", &cause),
             BusError::Service { action: "open", cause, .. } if cause == "SystemInFlux"
+        ));
+        let cause = EventOpenOrCreateError::EventOpenError(EventOpenError::HangsInCreation);
+        assert!(matches!(
+            service_error("open", "d/x", &cause),
+            BusError::Service { cause, .. } if is_in_the_making(&cause)
         ));
     }
 

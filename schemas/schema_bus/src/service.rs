@@ -10,7 +10,7 @@ use schema_frames::{SCHEMA_ATTRIBUTE, SCHEMA_VERSION};
 
 use crate::declared::{attribute_key, declared};
 use crate::error::BusError;
-use crate::iceoryx_error::{Meaning, ServiceFailure as _, service_error};
+use crate::iceoryx_error::{Meaning, ServiceFailure as _, is_in_the_making, service_error};
 use crate::node::{BusNode, Service};
 use crate::qos::{EVENT_LISTENERS, EVENT_NOTIFIERS, MAX_NODES, Qos};
 use crate::shortage;
@@ -19,6 +19,8 @@ use crate::wire::{OnBus, Wire};
 
 /// How long opening is tried again while other processes make or remove the service.
 const SETTLE: Duration = Duration::from_secs(1);
+/// The same while a process that lives is making it, which may be a starved or a stopped one.
+const SETTLE_MAKING: Duration = Duration::from_secs(10);
 
 /// An open service of byte slices with header `H`.
 pub(crate) type Slices<H> = publish_subscribe::PortFactory<Service, [u8], Wire<H>>;
@@ -174,7 +176,8 @@ pub(crate) fn make_event(node: &BusNode, topic: &str) -> Result<(String, Events)
 
 /// Tries again while another process makes or removes the service, which happens when a daemon
 /// restarts while its readers come and go, or was killed while it made it. iceoryx2 itself waits for
-/// a service in the making, so the time counts from the first failure on.
+/// a service in the making for a moment, so the time counts from the first failure on. What a dead
+/// process was making is swept away, so that a service which stays in the making has a live maker.
 pub(crate) fn settle<T>(
     node: &BusNode,
     mut open: impl FnMut() -> Result<T, BusError>,
@@ -184,8 +187,8 @@ pub(crate) fn settle<T>(
     let is_short = || shortage::n_missed() != n_missed;
     loop {
         match open() {
-            Err(BusError::Service { .. })
-                if first_failed.get_or_insert_with(Instant::now).elapsed() < SETTLE
+            Err(BusError::Service { cause, .. })
+                if first_failed.get_or_insert_with(Instant::now).elapsed() < patience(&cause)
                     && !is_short() =>
             {
                 node.sweep();
@@ -193,6 +196,13 @@ pub(crate) fn settle<T>(
             }
             done => return done,
         }
+    }
+}
+
+fn patience(cause: &str) -> Duration {
+    match is_in_the_making(cause) {
+        true => SETTLE_MAKING,
+        false => SETTLE,
     }
 }
 
