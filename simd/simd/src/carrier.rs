@@ -1,25 +1,10 @@
-//! The actor a sensor is attached to, as the sensor's model sees it in one tick.
+//! What the world knows of the actor that a sensor is attached to.
 
 use nalgebra::{Point3, Vector3};
-use schema_types::{ActorId, Pose, SimTime};
+use schema_types::{ActorId, SimTime};
 use sensor_core::imu::BodyState;
-use sensor_core::lane_marks::Corners;
+use simd_frames::carrier::Carrier;
 use simd_world::World;
-
-/// State of a sensor's actor, and of the body that carries it, in one tick.
-#[derive(Clone, Copy, Debug)]
-pub struct Carrier {
-    /// Actor that the sensor is attached to; 0 if there is none.
-    pub parent: ActorId,
-    /// Pose of the sensor in the world, exactly as in the snapshot.
-    pub world_from_sensor: Pose,
-    /// Velocity of the sensor's own point, m/s.
-    pub velocity_in_world_mps: Vector3<f64>,
-    /// State of the body that carries it; its own without one.
-    pub body: BodyState,
-    /// Lower corners of the body's box in the world: front left, front right, rear right, rear left.
-    pub lower_corners: Corners,
-}
 
 /// The carrier of a sensor; `None` if the sensor or the actor it is attached to has gone.
 pub fn carrier_of(world: &World, sensor: ActorId, sim_time: SimTime) -> Option<Carrier> {

@@ -5,11 +5,14 @@
 use std::sync::Arc;
 
 use schema_bus::{Bus, Claim, Gate, mono_now};
-use schema_frames::SnapshotHeader;
+use schema_frames::{CollisionEvent, SnapshotHeader};
 use schema_types::time::TickClock;
-use schema_types::{SimTime, Tick};
+use schema_types::{ActorId, SimTime, Tick};
 use sensor_core::scene::Scene;
-use simd_world::World;
+use simd_frames::frames::{Sensors, TickView};
+use simd_frames::hash::BytesHash;
+use simd_frames::topic::Audience;
+use simd_world::{Collision, World};
 
 use crate::checkpoints::Checkpoints;
 use crate::clients::Clients;
@@ -17,8 +20,6 @@ use crate::debug_shapes::{DebugShapes, Visible};
 use crate::documents::State;
 use crate::episode::Episode;
 use crate::faults::Faults;
-use crate::frames::{Sensors, TickView};
-use crate::hash::BytesHash;
 use crate::journal::Journal;
 use crate::keep_up::KeepUp;
 use crate::maps::Maps;
@@ -28,7 +29,6 @@ use crate::ports::Ports;
 use crate::settings::Settings;
 use crate::spectator::{self, Still};
 use crate::stages;
-use crate::topic::Audience;
 
 /// All state of the daemon, in the order in which it must be dropped.
 pub struct Daemon {
@@ -118,11 +118,12 @@ impl Daemon {
         drop(scene_span);
         self.still.note(&self.sensors, &self.world, &self.debug);
         let world = &self.world;
+        let collisions: Vec<_> = world.collisions().iter().map(event_of).collect();
         let edge = self.tick.0.saturating_sub(1);
         let tick = TickView {
             scene: &scene,
             stamp: &self.episode.stamp,
-            collisions: world.collisions(),
+            collisions: &collisions,
             roads: world.roads().map(Arc::as_ref),
         };
         self.sensors.fire(&tick, |actor| {
@@ -247,4 +248,17 @@ impl Daemon {
             self.faults.unsent("a document", &error);
         }
     }
+}
+
+/// A contact as the frames of collision detectors tell it to the actor that was pushed.
+fn event_of(collision: &Collision) -> (ActorId, CollisionEvent) {
+    let event = CollisionEvent {
+        other_id: collision.other.map_or(0, |other| other.0),
+        class: collision.other_class.0,
+        reserved: [0; 3],
+        impulse_in_world_ns: collision.impulse_in_world_ns,
+        point_in_world_m: collision.point_in_world_m,
+        reserved1: 0,
+    };
+    (collision.actor, event)
 }

@@ -7,7 +7,7 @@ use schema_frames::{SpawnPoints, WorldInfo};
 use simd_world::World;
 
 use crate::episode::Episode;
-use crate::frames::Sensors;
+use simd_frames::frames::Sensors;
 
 /// Writers of the five documents, and what each sent last.
 pub struct Documents {

@@ -15,9 +15,9 @@ use sensor_core::stream::Tiles;
 use sensor_spec::SensorSpec;
 use simd_world::{EgoSpawn, Scenario, SceneryRevisions, World};
 
-use crate::frames::Stamp;
 use crate::maps::LoadedMap;
 use crate::scenery_stream::SceneryStream;
+use simd_frames::frames::Stamp;
 
 /// The episode that runs.
 pub struct Episode {

@@ -14,9 +14,9 @@ use schema_frames::{
 };
 use sensor_camera::Quality;
 
-use crate::hash::BytesHash;
 use crate::settings::Settings;
-use crate::topic::Writer;
+use simd_frames::hash::BytesHash;
+use simd_frames::topic::Writer;
 
 /// Bytes of a file in one entry.
 const PIECE_BYTES: usize = 512 << 10;

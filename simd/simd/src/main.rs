@@ -3,8 +3,8 @@
 //!
 //! The modules in reading order: `cli` and `settings` say what is asked, `setup` brings it up as a
 //! `daemon`, and the `tick_loop` turns, serving `commands` between ticks. A daemon has an `episode`
-//! on one of its `maps`; its `frames` come from `sensor`s, each with a `carrier`, a `rig` and
-//! `topic`s, one of which is the `spectator`.
+//! on one of its `maps`; its frames come from the sensors of `simd_frames`, each with a `carrier`,
+//! and one of them is the `spectator`.
 
 mod carrier;
 mod checkpoints;
@@ -16,23 +16,18 @@ mod debug_shapes;
 mod documents;
 mod episode;
 mod faults;
-mod frames;
-mod hash;
 mod journal;
 mod keep_up;
 mod maps;
 mod pace;
 mod player;
 mod ports;
-mod rig;
 mod scenery_stream;
-mod sensor;
 mod settings;
 mod setup;
 mod spectator;
 mod stages;
 mod tick_loop;
-mod topic;
 
 use std::io::Write as _;
 use std::process::ExitCode;

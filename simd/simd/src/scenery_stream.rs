@@ -11,9 +11,9 @@ use sensor_core::scene::SceneAssets;
 use sensor_core::stream::{RAY_REACH_M, TILE_M, Tile, Tiles, VIEW_REACH_M, tiles_near};
 use simd_world::World;
 
-use crate::frames::Sensors;
-use crate::sensor::{Model, Sensor};
-use crate::topic::Audience;
+use simd_frames::frames::Sensors;
+use simd_frames::sensor::{Model, Sensor};
+use simd_frames::topic::Audience;
 
 /// Ticks for which tiles stay that a query asked for, because queries come in numbers.
 const ASKED_TICKS: u64 = 200;

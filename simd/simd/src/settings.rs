@@ -9,7 +9,7 @@ use sensor_gpu::{CopyPath, Gpu, GpuOptions};
 use sensor_ray::GpuRays;
 
 use crate::cli::{Args, LidarsOnArg, OnLostClient, QualityArg};
-use crate::topic::{Audience, FrameOptions, Transfer, Writer};
+use simd_frames::topic::{Audience, FrameOptions, Transfer, Writer};
 
 /// What is simulated without a launch file.
 const DEFAULT_LAUNCH: &str = "version = 1\n[scenario]\nvehicles = 20\n";

@@ -16,18 +16,18 @@ use crate::daemon::Daemon;
 use crate::debug_shapes::DebugShapes;
 use crate::episode::{self, EpisodeId};
 use crate::faults::Faults;
-use crate::frames::Sensors;
 use crate::journal::{self, Journal};
 use crate::maps::Maps;
 use crate::pace::Pace;
 use crate::player::{Act, Player};
 use crate::ports::Ports;
-use crate::sensor::{
-    NoiseStream, OpenContext, Role, Sensor, SensorIdentity, schedule_of, shared_rig,
-};
 use crate::settings::Settings;
 use crate::spectator;
-use crate::topic::{MemoryLife, Transfer, limited};
+use simd_frames::frames::Sensors;
+use simd_frames::sensor::{
+    NoiseStream, OpenContext, Role, Sensor, SensorIdentity, schedule_of, shared_rig,
+};
+use simd_frames::topic::{MemoryLife, Transfer, limited};
 
 /// Brings everything up. Fails before anything is published if the domain is taken or memory is
 /// short.

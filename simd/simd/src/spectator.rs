@@ -12,10 +12,10 @@ use simd_world::World;
 
 use crate::carrier::carrier_of;
 use crate::debug_shapes::DebugShapes;
-use crate::frames::Sensors;
-use crate::rig::Rig;
-use crate::sensor::{NoiseStream, OpenContext, Role, Sensor, SensorIdentity, schedule_of};
-use crate::topic::{Audience, MemoryLife};
+use simd_frames::frames::Sensors;
+use simd_frames::rig::Rig;
+use simd_frames::sensor::{NoiseStream, OpenContext, Role, Sensor, SensorIdentity, schedule_of};
+use simd_frames::topic::{Audience, MemoryLife};
 
 /// Straight pieces of a circle that shows the end of an obstacle detector's path.
 const CIRCLE_PIECES: usize = 16;

@@ -1,5 +1,5 @@
-//! Stages of a tick, whose processor time is counted always; `gantry bench tick --profile` shows them.
-//! What runs in a sensor's own tasks is counted there.
+//! Stages of a tick up to its scene, whose processor time is counted always; `gantry bench tick
+//! --profile` shows them. Those of frames are in `simd_frames`.
 
 use schema_stages::Stage;
 
@@ -11,13 +11,3 @@ pub static PHYSICS: Stage = Stage::new("physics");
 pub static SNAPSHOT: Stage = Stage::new("snapshot");
 /// What sensors see, made of the world.
 pub static SCENE: Stage = Stage::new("scene");
-/// Everything that is recorded and handed to the GPU for the images of a tick.
-pub static RECORD: Stage = Stage::new("record");
-/// Waiting for the GPU, and bringing its images into their loans.
-pub static READBACK: Stage = Stage::new("readback");
-/// Lidars on the thread that fires them.
-pub static LIDAR: Stage = Stage::new("lidar");
-/// Other sensors that the processor makes.
-pub static OTHER_SENSORS: Stage = Stage::new("other sensors");
-/// Sending frames and waking who waits for them.
-pub static PUBLISH: Stage = Stage::new("publish");

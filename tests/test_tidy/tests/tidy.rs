@@ -15,7 +15,8 @@ fn allowed(from: &str, to: &str) -> bool {
     match (from, to) {
         (_, "launch_cli") => !matches!(district(from).as_str(), "schema" | "sensor"),
         ("launch_spec", "sensor_spec") | ("gantry", "launch_spec" | "sensor_spec") => true,
-        ("simd", "launch_spec") => true,
+        ("simd" | "simd_frames", "launch_spec") => true,
+        ("simd_frames", _) => matches!(district(to).as_str(), "schema" | "sensor"),
         ("simd_body", "sensor_core") | ("simd_town", "sensor_core" | "simd_body") => true,
         ("simd_world", "sensor_core" | "simd_body" | "simd_town") => true,
         ("simd", _) => matches!(district(to).as_str(), "schema" | "sensor" | "simd"),

@@ -8,7 +8,7 @@ use simd_world::Checkpoint;
 
 use crate::daemon::Daemon;
 use crate::pace::Pace;
-use crate::sensor::Sensor;
+use simd_frames::sensor::Sensor;
 
 pub fn save(daemon: &mut Daemon, to: &CheckpointPlace) -> anyhow::Result<CommandReply> {
     let elapsed_nanos = daemon.now().0.saturating_sub(daemon.episode.start.0);

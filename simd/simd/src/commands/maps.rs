@@ -5,7 +5,7 @@ use schema_types::ActorId;
 
 use crate::daemon::Daemon;
 use crate::episode::{self, EpisodeId};
-use crate::sensor::{Role, Sensor};
+use simd_frames::sensor::{Role, Sensor};
 
 /// Begins a new episode on another map or the same one. The launch file's actors are made anew and
 /// its topics stay; sensors that commands made end.

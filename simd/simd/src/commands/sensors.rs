@@ -9,8 +9,10 @@ use sensor_core::schedule::Schedule;
 use sensor_spec::SensorSpec;
 
 use crate::daemon::Daemon;
-use crate::sensor::{Model, NoiseStream, OpenContext, Role, Sensor, SensorIdentity, shared_rig};
-use crate::topic::MemoryLife;
+use simd_frames::sensor::{
+    Model, NoiseStream, OpenContext, Role, Sensor, SensorIdentity, shared_rig,
+};
+use simd_frames::topic::MemoryLife;
 
 /// Most sensors at a time. Each needs several files and services.
 const MAX_SENSORS: usize = 512;

@@ -14,13 +14,19 @@ pub struct BytesHash {
     length: u64,
 }
 
-impl BytesHash {
-    /// Nothing hashed yet.
-    pub fn new() -> Self {
+impl Default for BytesHash {
+    fn default() -> Self {
         BytesHash {
             lanes: [0x243f_6a88_85a3_08d3, 0x1319_8a2e_0370_7344],
             length: 0,
         }
+    }
+}
+
+impl BytesHash {
+    /// Nothing hashed yet.
+    pub fn new() -> Self {
+        Self::default()
     }
 
     /// Adds one chunk.

@@ -10,7 +10,6 @@ use sensor_core::lane_marks::PaintedLines;
 use sensor_core::{gnss, imu};
 use sensor_ray::{BallFilter, RadarPose, RayScene, radar};
 use sensor_spec::{MAX_EVENTS_PER_TICK, ObstacleSpec, SensorSpec};
-use simd_world::Collision;
 
 use super::rays::TickRays;
 use super::shot::Shot;
@@ -142,20 +141,13 @@ fn obstacle(shot: &Shot<'_>, spec: &ObstacleSpec, rays: &RayScene) -> Option<Obs
 }
 
 fn collisions(shot: &Shot<'_>) -> Vec<CollisionEvent> {
-    let all = shot.tick.collisions;
-    let first = all.partition_point(|collision| collision.actor < shot.due.carrier.parent);
-    let mine = all[first..]
+    let (all, parent) = (shot.tick.collisions, shot.due.carrier.parent);
+    let first = all.partition_point(|(actor, _)| *actor < parent);
+    all[first..]
         .iter()
-        .take_while(|collision| collision.actor == shot.due.carrier.parent);
-    let event = |collision: &Collision| CollisionEvent {
-        other_id: collision.other.map_or(0, |other| other.0),
-        class: collision.other_class.0,
-        reserved: [0; 3],
-        impulse_in_world_ns: collision.impulse_in_world_ns,
-        point_in_world_m: collision.point_in_world_m,
-        reserved1: 0,
-    };
-    mine.map(event).collect()
+        .take_while(|(actor, _)| *actor == parent)
+        .map(|(_, event)| *event)
+        .collect()
 }
 
 /// Sends a frame if something happened. Its `seq` counts such frames, read or not.

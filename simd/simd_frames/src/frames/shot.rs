@@ -2,14 +2,13 @@
 
 use nalgebra::Isometry3;
 use schema_bus::{FrameLoan, mono_now};
-use schema_frames::{FrameHeader, Modality};
+use schema_frames::{CollisionEvent, FrameHeader, Modality};
 use schema_roads::RoadMap;
 use schema_types::ActorId;
 use schema_types::noise::Noise;
 use sensor_core::gnss::GeoReference;
 use sensor_core::scene::Scene;
 use sensor_core::schedule::Firing;
-use simd_world::Collision;
 
 use crate::carrier::Carrier;
 use crate::sensor::Sensor;
@@ -36,8 +35,8 @@ pub struct TickView<'a> {
     pub scene: &'a Scene,
     /// What all headers have in common.
     pub stamp: &'a Stamp,
-    /// Contacts of the tick, by (actor, other).
-    pub collisions: &'a [Collision],
+    /// Contacts of the tick by rising actor that was pushed.
+    pub collisions: &'a [(ActorId, CollisionEvent)],
     /// Roads of the map.
     pub roads: Option<&'a RoadMap>,
 }
