@@ -24,6 +24,9 @@ mod lookout;
 pub mod options;
 mod outbox;
 mod people;
+mod program;
 pub mod ros2;
 mod serve;
 mod wire;
+
+pub use program::main;

@@ -72,5 +72,8 @@ pub mod gateway;
 pub mod rpc;
 
 pub mod follower;
+mod program;
 pub mod rpc_server;
 pub mod stream_server;
+
+pub use program::main;

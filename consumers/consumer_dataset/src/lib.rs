@@ -23,9 +23,12 @@ pub mod make;
 pub mod matrix;
 pub mod page;
 pub mod presets;
+mod program;
 pub mod recipe;
 pub mod state;
 pub mod statistics;
 pub mod stepping;
 pub mod svg;
 pub mod take;
+
+pub use program::main;

@@ -18,5 +18,8 @@ pub mod live;
 pub mod manifest;
 pub mod options;
 pub mod picture;
+mod program;
 pub mod run;
 pub mod tree;
+
+pub use program::main;

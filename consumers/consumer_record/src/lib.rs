@@ -44,6 +44,7 @@ pub mod info;
 mod journal;
 pub mod options;
 mod previews;
+mod program;
 mod proto;
 mod pull;
 pub mod queue;
@@ -59,3 +60,5 @@ pub mod snapshots;
 mod stages;
 pub mod video;
 pub mod writer;
+
+pub use program::main;

@@ -23,9 +23,11 @@ mod pace;
 mod plan;
 mod playback;
 mod ports;
+mod program;
 mod session;
 mod tape;
 mod world;
 
 pub use playback::replay;
+pub use program::main;
 pub use session::Report;

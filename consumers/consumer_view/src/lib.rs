@@ -38,6 +38,7 @@ pub mod layout;
 pub mod look;
 pub mod pace;
 mod pictures;
+mod program;
 pub mod rerun;
 mod results;
 pub mod rrd_file;
@@ -48,3 +49,5 @@ pub mod stage;
 mod surface;
 mod traffic;
 pub mod viewer;
+
+pub use program::main;

@@ -1,0 +1,66 @@
+//! `gantry`: starts, watches and stops a set of processes (`up`), shows what they do (`top`,
+//! `graph`, `topic`), examines the machine (`doctor`) and maps (`map`), makes projects (`new`) and
+//! stands in for a CARLA that other programs start (`carla-root`).
+//!
+//! Every other word runs the program `gantry-WORD` beside this one, as `cargo` and `git` do.
+//! The tool reads topics like any consumer and sends the daemon no commands; it only starts and
+//! stops it.
+
+mod bus;
+mod carla_root;
+mod census;
+mod cli;
+mod doctor;
+mod external;
+mod graph;
+mod map;
+mod new;
+mod programs;
+mod reading;
+mod top;
+mod topic;
+mod up;
+
+use std::process::ExitCode;
+
+use cli::{Args, TopicWord, Word};
+
+/// The program `gantry`, from its arguments to its exit code.
+pub fn main() -> ExitCode {
+    if let Some(called) = carla_root::is_front() {
+        return launch_cli::run_main(|| carla_root::run_front(&called));
+    }
+    launch_cli::run(|args: Args| match &args.word {
+        Word::Up(up) => up::run(up, &args.common),
+        Word::Topic(topic) => {
+            // A screen has no room for log lines.
+            if !matches!(topic.word, TopicWord::Top(_)) {
+                args.common.init_logging();
+            }
+            topic::run(topic, &args.common)
+        }
+        Word::Top(top) => top::run(top, top::Tables::Both, &args.common),
+        Word::Graph(graph) => {
+            args.common.init_logging();
+            graph::run(graph, &args.common)
+        }
+        Word::Doctor(doctor) => {
+            args.common.init_logging();
+            doctor::run(doctor, &args.common)
+        }
+        Word::Map(map) => {
+            args.common.init_logging();
+            map::run(map, &args.common)
+        }
+        Word::New(new) => {
+            args.common.init_logging();
+            new::run(new)
+        }
+        Word::CarlaRoot(root) => {
+            args.common.init_logging();
+            carla_root::run(root)
+        }
+        Word::CarlaServer(server) => carla_root::run_server(server, &args.common),
+        Word::External(words) => external::run(words, &args.common),
+    })
+}
