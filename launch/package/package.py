@@ -29,8 +29,18 @@ else:
 
 ROOT = Path(__file__).resolve().parents[2]
 PYTHON = ROOT / "consumers" / "consumer_python"
-# Programs of a package: what `cargo build --workspace` puts beside each other, without the tests' own.
-PROGRAM = re.compile(r"gantry(-[a-z]+)?|simd")
+# The file with every program in it, by cargo's name (launch/launch_all). Called so, it names them; in a
+# package it is `gantry`, and the other programs are links to it.
+ALL = "launch_all"
+MAIN = "gantry"
+# A wheel can hold no links. What stands there for a program keeps the process and its name; -p: nothing
+# of the user's shell is read.
+SCRIPT = """#!/bin/bash -p
+# This program is in the file gantry beside it, which looks at the name by which it is called.
+own=$0
+if [[ $own != /* || -L $own ]]; then own=$(readlink -f -- "$own"); fi
+exec -a "$own" "${own%/*}/gantry" "$@"
+"""
 # Programs that write into a terminal or read from users: these have completions and a man page.
 SHELLS = {
     "bash": ("bash-completion/completions", "{}"),
@@ -84,24 +94,31 @@ def moment():
         return int((ROOT / "Cargo.lock").stat().st_mtime)
 
 
-def programs(folder):
-    """The programs in `folder`, by name."""
-    found = sorted(p for p in folder.iterdir() if PROGRAM.fullmatch(p.name) and p.is_file() and os.access(p, os.X_OK))
-    names = [p.name for p in found]
-    missing = [name for name in ("gantry", "simd", "gantry-view", "gantry-carla") if name not in names]
-    if missing:
+def built(folder):
+    """The files of `folder` that are packed: all programs, and the Python module."""
+    files = [folder / ALL, folder / "libconsumer_python.so"]
+    if missing := [file.name for file in files if not file.is_file()]:
         raise Failed(f"{folder} lacks {', '.join(missing)}; build with `cargo build --release --workspace` first")
-    return found
+    return files
 
 
 def strip(files, into):
-    """Copies programs without symbols and line tables: a third of the size, no build paths."""
+    """Copies files without symbols and line tables: a third of the size, no build paths."""
     into.mkdir(parents=True)
     for file in files:
         shutil.copyfile(file, into / file.name)
         (into / file.name).chmod(0o755)
     output("strip", "--strip-all", *(str(into / file.name) for file in files))
     return [into / file.name for file in files]
+
+
+def links(everything, names, into):
+    """The programs as they lie in the folder `bin` of a prefix: one file, and links to it."""
+    into.mkdir(parents=True)
+    shutil.copy2(everything, into / MAIN)
+    for name in names:
+        if name != MAIN:
+            (into / name).symlink_to(MAIN)
 
 
 def machine(file):
@@ -136,10 +153,10 @@ def glibc(files):
     return max(max(versions), (2, 35))
 
 
-def pages(stripped, share):
+def pages(programs, share):
     """Completions and man pages, as the programs print them."""
     quiet = {**os.environ, "NO_COLOR": "1"}
-    for program in stripped:
+    for program in programs:
         with tempfile.TemporaryDirectory() as folder:
             output(program, "man", "--into", folder, env=quiet)
             for page in sorted(Path(folder).iterdir()):
@@ -187,12 +204,10 @@ def stable(document, label, when):
     return text.replace(str(ROOT), "gantry").encode() + b"\n"
 
 
-def tree(stripped, into, name, boms):
+def tree(everything, names, into, name, boms):
     """`bin` and `share` as below a prefix of a file system."""
-    for program in stripped:
-        (into / "bin").mkdir(parents=True, exist_ok=True)
-        shutil.copy2(program, into / "bin" / program.name)
-    pages(stripped, into / "share")
+    links(everything, names, into / "bin")
+    pages([into / "bin" / program for program in names], into / "share")
     launch = into / "share" / "gantry" / "launch"
     for file in sorted((ROOT / "launch").glob("*.toml")) + [ROOT / "launch" / "launch.schema.json"]:
         write(launch / file.name, file.read_bytes())
@@ -226,8 +241,8 @@ def tarball(folder, out, prefix, when):
 def deb(folder, out, name, libc, libraries, architecture, when):
     """A Debian package of `folder` below /usr."""
     root = folder.parent / "deb"
-    shutil.copytree(folder, root / "usr")
-    size = sum(path.stat().st_size for path in root.rglob("*") if path.is_file()) // 1024
+    shutil.copytree(folder, root / "usr", symlinks=True)
+    size = sum(path.stat().st_size for path in root.rglob("*") if path.is_file() and not path.is_symlink()) // 1024
     packages = [SYSTEM[library] for library in libraries if SYSTEM[library]]
     depends = ", ".join([f"libc6 (>= {libc[0]}.{libc[1]})", *packages, "libvulkan1"])
     control = f"""Package: {name}
@@ -246,8 +261,9 @@ Description: {SUMMARY}
 """
     write(root / "DEBIAN" / "control", control.encode())
     for path in [root, *sorted(root.rglob("*"))]:
-        path.chmod(0o755 if path.is_dir() or path.parent.name == "bin" else 0o644)
-        os.utime(path, (when, when))
+        if not path.is_symlink():
+            path.chmod(0o755 if path.is_dir() or path.parent.name == "bin" else 0o644)
+        os.utime(path, (when, when), follow_symlinks=False)
     output("dpkg-deb", "--root-owner-group", "-Zxz", "--build", str(root), str(out), env={**os.environ, "SOURCE_DATE_EPOCH": str(when)})
     return out
 
@@ -269,7 +285,7 @@ def metadata():
     return "\n".join(lines) + "\n\n" + (PYTHON / "README.md").read_text()
 
 
-def wheel(stripped, module, out, work, libc, processor, boms, when):
+def wheel(everything, names, module, out, work, libc, processor, boms, when):
     """The Python package, its native module, and the programs as its scripts."""
     root = work / "wheel"
     shutil.copytree(PYTHON / "python" / "gantry", root / "gantry", ignore=shutil.ignore_patterns("__pycache__", "_native*.so"))
@@ -278,8 +294,10 @@ def wheel(stripped, module, out, work, libc, processor, boms, when):
     name = f"gantry_sim-{version()}"
     scripts = root / f"{name}.data" / "scripts"
     scripts.mkdir(parents=True)
-    for program in stripped:
-        shutil.copy2(program, scripts / program.name)
+    shutil.copyfile(everything, scripts / MAIN)
+    for program in names:
+        if program != MAIN:
+            write(scripts / program, SCRIPT.encode())
     tag = f"cp310-abi3-manylinux_{libc[0]}_{libc[1]}_{processor}"
     about = root / f"{name}.dist-info"
     write(about / "METADATA", metadata().encode())
@@ -307,26 +325,24 @@ def main():
     args.out.mkdir(parents=True, exist_ok=True)
     work = args.out / ".work"
     shutil.rmtree(work, ignore_errors=True)
-    module = args.binaries / "libconsumer_python.so"
-    if not module.is_file():
-        raise Failed(f"{args.binaries} lacks {module.name}; build with `cargo build --release --workspace` first")
-    *stripped, module = strip([*programs(args.binaries), module], work / "stripped")
-    libc = glibc([*stripped, module])
-    libraries = needed([*stripped, module])
+    everything, module = strip(built(args.binaries), work / "stripped")
+    names = output(str(everything)).split()
+    libc = glibc([everything, module])
+    libraries = needed([everything, module])
     processor, architecture = machine(module)
     boms = sbom(when)
     name = "gantry-sim"
     made = []
     try:
         if "tar" in wanted or "deb" in wanted:
-            tree(stripped, work / "tree", name, boms)
+            tree(everything, names, work / "tree", name, boms)
         if "tar" in wanted:
             label = f"{name}-{version()}-{processor}-linux"
             made.append(tarball(work / "tree", args.out / f"{label}.tar.gz", label, when))
         if "deb" in wanted:
             made.append(deb(work / "tree", args.out / f"{name}_{version()}_{architecture}.deb", name, libc, libraries, architecture, when))
         if "wheel" in wanted:
-            made.append(wheel(stripped, module, args.out, work, libc, processor, boms, when))
+            made.append(wheel(everything, names, module, args.out, work, libc, processor, boms, when))
     finally:
         shutil.rmtree(work, ignore_errors=True)
     for file in made:

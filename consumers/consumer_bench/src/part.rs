@@ -20,7 +20,7 @@ pub struct Part {
 impl Part {
     /// Starts this program with these arguments, and waits until it is ready.
     pub fn start(args: &[&str]) -> anyhow::Result<Self> {
-        let program = std::env::current_exe().context("cannot find this program's file")?;
+        let program = launch_cli::programs::own().context("cannot find this program's file")?;
         let mut child = Command::new(program)
             .args(args)
             .stdin(Stdio::piped())

@@ -2,8 +2,35 @@
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use anyhow::Context as _;
+
+/// Name of this program where one file holds several of them.
+static NAME: OnceLock<&str> = OnceLock::new();
+
+/// Says which program of a file of several this process is, and has `ps` call it that too, which
+/// else names the file.
+pub fn take_name(name: &'static str) {
+    let _ = NAME.set(name);
+    if let Ok(name) = std::ffi::CString::new(name) {
+        // Nothing depends on what `ps` shows.
+        let _ = nix::sys::prctl::set_name(&name);
+    }
+}
+
+/// The file by which this program is started once more: its own, or, where one file holds several
+/// programs, what lies beside that by this one's name.
+///
+/// # Errors
+/// When the kernel does not say where this program is.
+pub fn own() -> std::io::Result<PathBuf> {
+    let file = std::env::current_exe()?;
+    Ok(match NAME.get() {
+        Some(name) => file.with_file_name(name),
+        None => file,
+    })
+}
 
 /// Whether `program` is one of Gantry's, which understand the common options.
 pub fn is_ours(program: &str) -> bool {

@@ -9,13 +9,15 @@ use test_e2e::venv_program;
 use test_kit::sandbox::{binary_path, repository};
 use test_kit::{Process, Sandbox};
 
+/// Most that a user has to fetch.
+const MOST_BYTES: u64 = 60_000_000;
 /// Far beyond what packing or installing takes on any machine.
 const LIMIT: Duration = Duration::from_secs(900);
 
-/// Packs a wheel of the programs that were built; returns its file.
-fn pack(sandbox: &Sandbox, folder: &str) -> PathBuf {
+/// Packs the programs that were built as this kind of package; returns its file.
+fn pack(sandbox: &Sandbox, kind: &str, folder: &str) -> PathBuf {
     let script = repository().join("launch/package/package.py");
-    let built = binary_path("simd");
+    let built = binary_path("launch_all");
     let built = built.parent().expect("a program is in a folder");
     let out = sandbox.path(folder);
     let words = [
@@ -23,7 +25,7 @@ fn pack(sandbox: &Sandbox, folder: &str) -> PathBuf {
         "--binaries",
         text(built),
         "--only",
-        "wheel",
+        kind,
         "--out",
         text(&out),
     ];
@@ -31,13 +33,21 @@ fn pack(sandbox: &Sandbox, folder: &str) -> PathBuf {
         .spawn_program("package", &venv_program("python"), &words, &[])
         .wait_longer(LIMIT)
         .expect_code(0);
-    let mut wheels = std::fs::read_dir(&out)
+    let mut made = std::fs::read_dir(&out)
         .expect("the folder was made")
-        .map(|entry| entry.expect("readable").path())
-        .filter(|path| path.extension().is_some_and(|e| e == "whl"));
-    let wheel = wheels.next().expect("a wheel");
-    assert!(wheels.next().is_none(), "one wheel");
-    wheel
+        .map(|entry| entry.expect("readable").path());
+    let package = made.next().expect("a package");
+    assert!(made.next().is_none(), "one package");
+    package
+}
+
+/// The program that starts with this file calls itself so.
+fn assert_named(sandbox: &Sandbox, name: &str, file: &Path) {
+    let ended = sandbox
+        .spawn_program("named", file, &["--version"], &[])
+        .wait()
+        .expect_code(0);
+    assert!(ended.says(&format!("{name} ")), "{:?}", ended.lines);
 }
 
 fn text(path: &Path) -> &str {
@@ -118,8 +128,8 @@ fn packages_of(sandbox: &Sandbox) -> String {
 #[test]
 fn one_wheel_holds_everything() {
     let sandbox = Sandbox::new("package");
-    let wheel = pack(&sandbox, "one");
-    let again = pack(&sandbox, "two");
+    let wheel = pack(&sandbox, "wheel", "one");
+    let again = pack(&sandbox, "wheel", "two");
     assert_eq!(wheel.file_name(), again.file_name());
     assert!(
         std::fs::read(&wheel).expect("readable") == std::fs::read(&again).expect("readable"),
@@ -132,6 +142,20 @@ fn one_wheel_holds_everything() {
         .wait()
         .expect_code(0);
     assert!(version.says("commit: "), "{:?}", version.lines);
+    let size = wheel.metadata().expect("a file").len();
+    assert!(size <= MOST_BYTES, "the wheel has {size} bytes");
+
+    // A program that was called by a link from elsewhere, as some installers make, and one that starts
+    // itself again.
+    let link = sandbox.path("viewer");
+    std::os::unix::fs::symlink(installed.bin.join("gantry-view"), &link).expect("a link");
+    assert_named(&sandbox, "gantry-view", &link);
+    let words = ["bench", "latency", "--sizes", "1000", "--readers", "1"];
+    let words = [&words[..], &["--rate", "200", "--count", "50"]].concat();
+    installed
+        .start("gantry", &words)
+        .wait_longer(LIMIT)
+        .expect_code(0);
 
     // The quickstart, whose launch file is inside the program.
     installed
@@ -145,6 +169,8 @@ fn one_wheel_holds_everything() {
     let file = sandbox.write("town.toml", test_e2e::SMALL_RIG);
     let mut daemon = installed.start("simd", &["--launch", text(&file)]);
     daemon.wait_line("ready");
+    let name = std::fs::read_to_string(format!("/proc/{}/comm", daemon.pid()));
+    assert_eq!(name.expect("it runs").trim(), "simd");
     let lines = installed.python(
         "import gantry\nwith gantry.open('ego/front/rgb') as topic:\n frame = next(iter(topic))\n \
          print('at', gantry.__file__, 'shape', frame.image.shape)",
@@ -168,4 +194,34 @@ fn one_wheel_holds_everything() {
     gateway.stop().expect_code(0);
     daemon.stop().expect_code(0);
     assert_eq!(sandbox.leftovers(), Vec::<String>::new());
+}
+
+#[test]
+fn a_tarball_holds_one_file_and_links_to_it() {
+    let sandbox = Sandbox::new("tarball");
+    let file = pack(&sandbox, "tar", "one");
+    let place = sandbox.path("unpacked");
+    std::fs::create_dir(&place).expect("a folder");
+    let words = [
+        "-xf",
+        text(&file),
+        "-C",
+        text(&place),
+        "--strip-components=1",
+    ];
+    sandbox
+        .spawn_program("tar", Path::new("/bin/tar"), &words, &[])
+        .wait_longer(LIMIT)
+        .expect_code(0);
+    let names = std::fs::read_dir(place.join("bin")).expect("a folder");
+    let mut n_links = 0;
+    for path in names.map(|entry| entry.expect("readable").path()) {
+        let name = path.file_name().expect("files have names");
+        let name = name.to_str().expect("names are UTF-8").to_owned();
+        n_links += u32::from(path.is_symlink());
+        assert_named(&sandbox, &name, &path);
+        let page = place.join(format!("share/man/man1/{name}.1.gz"));
+        assert!(page.is_file(), "{}", page.display());
+    }
+    assert!(n_links >= 12, "{n_links} links");
 }

@@ -38,6 +38,9 @@ fn allowed(from: &str, to: &str) -> bool {
         ("consumer_desk", "consumer_view" | "consumer_picture") => true,
         ("consumer_view" | "consumer_record" | "consumer_bridge", "consumer_picture") => true,
         (from, "consumer_kit") => district(from) == "consumer",
+        // All programs in one file, and nothing else.
+        ("launch_all", "gantry" | "simd") => true,
+        ("launch_all", to) => district(to) == "consumer",
         _ => false,
     }
 }
@@ -117,6 +120,23 @@ fn only_one_crate_names_each_engine() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn packages_hold_every_program() {
+    let all = read(&repository().join("launch/launch_all/src/main.rs"));
+    let manifests = manifests().into_values();
+    let bins = manifests.filter_map(|(_, table)| table.get("bin")?.as_array().cloned());
+    let missing: Vec<String> = bins
+        .flatten()
+        .filter_map(|bin| Some(bin.get("name")?.as_str()?.to_owned()))
+        .filter(|name| !all.contains(&format!("(\"{name}\", ")))
+        .collect();
+    assert!(
+        missing.is_empty(),
+        "launch/launch_all/src/main.rs lacks {}",
+        missing.join(", ")
+    );
 }
 
 #[test]

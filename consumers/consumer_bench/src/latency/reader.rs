@@ -202,7 +202,7 @@ impl ReaderProcess {
     pub fn start(python: Option<&Path>, words: &[&str]) -> anyhow::Result<Self> {
         let mut command = match python {
             Some(python) => Command::new(python),
-            None => Command::new(std::env::current_exe().context("cannot find this program")?),
+            None => Command::new(launch_cli::programs::own().context("cannot find this program")?),
         };
         match python {
             Some(_) => command.args(["-c", include_str!("reader.py")]),
