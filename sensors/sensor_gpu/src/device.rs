@@ -6,6 +6,7 @@ mod open;
 mod staging;
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use ash::vk;
 
@@ -125,13 +126,18 @@ impl Gpu {
         waited.map_err(|fault| self.error_of(fault))
     }
 
-    /// Whether a submission is done, without waiting.
-    pub(crate) fn is_done(&self, submission: Option<&wgpu::SubmissionIndex>) -> bool {
-        let now = wgpu::PollType::Wait {
+    /// Whether a submission is done, after waiting for `most` at most. One that a lost device will
+    /// never do counts as done.
+    pub(crate) fn is_done_within(
+        &self,
+        submission: Option<&wgpu::SubmissionIndex>,
+        most: Duration,
+    ) -> bool {
+        let wait = wgpu::PollType::Wait {
             submission_index: submission.cloned(),
-            timeout: Some(std::time::Duration::ZERO),
+            timeout: Some(most),
         };
-        let polled = self.0.health.poll(&self.0.device, now);
+        let polled = self.0.health.poll(&self.0.device, wait);
         !matches!(polled, Err(wgpu::PollError::Timeout))
     }
 

@@ -101,11 +101,12 @@ fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Nex
         let wait_nanos = daemon.pace.wait_nanos(now_nanos);
         clean(daemon, now_nanos, wait_nanos >= CLEANING_NANOS);
         if wait_nanos > 0 {
+            let wait = Duration::from_nanos(wait_nanos).min(LOOK_AROUND);
             if daemon.sensors.is_busy() {
-                daemon.sensors.finish_all()?;
+                // The next tick begins in time, also while this one is still drawn.
+                daemon.sensors.finish_oldest_within(wait)?;
                 return Ok(Next::Look);
             }
-            let wait = Duration::from_nanos(wait_nanos).min(LOOK_AROUND);
             if daemon.ports.commands.is_behind() || daemon.ports.wake.wait(wait)? {
                 commands::serve(daemon);
             }

@@ -9,6 +9,7 @@ mod shot;
 mod views;
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use launch_cli::wrong_usage;
 use schema_bus::{Bus, mono_now};
@@ -457,6 +458,18 @@ impl Sensors {
     /// Whether frames are in flight.
     pub fn is_busy(&self) -> bool {
         !self.in_flight.is_empty()
+    }
+
+    /// Sends the oldest frames in flight once the GPU has drawn them; gives up after waiting for
+    /// `most`, so that the world can go on meanwhile.
+    pub fn finish_oldest_within(&mut self, most: Duration) -> anyhow::Result<()> {
+        let oldest = self.in_flight.oldest();
+        if oldest.is_some_and(|views| views.are_drawn_within(most))
+            && let Some((views, late)) = self.in_flight.pop()
+        {
+            self.finish(views, late)?;
+        }
+        Ok(())
     }
 
     /// Waits for everything in flight and sends it.

@@ -1,6 +1,7 @@
 //! A submission in flight, and its results.
 
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use schema_frames::Modality;
 use sensor_gpu::{CopyOutcome, GpuError, InFlight, Place};
@@ -79,6 +80,12 @@ impl Submission<'_> {
     /// Whether nothing was submitted because there are no readers.
     pub fn is_empty(&self) -> bool {
         self.in_flight.is_none()
+    }
+
+    /// Whether the GPU has done its part, after waiting for `most` at most.
+    pub fn is_drawn_within(&self, most: Duration) -> bool {
+        let in_flight = self.in_flight.as_ref();
+        in_flight.is_none_or(|in_flight| in_flight.is_done_within(most))
     }
 
     /// Waits for the GPU, makes the events, and returns one result per job, in order.

@@ -1,5 +1,7 @@
 //! Submissions in flight, and the outcome of their copies.
 
+use std::time::Duration;
+
 use ash::vk;
 
 use super::item::{Item, Sink};
@@ -149,8 +151,28 @@ impl<'a> InFlight<'a> {
 
     fn poll_awake(&self) {
         let begin = std::time::Instant::now();
-        while begin.elapsed() < AWAKE && !self.gpu.is_done(self.submission.as_ref()) {
+        let is_done = || {
+            self.gpu
+                .is_done_within(self.submission.as_ref(), Duration::ZERO)
+        };
+        while begin.elapsed() < AWAKE && !is_done() {
             std::hint::spin_loop();
+        }
+    }
+
+    /// Whether [`InFlight::wait`] would not wait for the GPU, after waiting here for `most` at
+    /// most. What a lost GPU will never do counts as done, and waiting then tells why.
+    pub fn is_done_within(&self, most: Duration) -> bool {
+        match (&self.beside, self.gpu.copy_queue()) {
+            (
+                Some(Beside {
+                    number,
+                    submitted: Ok(()),
+                    ..
+                }),
+                Some(queue),
+            ) => queue.is_done_within(*number, most),
+            _ => self.gpu.is_done_within(self.submission.as_ref(), most),
         }
     }
 

@@ -9,7 +9,7 @@
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use ash::vk;
 use wgpu::hal::api::Vulkan;
@@ -17,7 +17,7 @@ use wgpu::hal::api::Vulkan;
 use super::family::Family;
 use super::raw_copy::RawCopies;
 use super::room::Room;
-use super::timeline::{AWAKE, Moment, timeline_semaphore, wait_for};
+use super::timeline::{AWAKE, Moment, timeline_semaphore, wait_for, wait_within};
 
 /// The copy queue, its command buffers, and the semaphores it shares with the drawing queue.
 pub(crate) struct CopyQueue {
@@ -261,6 +261,18 @@ impl CopyQueue {
         };
         // SAFETY: the semaphore is of this device and lives as long as `self`.
         unsafe { wait_for(&self.raw, copied) }
+    }
+
+    /// Whether copy `number`, which was submitted, is done, after waiting for `most` at most. A copy
+    /// that a lost device will never do counts as done.
+    pub fn is_done_within(&self, number: u64, most: Duration) -> bool {
+        let copied = Moment {
+            semaphore: self.copied,
+            value: number,
+        };
+        // SAFETY: the semaphore is of this device and lives as long as `self`.
+        let waited = unsafe { wait_within(&self.raw, copied, most) };
+        waited != Err(vk::Result::TIMEOUT)
     }
 
     /// Waits until every copy is done.

@@ -27,19 +27,34 @@ pub(crate) const AWAKE: Duration = Duration::from_micros(500);
 /// # Safety
 /// The semaphore is a timeline of this device, and lives until the call returns.
 pub(crate) unsafe fn wait_for(device: &ash::Device, moment: Moment) -> Result<(), vk::Result> {
-    let (semaphores, values) = ([moment.semaphore], [moment.value]);
-    let info = vk::SemaphoreWaitInfo::default()
-        .semaphores(&semaphores)
-        .values(&values);
-    let slice_nanos = WAIT_SLICE.as_nanos() as u64;
     for _ in 0..N_WAIT_SLICES {
         // SAFETY: the caller promises what the call asks.
-        match unsafe { device.wait_semaphores(&info, slice_nanos) } {
+        match unsafe { wait_within(device, moment, WAIT_SLICE) } {
             Err(vk::Result::TIMEOUT) => {}
             done => return done,
         }
     }
     Err(vk::Result::TIMEOUT)
+}
+
+/// Waits until a timeline has reached a value, at most for `most`.
+///
+/// # Errors
+/// As [`wait_for`].
+///
+/// # Safety
+/// As [`wait_for`].
+pub(crate) unsafe fn wait_within(
+    device: &ash::Device,
+    moment: Moment,
+    most: Duration,
+) -> Result<(), vk::Result> {
+    let (semaphores, values) = ([moment.semaphore], [moment.value]);
+    let info = vk::SemaphoreWaitInfo::default()
+        .semaphores(&semaphores)
+        .values(&values);
+    // SAFETY: the caller promises what the call asks.
+    unsafe { device.wait_semaphores(&info, most.as_nanos() as u64) }
 }
 
 /// A value of a timeline semaphore.

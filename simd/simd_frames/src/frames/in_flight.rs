@@ -35,6 +35,11 @@ impl<T> InFlight<T> {
         self.pending.is_empty()
     }
 
+    /// The oldest work.
+    pub fn oldest(&self) -> Option<&T> {
+        self.pending.front().map(|(_, work)| work)
+    }
+
     /// Removes the oldest work; also says how many ticks late it is.
     pub fn pop(&mut self) -> Option<(T, u32)> {
         let (tick, work) = self.pending.pop_front()?;

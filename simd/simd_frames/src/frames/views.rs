@@ -1,5 +1,7 @@
 //! Frames of cameras: all views of a tick in one submission, sent when the GPU has finished them.
 
+use std::time::Duration;
+
 use anyhow::{Context as _, bail};
 use schema_bus::mono_now;
 use schema_frames::{FrameHeader, Modality};
@@ -33,6 +35,11 @@ impl PendingViews {
     /// Sensors that its frames belong to; one with several modalities comes several times.
     pub fn sensor_idxs(&self) -> impl Iterator<Item = usize> {
         self.frames.iter().map(|frame| frame.sensor_idx)
+    }
+
+    /// Whether the GPU has drawn them, after waiting for `most` at most.
+    pub fn are_drawn_within(&self, most: Duration) -> bool {
+        self.submission.submission().is_drawn_within(most)
     }
 }
 

@@ -68,6 +68,11 @@ impl<S, L> Lent<S, L> {
         Lent { submission, loans }
     }
 
+    /// The submission, which still writes to the loans.
+    pub fn submission(&self) -> &S {
+        &self.submission
+    }
+
     fn finish<R>(
         self,
         wait: impl FnOnce(S) -> Result<R, GpuError>,
