@@ -23,7 +23,7 @@ CARGO = ["cargo", "build", "--release", "--workspace", "--quiet"]
 CHECK = ["cargo", "check", "--release", "--workspace", "--quiet"]
 # A sensor's crate, on which the daemon depends, and a crate on which nothing depends.
 SENSOR = ROOT / "sensors" / "sensor_camera" / "src" / "lib.rs"
-LEAF = ROOT / "consumers" / "consumer_rerun" / "src" / "main.rs"
+LEAF = ROOT / "consumers" / "consumer_rerun" / "src" / "lib.rs"
 # The stages of a first `./gantry up`, and what `./gantry build` adds.
 STAGES = [
     ("the world runs", ["--bin=simd", "--bin=gantry", "--bin=gantry-drive"]),
