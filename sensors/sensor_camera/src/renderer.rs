@@ -253,10 +253,7 @@ impl CameraRenderer {
         let leaders = gpu.time("merge", || leaders(jobs));
         let mut active = self.activate(scene, jobs, &leaders);
         if active.is_empty() {
-            return Submission {
-                in_flight: None,
-                plans: jobs.iter().map(|_| Vec::new()).collect(),
-            };
+            return Submission::new(None, jobs.iter().map(|_| Vec::new()).collect());
         }
         gpu.time("find", || self.make_light(scene));
         let tick = TickScene {
@@ -327,10 +324,10 @@ impl CameraRenderer {
                 None => Vec::new(),
             });
         let plans = plans.collect();
-        Submission {
-            in_flight: Some(gpu.time("copies and submit", || batch.submit(&gpu, encoder))),
+        Submission::new(
+            Some(gpu.time("copies and submit", || batch.submit(&gpu, encoder))),
             plans,
-        }
+        )
     }
 
     /// Which jobs have something to draw, and what.

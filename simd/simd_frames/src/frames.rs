@@ -206,13 +206,22 @@ impl Sensors {
         let due = self.due(tick.scene, carrier);
         let mut waking = Waking::default();
         self.fire_motion(tick, &due, &mut waking);
-        while let Some((views, late)) = self.in_flight.pop_due() {
-            self.finish(views, late)?;
+        let mut later = Vec::new();
+        while let Some((mut views, late)) = self.in_flight.pop_due() {
+            // Other threads make their events while this one records the next images.
+            if views.begin_events() || !later.is_empty() {
+                later.push((views, late));
+            } else {
+                self.finish(views, late)?;
+            }
         }
         let audience = self.options.audience;
         let lidars = lidar::submit(&mut self.sensors, &mut self.rays, tick, &due, audience);
         let renderer = (&self.gpu, &mut self.renderer);
         let views = views::submit(&mut self.sensors, renderer, tick, &due, audience)?;
+        for (views, late) in later {
+            self.finish(views, late)?;
+        }
         self.fire_on_cpu(tick, &due, lidars.is_some(), &mut waking);
         if let Some(lidars) = lidars {
             self.n_lidar_turns += lidar::finish(&mut self.sensors, lidars, &mut waking, audience)?;

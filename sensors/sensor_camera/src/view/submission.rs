@@ -1,5 +1,7 @@
 //! A submission in flight, and its results.
 
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -72,8 +74,55 @@ pub(crate) struct DvsMaps {
 #[derive(Debug)]
 #[must_use = "the bytes are there only after wait()"]
 pub struct Submission<'a> {
-    pub(crate) in_flight: Option<InFlight<'a>>,
-    pub(crate) plans: Vec<Vec<Plan<'a>>>,
+    in_flight: Option<InFlight<'a>>,
+    plans: Vec<Vec<Plan<'a>>>,
+    /// Once [`Submission::begin_events`] has begun them.
+    beside: Option<Result<Making, GpuError>>,
+}
+
+impl<'a> Submission<'a> {
+    pub(crate) fn new(
+        in_flight: Option<InFlight<'a>>,
+        plans: Vec<Vec<Plan<'a>>>,
+    ) -> Submission<'a> {
+        Submission {
+            in_flight,
+            plans,
+            beside: None,
+        }
+    }
+}
+
+/// Results that other threads work on. Dropping it waits for them, because they write to places that
+/// the submission was given.
+#[derive(Debug)]
+struct Making(Receiver<std::thread::Result<Vec<ViewResult>>>);
+
+impl Making {
+    /// Carries plans out on rayon's threads.
+    fn begin(plans: Vec<Vec<Plan<'static>>>, copies: Vec<CopyOutcome>) -> Making {
+        let (sender, receiver) = sync_channel(1);
+        rayon::spawn(move || {
+            // A panic goes on where the results are waited for.
+            let made = catch_unwind(AssertUnwindSafe(|| results(plans, copies)));
+            let _ = sender.send(made);
+        });
+        Making(receiver)
+    }
+
+    fn wait(self) -> Vec<ViewResult> {
+        match self.0.recv() {
+            Ok(Ok(results)) => results,
+            Ok(Err(panic)) => resume_unwind(panic),
+            Err(_) => unreachable!("the other thread sends, even if it panics"),
+        }
+    }
+}
+
+impl Drop for Making {
+    fn drop(&mut self) {
+        let _ = self.0.recv();
+    }
 }
 
 impl Submission<'_> {
@@ -88,29 +137,57 @@ impl Submission<'_> {
         in_flight.is_none_or(|in_flight| in_flight.is_done_within(most))
     }
 
+    /// Whether there are events to be made once the GPU has done its part.
+    pub fn has_events(&self) -> bool {
+        let mut plans = self.plans.iter().flatten();
+        plans.any(|plan| !matches!(plan, Plan::Copied { .. }))
+    }
+
     /// Waits for the GPU, makes the events, and returns one result per job, in order.
     ///
     /// # Errors
     /// The device was lost.
     pub fn wait(self) -> Result<Vec<ViewResult>, GpuError> {
-        let mut copies = match self.in_flight {
-            Some(in_flight) => in_flight.wait()?,
-            None => Vec::new(),
-        };
-        #[expect(
-            unsafe_code,
-            reason = "the GPU has written events; the block carries its proof"
-        )]
-        // SAFETY: the submission was waited for, and without one there are no plans.
-        let mut finish = |plan| unsafe { finish_output(plan, &mut copies) };
-        Ok(self
-            .plans
-            .into_iter()
-            .map(|plans| ViewResult {
-                outputs: plans.into_iter().map(&mut finish).collect(),
-            })
-            .collect())
+        match self.beside {
+            Some(beside) => beside.map(Making::wait),
+            None => Ok(results(self.plans, waited(self.in_flight)?)),
+        }
     }
+}
+
+impl Submission<'static> {
+    /// Waits for the GPU and lets other threads make the events, so that the next images can be
+    /// recorded meanwhile. [`Submission::wait`] waits for them, and so does dropping this.
+    pub fn begin_events(&mut self) {
+        if self.beside.is_none() && self.has_events() {
+            let copies = waited(self.in_flight.take());
+            let plans = std::mem::take(&mut self.plans);
+            self.beside = Some(copies.map(|copies| Making::begin(plans, copies)));
+        }
+    }
+}
+
+/// What the GPU brought.
+fn waited(in_flight: Option<InFlight<'_>>) -> Result<Vec<CopyOutcome>, GpuError> {
+    in_flight.map_or(Ok(Vec::new()), InFlight::wait)
+}
+
+/// Carries all plans out. The copies are those of the submission that the plans belong to, which is
+/// done.
+fn results(plans: Vec<Vec<Plan<'_>>>, mut copies: Vec<CopyOutcome>) -> Vec<ViewResult> {
+    #[expect(
+        unsafe_code,
+        reason = "the GPU has written events; the block carries its proof"
+    )]
+    // SAFETY: whoever has the copies has waited for the submission, and without one there are no
+    // plans.
+    let mut finish = |plan| unsafe { finish_output(plan, &mut copies) };
+    plans
+        .into_iter()
+        .map(|plans| ViewResult {
+            outputs: plans.into_iter().map(&mut finish).collect(),
+        })
+        .collect()
 }
 
 /// Carries out a plan.

@@ -39,7 +39,17 @@ impl PendingViews {
 
     /// Whether the GPU has drawn them, after waiting for `most` at most.
     pub fn are_drawn_within(&self, most: Duration) -> bool {
-        self.submission.submission().is_drawn_within(most)
+        self.submission.is_drawn_within(most)
+    }
+
+    /// If there are events to be made, waits for the GPU and lets other threads make them.
+    pub fn begin_events(&mut self) -> bool {
+        let has_events = self.submission.has_events();
+        if has_events {
+            let _span = stages::READBACK.span();
+            self.submission.begin_events();
+        }
+        has_events
     }
 }
 

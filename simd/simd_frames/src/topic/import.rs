@@ -6,8 +6,10 @@
 )]
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use schema_bus::{DeviceLoan, FrameLoan, FramePublisher, Segment};
+use sensor_camera::Submission;
 use sensor_gpu::{Gpu, GpuError, Place, ShmTarget};
 
 /// How the GPU's frames get into shared memory.
@@ -68,17 +70,30 @@ impl<S, L> Lent<S, L> {
         Lent { submission, loans }
     }
 
-    /// The submission, which still writes to the loans.
-    pub fn submission(&self) -> &S {
-        &self.submission
-    }
-
     fn finish<R>(
         self,
         wait: impl FnOnce(S) -> Result<R, GpuError>,
     ) -> Result<(R, Vec<L>), GpuError> {
         let Lent { submission, loans } = self;
         Ok((wait(submission)?, loans))
+    }
+}
+
+// Nobody gets the submission itself: taken out, it could outlive its loans.
+impl<L> Lent<Submission<'static>, L> {
+    /// As [`Submission::is_drawn_within`].
+    pub fn is_drawn_within(&self, most: Duration) -> bool {
+        self.submission.is_drawn_within(most)
+    }
+
+    /// As [`Submission::has_events`].
+    pub fn has_events(&self) -> bool {
+        self.submission.has_events()
+    }
+
+    /// As [`Submission::begin_events`].
+    pub fn begin_events(&mut self) {
+        self.submission.begin_events();
     }
 }
 
