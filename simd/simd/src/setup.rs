@@ -23,6 +23,7 @@ use crate::player::{Act, Player};
 use crate::ports::Ports;
 use crate::settings::Settings;
 use crate::spectator;
+use crate::workers::Workers;
 use simd_frames::frames::Sensors;
 use simd_frames::sensor::{
     NoiseStream, OpenContext, Role, Sensor, SensorIdentity, schedule_of, shared_rig,
@@ -42,21 +43,29 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     };
     let launch = &settings.launch;
     check_memory(launch, settings.frames_in_flight)?;
-    let gpu = Gpu::open(&settings.gpu)?;
-    let quality = settings
-        .quality
-        .unwrap_or_else(|| Quality::default_for(&gpu));
-    tracing::info!(
-        adapter = gpu.name(),
-        ?quality,
-        import = gpu.can_import() && settings.transfer == Transfer::Imported,
-        "rendering"
-    );
-    let frames = settings.frame_options(&gpu)?;
-    let mut renderer = CameraRenderer::new(&gpu, quality);
-    if let Some(most_bytes) = settings.gpu_memory_bytes {
-        renderer.limit_target_bytes(most_bytes);
+    let gpu = settings.gpu.as_ref().map(Gpu::open).transpose()?;
+    let quality = match (settings.quality, &gpu) {
+        (Some(quality), _) => quality,
+        (None, Some(gpu)) => Quality::default_for(gpu),
+        (None, None) => Quality::Low,
+    };
+    match &gpu {
+        Some(gpu) => tracing::info!(
+            adapter = gpu.name(),
+            ?quality,
+            import = gpu.can_import() && settings.transfer == Transfer::Imported,
+            "rendering"
+        ),
+        None => tracing::info!("no GPU is opened; render workers make the images"),
     }
+    let frames = settings.frame_options(gpu.as_ref())?;
+    let drawing = gpu.clone().map(|gpu| {
+        let mut renderer = CameraRenderer::new(&gpu, quality);
+        if let Some(most_bytes) = settings.gpu_memory_bytes {
+            renderer.limit_target_bytes(most_bytes);
+        }
+        (gpu, renderer)
+    });
     let period_nanos = launch.scenario.period_nanos();
     let mut world = World::new(WorldOptions {
         seed: launch.scenario.seed,
@@ -69,7 +78,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         .map(|file| Player::open(file, settings.journal_until_nanos))
         .transpose()?;
     if let Some(player) = &mut player {
-        warn_of_differences(player, gpu.name());
+        warn_of_differences(player, adapter_of(gpu.as_ref()));
         for act in player.first_files()? {
             if let Act::File {
                 name, title, bytes, ..
@@ -88,14 +97,15 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     let episode = episode::begin(&mut world, launch, &map, id)?;
     let context = OpenContext {
         bus: &bus,
-        gpu: &gpu,
+        gpu: gpu.as_ref(),
         frames: &frames,
         memory: MemoryLife::Lasting,
-        launch,
+        limits: &|topic| launch.limits_of(topic),
         seed: launch.scenario.seed,
         tick: Tick(0),
         period_nanos,
         is_told: player.is_some(),
+        cameras_are_away: settings.run.n_awaited_workers > 0,
     };
     let mut sensors = open_sensors(
         &context,
@@ -106,14 +116,14 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     )?;
     // It has the least actor id, and sensors are in the order of theirs.
     sensors.insert(0, spectator::open(&context, &mut world, launch)?);
-    let mut sensors = Sensors::new(gpu, renderer, sensors, frames);
+    let mut sensors = Sensors::new(drawing, sensors, frames);
     sensors.check_fit()?;
     sensors.load(&episode.assets)?;
     let head = journal::head(&journal::Surroundings {
         settings: &settings,
         epoch: episode.stamp.epoch,
         map: (&map.data.name, &map.data.open_drive),
-        adapter: sensors.gpu().name(),
+        adapter: adapter_of(sensors.gpu()),
         quality,
         lidars_on: sensors.options().lidars_on,
     });
@@ -123,6 +133,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         journal.note_file(JournalFile::Map, name, title, text.as_bytes());
         journal.end_round(0);
     }
+    let workers = Workers::open(&bus, episode.stamp.epoch)?;
     let ports = Ports::open(&bus)?;
     let now = mono_now().0;
     let mut daemon = Daemon {
@@ -142,6 +153,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         player,
         settings,
         sensors,
+        workers,
         ports,
         _claim: claim,
         bus,
@@ -229,6 +241,11 @@ fn open_sensors(
     }
     sensors.sort_by_key(|sensor| sensor.actor);
     Ok(sensors)
+}
+
+/// Name of the GPU that this process renders on.
+pub fn adapter_of(gpu: Option<&Gpu>) -> &str {
+    gpu.map_or("none", Gpu::name)
 }
 
 /// Says what may make the bytes of a run differ from those of its journal.

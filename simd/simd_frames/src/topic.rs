@@ -58,6 +58,8 @@ pub struct TopicSpec {
     pub remembers: bool,
     /// Whether a journal tells when its frames are made; at first they are not.
     pub is_told: bool,
+    /// Whether another process writes its frames.
+    pub is_away: bool,
 }
 
 /// One topic.
@@ -71,10 +73,13 @@ pub struct Topic {
     /// Event of the topic's own name, so that its readers wait for no other frame of the rig.
     wake: Notifier,
     memory: TopicMemory,
+    limits: TopicLimits,
     /// Of a topic whose frames depend on whether the one before was made.
     made: Option<Made>,
     /// What the journal that is run again says about that.
     told: Option<bool>,
+    /// Whether the frame of this firing is asked for, if another process decides that.
+    asked: Option<bool>,
 }
 
 /// What became of a topic's frames.
@@ -103,7 +108,7 @@ impl Topic {
     /// Opens a topic's services, and its memory if that lasts.
     pub fn open(
         bus: &Bus,
-        gpu: &Gpu,
+        gpu: Option<&Gpu>,
         spec: TopicSpec,
         options: &FrameOptions,
         life: MemoryLife,
@@ -115,6 +120,7 @@ impl Topic {
             limits,
             remembers,
             is_told,
+            is_away,
         } = spec;
         let plan = MemoryPlan {
             modality,
@@ -124,6 +130,7 @@ impl Topic {
             transfer: options.transfer,
             writer: Writer::of(modality, options.lidars_on),
             life,
+            is_away,
         };
         let memory = TopicMemory::open(bus, gpu, &name, &plan)?;
         let wake = bus.notifier(&name)?;
@@ -133,8 +140,10 @@ impl Topic {
             counts: FrameCounts::default(),
             wake,
             memory,
+            limits,
             made: remembers.then(Made::default),
             told: (remembers && is_told).then_some(false),
+            asked: None,
         })
     }
 
@@ -153,7 +162,51 @@ impl Topic {
 
     /// Whether its frames are made.
     pub fn is_read(&self, audience: Audience) -> bool {
+        if let Some(asked) = self.asked {
+            return asked;
+        }
         self.told != Some(false) && (audience == Audience::Hash || self.n_readers() > 0)
+    }
+
+    /// Whether the frame of this firing is made, as the process decides that owns the world.
+    pub fn ask(&mut self, is_made: bool) {
+        self.asked = Some(is_made);
+    }
+
+    /// Readers decide again.
+    pub fn ask_no_more(&mut self) {
+        self.asked = None;
+    }
+
+    /// Whether the frame of this firing is to be made by the process that writes the topic; notes
+    /// the answer as that of a frame which is made here.
+    pub fn ask_away(&mut self, audience: Audience) -> bool {
+        let is_made = self.is_read(audience);
+        if let Some(made) = &mut self.made {
+            made.is_made = is_made;
+        }
+        is_made
+    }
+
+    /// Another process writes the frames from now on. No frame may be in flight.
+    pub fn leave(&mut self, bus: &Bus, gpu: Option<&Gpu>) {
+        if let Err(error) = self.memory.leave(bus, gpu, &self.name) {
+            tracing::warn!(
+                topic = self.name,
+                error = format!("{error:#}"),
+                "a topic could not be handed over"
+            );
+        }
+    }
+
+    /// The frames are written here again.
+    pub fn come_back(&mut self) {
+        self.memory.come_back();
+    }
+
+    /// Limits and life of its memory, for whoever writes the frames.
+    pub fn plan(&self) -> (TopicLimits, MemoryLife) {
+        (self.limits, self.memory.life())
     }
 
     /// Follows what a journal says about its frames; `None` follows readers again.
@@ -257,7 +310,7 @@ impl Topic {
 
     /// Opens the memory for the first reader, gives it back after the last, or makes it larger.
     /// No frame may be in flight.
-    pub fn settle(&mut self, bus: &Bus, gpu: &Gpu) {
+    pub fn settle(&mut self, bus: &Bus, gpu: Option<&Gpu>) {
         if let Err(error) = self.memory.settle(bus, gpu, &self.name)
             && self.memory.refuse(mono_now().0)
         {
@@ -270,7 +323,7 @@ impl Topic {
     }
 
     /// Gives everything back, memory last. No frame may be in flight.
-    pub fn close(self, gpu: &Gpu) {
+    pub fn close(self, gpu: Option<&Gpu>) {
         self.memory.close(gpu);
     }
 }
