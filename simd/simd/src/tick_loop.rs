@@ -403,11 +403,11 @@ fn look_after_clients(daemon: &mut Daemon) {
 
 /// The daemon's last line.
 fn report(daemon: &Daemon) {
-    let counts = daemon.sensors.counts();
+    let (counts, of_workers) = (daemon.sensors.counts(), daemon.workers.totals());
     tracing::info!(
         ticks = daemon.tick.0,
-        frames = counts.n_sent,
-        dropped = counts.n_dropped,
+        frames = counts.n_sent + of_workers.n_sent,
+        dropped = counts.n_dropped + of_workers.n_dropped,
         late_ticks = daemon.pace.n_late(),
         "stopped after {:.1} s of simulated time",
         daemon.now().as_secs()

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use nix::sys::signal::Signal;
 use schema_bus::{Bus, CommandClient, FrameReader};
 use schema_frames::{Command, CommandReply, FrameHeader};
+use schema_types::Pose;
 use test_e2e::{
     SMALL_RIG, SMALL_RIG_TOPICS, ask, assert_nothing_left, counter, join_bus, reader,
     spawn_consumer, start_daemon,
@@ -415,6 +416,65 @@ fn without_gpu_and_worker_only_cameras_are_without_frames() {
         .iter()
         .filter(|line| line.contains("the cameras have no frames"));
     assert_eq!(n_said.count(), 1);
+    assert_nothing_left(&sandbox);
+}
+
+/// Without a GPU in the simulator the spectator is a worker's too, also while the world stands still.
+#[test]
+fn a_worker_renders_the_spectator_and_what_is_spawned() {
+    let sandbox = Sandbox::new("w-look");
+    let daemon = start_daemon(&sandbox, &stepped(), &["--no-gpu", "--await-workers", "1"]);
+    let one = worker(&sandbox, "one");
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let mut spectator = reader(&bus, "spectator/rgb");
+    cue(&mut client, 1);
+    let frame = eventually("the spectator", || spectator.next().unwrap());
+    let (seq, actor_id) = (frame.header().seq, frame.header().sensor_id);
+    drop(frame);
+    let pose = Pose::from_xyz_yaw(3.0, 4.0, 30.0, 0.5);
+    let moved = Command::SetPose {
+        actor_id,
+        pose: pose.into(),
+    };
+    assert_eq!(ask(&mut client, moved), CommandReply::Done);
+    let frame = eventually("the spectator once more", || spectator.next().unwrap());
+    assert_eq!((frame.header().tick, frame.header().seq), (1, seq + 1));
+    // A request's long numbers may be read to within a rounding.
+    let at_m = frame.header().world_from_sensor.translation_m;
+    assert_eq!(at_m, pose.translation_m);
+    drop(frame);
+
+    let wish = Command::SpawnSensor {
+        type_id: "sensor.camera.depth".into(),
+        pose: Pose::from_xyz_yaw(0.0, 0.0, 5.0, 0.0).into(),
+        parent_id: None,
+        attachment: Default::default(),
+        interval_nanos: 0,
+        spec: serde_json::from_str(
+            r#"{"kind":"camera","width_px":64,"height_px":48,"modalities":["depth"]}"#,
+        )
+        .unwrap(),
+        attributes: Default::default(),
+    };
+    let CommandReply::Spawned { actor_id, topics } = ask(&mut client, wish) else {
+        panic!("a camera is refused")
+    };
+    let mut depth = reader(&bus, &topics[0]);
+    for n in 1..=3 {
+        let tick = cue(&mut client, 1);
+        let frame = eventually("the spawned camera", || depth.next().unwrap());
+        assert_eq!((frame.header().tick, frame.header().seq), (tick, n));
+    }
+    assert_eq!(
+        ask(&mut client, Command::Destroy { actor_id }),
+        CommandReply::Done
+    );
+    cue(&mut client, 1);
+    assert!(depth.next().unwrap().is_none());
+    drop((depth, spectator, client, bus));
+    one.stop().expect_code(0);
+    daemon.stop().expect_code(0);
     assert_nothing_left(&sandbox);
 }
 
