@@ -118,7 +118,10 @@ mod tests {
             ..own
         };
         assert!(!later.goes_on());
-        let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+        let mut child = std::process::Command::new("sleep")
+            .arg("60")
+            .spawn()
+            .unwrap();
         let life = of(child.id()).life().unwrap();
         assert!(life.goes_on());
         child.kill().unwrap();
