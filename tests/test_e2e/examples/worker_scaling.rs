@@ -70,6 +70,8 @@ struct Reading<'a> {
 
 impl<'a> Reading<'a> {
     fn begin(bus: &'a Bus, client: &mut CommandClient, topics: &[String], lockstep: bool) -> Self {
+        // Before it joins: the first tick may begin with that, and its frames are waited for.
+        let readers = topics.iter().map(|topic| reader(bus, topic)).collect();
         let participant = lockstep.then(|| {
             let acks = bus.ack_writer("reader").expect("there is room");
             let name = "reader".into();
@@ -81,7 +83,7 @@ impl<'a> Reading<'a> {
             (participant, acks)
         });
         Reading {
-            readers: topics.iter().map(|topic| reader(bus, topic)).collect(),
+            readers,
             bus,
             participant,
             tick: 0,
