@@ -70,6 +70,9 @@ mod reader;
 mod reserve;
 mod segment;
 
+// Sensor frames that stay on a GPU.
+mod gpu;
+
 // Results of users' programs.
 mod result_reader;
 mod result_service;
@@ -99,6 +102,9 @@ pub use document::{Document, DocumentPublisher, DocumentReader};
 pub use error::{BusError, LoanError};
 pub use event::{Listener, Notifier, Token, WaitSet};
 pub use frame::{DeviceLoan, FrameLoan, FramePublisher, FrameService};
+pub use gpu::{
+    GpuDevice, GpuFrame, GpuFrameReader, GpuMemory, GpuOffer, GpuServer, GpuTopic, SharedMemory,
+};
 pub use intake::ReaderCounts;
 pub use introspect::{Exchange, Port, ServicePorts};
 pub use lockstep::{AckFault, Gate, Participant};
@@ -116,5 +122,5 @@ pub use result_writer::{Answerable, Answered, ResultLoan, ResultPublisher};
 pub use segment::Segment;
 pub use shortage::MAX_MISSING_STRETCHES;
 pub use snapshot::{Snapshot, SnapshotPublisher, SnapshotReader};
-pub use topics::{TopicDetails, TopicKind};
+pub use topics::{GpuSide, TopicDetails, TopicKind};
 pub use watch::{Newest, Watch};

@@ -4,6 +4,7 @@
 use ash::vk;
 use wgpu::hal::api::Vulkan;
 
+use crate::memory::can_export;
 use crate::queue::{CopyPath, Family, MAX_QUEUES, family_for};
 
 /// What the driver says about importing.
@@ -33,6 +34,8 @@ pub(crate) struct Opened {
     pub caps: Option<ImportCaps>,
     /// Family of the second queue, if there is one.
     pub copying: Option<Family>,
+    /// Whether memory of the device can be exported.
+    pub can_export: bool,
 }
 
 /// Opens `adapter` with the import extension and a queue for copies, if it has them.
@@ -101,6 +104,7 @@ pub(crate) fn open_device(adapter: &wgpu::Adapter, copies: CopyPath) -> Result<O
         )
     }
     .map_err(|error| error.to_string())?;
+    let can_export = can_export(&hal_adapter);
     drop(hal_adapter);
     // SAFETY: `open` was made from this adapter with the same features and limits as in
     // `descriptor`.
@@ -114,5 +118,6 @@ pub(crate) fn open_device(adapter: &wgpu::Adapter, copies: CopyPath) -> Result<O
         queue,
         caps,
         copying,
+        can_export,
     })
 }
