@@ -72,6 +72,7 @@ pub fn open(
     };
     let context = OpenContext {
         memory: MemoryLife::WhileRoom,
+        server: None,
         is_told: false,
         ..*context
     };

@@ -1,7 +1,7 @@
 //! The reading end: frames that say where on a GPU their payloads are, and the memory they are in.
 
 use std::os::fd::{AsFd as _, OwnedFd};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use schema_frames::{
     FrameError, FrameHeader, GPU_MAGIC, GpuAnswer, GpuAsk, GpuPlace, Modality, SCHEMA_VERSION,
@@ -170,7 +170,7 @@ impl Admission for Frames {
             topic: self.topic.clone(),
             taken: mono_now(),
             header,
-            _sample: sample,
+            _sample: Mutex::new(sample),
         };
         Ok((frame, header.epoch, header.seq))
     }
@@ -250,8 +250,8 @@ impl GpuFrameReader {
 /// GPU work that reads it drops it after that work is done.
 #[derive(Debug)]
 pub struct GpuFrame {
-    /// Kept: it is what protects the slot.
-    _sample: Received<FrameHeader>,
+    /// Kept: it is what protects the slot. Nobody locks it; threads may share the frame so.
+    _sample: Mutex<Received<FrameHeader>>,
     header: FrameHeader,
     place: GpuPlace,
     items: Vec<FrameHeader>,

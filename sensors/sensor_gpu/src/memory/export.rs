@@ -76,6 +76,42 @@ pub(crate) fn can_export(hal: &wgpu::hal::vulkan::Adapter) -> bool {
     features.contains(vk::ExternalMemoryFeatureFlags::EXPORTABLE)
 }
 
+impl Gpu {
+    /// Memory of the device that is free, bytes: as its driver says, or else all that it has.
+    pub fn free_memory_bytes(&self) -> u64 {
+        // SAFETY: the guard only lends the device for the calls below.
+        let Some(hal) = (unsafe { self.device().as_hal::<Vulkan>() }) else {
+            return 0;
+        };
+        let (instance, physical) = (
+            hal.shared_instance().raw_instance(),
+            hal.raw_physical_device(),
+        );
+        // SAFETY: instance and physical device belong together and live.
+        let has_budget = unsafe { instance.enumerate_device_extension_properties(physical) }
+            .unwrap_or_default()
+            .iter()
+            .any(|known| known.extension_name_as_c_str() == Ok(ash::ext::memory_budget::NAME));
+        let mut budget = vk::PhysicalDeviceMemoryBudgetPropertiesEXT::default();
+        let mut memory = vk::PhysicalDeviceMemoryProperties2::default();
+        if has_budget {
+            memory = memory.push_next(&mut budget);
+        }
+        // SAFETY: as above; the chained struct is only there if its extension is.
+        unsafe { instance.get_physical_device_memory_properties2(physical, &mut memory) };
+        let memory = memory.memory_properties;
+        let heaps = memory.memory_heaps[..memory.memory_heap_count as usize].iter();
+        let local = heaps
+            .enumerate()
+            .filter(|(_, heap)| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
+        let free = local.map(|(i, heap)| match has_budget {
+            true => budget.heap_budget[i].saturating_sub(budget.heap_usage[i]),
+            false => heap.size,
+        });
+        free.max().unwrap_or(0)
+    }
+}
+
 fn usage() -> vk::BufferUsageFlags {
     vk::BufferUsageFlags::TRANSFER_DST
         | vk::BufferUsageFlags::TRANSFER_SRC

@@ -13,6 +13,9 @@ use std::sync::Arc;
 
 use sensor_gpu::{CopyBatch, CopyPath, Gpu, GpuOptions, Place, ShmTarget};
 
+/// Where Mesa's software adapter begins exported memory in its file: behind a header of its own.
+const MESA_BEGIN: u64 = 4096;
+
 fn gpu(copies: CopyPath) -> Gpu {
     let options = GpuOptions {
         copies,
@@ -32,7 +35,9 @@ fn what_is_copied_and_uploaded_is_what_the_descriptor_shows() {
         let size_px = [13, 7];
         let usage = wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST;
         let texture = gpu.texture("seven", size_px, 1, wgpu::TextureFormat::R32Uint, usage);
-        let texels: Vec<u32> = (0..13 * 7).map(|i| i * 2_654_435_761).collect();
+        let texels: Vec<u32> = (0..13 * 7)
+            .map(|i: u32| i.wrapping_mul(2_654_435_761))
+            .collect();
         let extent = texture.size();
         let layout = wgpu::TexelCopyBufferLayout {
             offset: 0,
@@ -56,7 +61,7 @@ fn what_is_copied_and_uploaded_is_what_the_descriptor_shows() {
             let file = File::from(exported.descriptor.try_clone().unwrap());
             let shown = |at: u64, n: usize| {
                 let mut bytes = vec![0xff; n];
-                file.read_exact_at(&mut bytes, at).unwrap();
+                file.read_exact_at(&mut bytes, MESA_BEGIN + at).unwrap();
                 bytes
             };
             assert_eq!(shown(4096, bytes.len()), bytes, "{copies:?}");
