@@ -386,17 +386,6 @@ impl FrameOnGpu {
             .map_or_else(|about| &about.header, GpuFrame::header)
     }
 
-    /// Headers of a batch's images; empty for a single payload.
-    pub fn items(&self) -> &[FrameHeader] {
-        self.slot().map_or(&[], GpuFrame::items)
-    }
-
-    /// Bytes from one image of a batch to the next; 0 for a single payload.
-    pub fn item_stride_bytes(&self) -> u64 {
-        self.slot()
-            .map_or(0, |frame| frame.place().item_stride_bytes)
-    }
-
     /// The modality of the payload.
     pub fn modality(&self) -> Modality {
         self.slot()

@@ -97,9 +97,6 @@ pub fn shape(frame: &FrameOnGpu) -> (Vec<i64>, Vec<i64>) {
         sizes.push(size);
         strides.push(by_bytes / bytes);
     };
-    if !frame.items().is_empty() {
-        and(frame.items().len() as i64, frame.item_stride_bytes() as i64);
-    }
     let is_image = frame.modality().is_image();
     if is_image {
         and(i64::from(header.height), i64::from(header.row_stride));

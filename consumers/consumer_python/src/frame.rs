@@ -349,13 +349,6 @@ impl Sample {
         Ok(Some(PyBytes::new(py, &bytes)))
     }
 
-    /// Headers of a batch's images, 256 bytes each; empty for a single payload.
-    fn item_headers<'py>(&self, py: Python<'py>) -> Vec<Bound<'py, PyBytes>> {
-        let items = self.on_gpu().map_or(&[][..], |frame| frame.items());
-        let bytes = |header| PyBytes::new(py, bytemuck::bytes_of(header));
-        items.iter().map(bytes).collect()
-    }
-
     /// A copy of the header's 256 bytes.
     fn header_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
         PyBytes::new(py, bytemuck::bytes_of(&self.facts().header))

@@ -310,15 +310,11 @@ impl FrameLoan {
         unsafe { std::slice::from_raw_parts_mut(payload.as_mut_ptr().cast::<u8>(), payload.len()) }
     }
 
-    /// Makes it a frame whose payload is at `place` on a GPU, with this header; of a batch with the
-    /// headers of its images.
+    /// Makes it a frame whose payload is at `place` on a GPU, with this header.
     ///
-    /// Panics if the loan is too short for them.
-    pub fn put_on_gpu(&mut self, header: &FrameHeader, place: &GpuPlace, items: &[FrameHeader]) {
-        let (front, behind) = self.payload_mut().split_at_mut(GPU_PLACE_BYTES);
-        front.copy_from_slice(bytemuck::bytes_of(place));
-        let items: &[u8] = bytemuck::cast_slice(items);
-        behind[..items.len()].copy_from_slice(items);
+    /// Panics if the loan is too short for the place.
+    pub fn put_on_gpu(&mut self, header: &FrameHeader, place: &GpuPlace) {
+        self.payload_mut()[..GPU_PLACE_BYTES].copy_from_slice(bytemuck::bytes_of(place));
         *self.header_mut() = FrameHeader {
             payload_place: FrameHeader::ON_GPU,
             ..*header

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::header::{FrameError, FrameHeader};
 
-/// Bytes of every sample whose payload is on the GPU; headers of a batch's images follow them.
+/// Bytes of every sample whose payload is on the GPU.
 pub const GPU_PLACE_BYTES: usize = size_of::<GpuPlace>();
 
 /// A frame's place in memory of a GPU: what a sample holds instead of the payload. 64 bytes,
@@ -22,21 +22,14 @@ pub struct GpuPlace {
     pub memory_bytes: u64,
     /// Bytes from the payload's beginning that belong to the frame.
     pub capacity_bytes: u64,
-    /// Bytes from one image of a batch to the next; 0 for a single payload.
-    pub item_stride_bytes: u64,
     /// Process id of the writer, for people.
     pub pid: u32,
     /// Number of the slot, the same as that of the sample in its segment.
     pub slot: u32,
-    /// Images of a batch, whose headers follow; 0 for a single payload.
-    pub n_items: u32,
     /// Zero.
-    pub reserved: u32,
+    pub reserved: [u8; 16],
 }
 const _: () = assert!(size_of::<GpuPlace>() == 64 && align_of::<GpuPlace>() == 8);
-
-/// Most images of a batch.
-pub const MAX_BATCH: u32 = 64;
 
 impl GpuPlace {
     /// Reads the place from a sample whose header says that there is one.
@@ -58,32 +51,7 @@ impl GpuPlace {
         if header.payload_bytes > place.capacity_bytes {
             return broken("its payload is longer than its slot");
         }
-        let n_items = u64::from(place.n_items);
-        if place.n_items > MAX_BATCH
-            || sample.len() < GPU_PLACE_BYTES + place.n_items as usize * size_of::<FrameHeader>()
-        {
-            return broken("its sample does not hold the headers of its images");
-        }
-        let image = u64::from(header.row_stride).checked_mul(u64::from(header.height));
-        if n_items > 0
-            && (image.is_none_or(|image| image > place.item_stride_bytes)
-                || place
-                    .item_stride_bytes
-                    .checked_mul(n_items)
-                    .is_none_or(|all| all > header.payload_bytes))
-        {
-            return broken("its images do not fit its payload");
-        }
         Ok(place)
-    }
-
-    /// The headers of a batch's images, from a sample that [`GpuPlace::read`] accepted.
-    pub fn item_headers(&self, sample: &[u8]) -> Vec<FrameHeader> {
-        let headers = sample[GPU_PLACE_BYTES..].chunks_exact(size_of::<FrameHeader>());
-        headers
-            .take(self.n_items as usize)
-            .map(bytemuck::pod_read_unaligned)
-            .collect()
     }
 }
 
@@ -122,23 +90,8 @@ mod tests {
         assert!(broken(|_, place| place.generation = 0).contains("no memory"));
         assert!(broken(|_, place| place.offset_bytes = u64::MAX).contains("leaves"));
         assert!(broken(|_, place| place.capacity_bytes = 64).contains("longer"));
-        assert!(broken(|_, place| place.n_items = 1).contains("headers"));
         assert!(broken(|header, _| header.payload_place = 0).contains("place 0"));
         assert!(GpuPlace::read(&header, &[0; 63]).is_err());
-    }
-
-    #[test]
-    fn a_batch_has_a_header_per_image() {
-        let (mut header, mut place) = frame();
-        (place.n_items, place.item_stride_bytes) = (2, 128);
-        header.payload_bytes = 256;
-        let mut sample = bytemuck::bytes_of(&place).to_vec();
-        sample.extend(bytemuck::bytes_of(&header));
-        sample.extend(bytemuck::bytes_of(&header));
-        let read = GpuPlace::read(&header, &sample).unwrap();
-        assert_eq!(read.item_headers(&sample), [header, header]);
-        header.payload_bytes = 255;
-        assert!(GpuPlace::read(&header, &sample).is_err());
     }
 
     #[test]

@@ -76,8 +76,7 @@ layouts! {
         payload_place: u32, lens: [f32; 4], reserved1: [u8; 12],
     }
     GpuPlace {
-        producer: u64, generation: u64, offset_bytes: u64, memory_bytes: u64, capacity_bytes: u64, item_stride_bytes: u64, pid: u32, slot: u32,
-        n_items: u32, reserved: u32,
+        producer: u64, generation: u64, offset_bytes: u64, memory_bytes: u64, capacity_bytes: u64, pid: u32, slot: u32, reserved: [u8; 16],
     }
     GpuAsk { magic: u32, schema_version: u16, what: u16, generation: u64, topic: [u8; 240] }
     GpuAnswer {

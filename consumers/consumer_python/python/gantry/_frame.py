@@ -140,18 +140,7 @@ class Frame(native.Sample):
         data = self.device_bytes()
         if data is None:
             return self.array.copy()
-        header = self.header_bytes()
-        items = self.item_headers()
-        if not items:
-            return sample_array(header, data).copy()
-        step = len(data) // len(items)
-        parts = [sample_array(item, data[i * step : (i + 1) * step]) for i, item in enumerate(items)]
-        return np.stack(parts)
-
-    @property
-    def items(self) -> list[Header]:
-        """Headers of the images of a batch on a GPU, in the order of its tensor; empty otherwise."""
-        return [Header.from_bytes(item) for item in self.item_headers()]
+        return _array_of(self.header_bytes(), data).copy()
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         array = self.array
@@ -232,7 +221,7 @@ def _png(rgb: npt.NDArray[np.uint8]) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows.tobytes(), 1)) + chunk(b"IEND", b"")
 
 
-def sample_array(header: bytes, payload: bytes) -> npt.NDArray[Any]:
+def _array_of(header: bytes, payload: bytes) -> npt.NDArray[Any]:
     """Shows bytes as the array of a frame with this header, which was checked."""
     own = bytearray(header)
     own[_PLACE_AT : _PLACE_AT + 4] = bytes(4)

@@ -4,7 +4,8 @@ use std::os::fd::{AsFd as _, OwnedFd};
 use std::sync::{Arc, Mutex};
 
 use schema_frames::{
-    FrameError, FrameHeader, GPU_MAGIC, GpuAnswer, GpuAsk, GpuPlace, Modality, SCHEMA_VERSION,
+    FrameError, FrameHeader, GPU_MAGIC, GPU_PLACE_BYTES, GpuAnswer, GpuAsk, GpuPlace, Modality,
+    SCHEMA_VERSION,
 };
 use schema_types::MonoTime;
 
@@ -158,15 +159,17 @@ impl Admission for Frames {
     fn admit(&self, sample: Received<FrameHeader>) -> Result<(GpuFrame, u64, u64), FrameError> {
         // Copied before they are checked, because another process could change them in between.
         let header = sample.user_header().0;
-        let bytes = sample.payload().to_vec();
-        let place = GpuPlace::read(&header, &bytes)?;
+        let payload = sample.payload();
+        let mut bytes = [0; GPU_PLACE_BYTES];
+        let n_bytes = payload.len().min(GPU_PLACE_BYTES);
+        bytes[..n_bytes].copy_from_slice(&payload[..n_bytes]);
+        let place = GpuPlace::read(&header, &bytes[..n_bytes])?;
         let modality = header.modality().ok_or(FrameError::Encoding {
             found: header.encoding,
         })?;
         let frame = GpuFrame {
             modality,
             place,
-            items: place.item_headers(&bytes),
             topic: self.topic.clone(),
             taken: mono_now(),
             header,
@@ -254,7 +257,6 @@ pub struct GpuFrame {
     _sample: Mutex<Received<FrameHeader>>,
     header: FrameHeader,
     place: GpuPlace,
-    items: Vec<FrameHeader>,
     topic: Arc<str>,
     taken: MonoTime,
     modality: Modality,
@@ -270,11 +272,6 @@ impl GpuFrame {
     /// [`GpuFrame::check_memory`].
     pub fn place(&self) -> &GpuPlace {
         &self.place
-    }
-
-    /// Headers of a batch's images; empty for a single payload.
-    pub fn items(&self) -> &[FrameHeader] {
-        &self.items
     }
 
     /// Its topic without the domain and without "/gpu".

@@ -240,11 +240,9 @@ impl OnGpu {
             offset_bytes: begin as u64,
             memory_bytes: open.memory.n_bytes(),
             capacity_bytes: open.slot_bytes as u64,
-            item_stride_bytes: 0,
             pid: std::process::id(),
             slot: slot as u32,
-            n_items: 0,
-            reserved: 0,
+            reserved: [0; 16],
         };
         Ok(Some((GpuLoan { loan, place: told }, place)))
     }
@@ -252,7 +250,7 @@ impl OnGpu {
     /// Sends a slot that the GPU has filled, with the header of the topic's own frame.
     pub fn send(&self, loan: GpuLoan, header: &FrameHeader) -> anyhow::Result<()> {
         let GpuLoan { mut loan, place } = loan;
-        loan.put_on_gpu(header, &place, &[]);
+        loan.put_on_gpu(header, &place);
         loan.send()?;
         if let State::Open(open) = &self.state {
             open.wake.notify_listeners();
