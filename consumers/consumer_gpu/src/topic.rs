@@ -145,10 +145,6 @@ impl GpuTopic {
     ///
     /// # Errors
     /// As [`FrameReader::next`], [`GpuError::Cuda`].
-    #[expect(
-        clippy::should_implement_trait,
-        reason = "an iterator would end at the first gap; this is polled"
-    )]
     pub fn next(&mut self, bus: &Bus) -> Result<Option<FrameOnGpu>, GpuError> {
         self.take(bus, false)
     }
@@ -254,7 +250,7 @@ impl GpuTopic {
                     device: self.device.clone(),
                     stream: std::sync::atomic::AtomicU64::new(0),
                     held: Held::Upload {
-                        about: About::of(&frame),
+                        about: Box::new(About::of(&frame)),
                         staged: Some(GivesBack {
                             staged: Some(staged),
                             uploads: uploads.clone(),
@@ -322,6 +318,10 @@ pub struct FrameOnGpu {
 }
 
 #[derive(Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "nearly all are slots, and a box would be one more allocation after waking"
+)]
 enum Held {
     Slot {
         frame: Option<GpuFrame>,
@@ -329,7 +329,7 @@ enum Held {
         releases: Arc<Releases<GpuFrame>>,
     },
     Upload {
-        about: About,
+        about: Box<About>,
         staged: Option<GivesBack>,
         releases: Arc<Releases<GivesBack>>,
     },

@@ -234,7 +234,7 @@ fn what_is_not_there_or_does_not_fit_is_refused() {
     let mut client = bus.command_client("test").unwrap();
     let sentence = |topic: &str| {
         let opened = GpuTopic::open(&bus, topic, Device::Mapped);
-        opened.err().expect("it is refused").to_string()
+        opened.expect_err("it is refused").to_string()
     };
     assert!(sentence("ego/imu/imu").contains("no process of this domain keeps them on a GPU"));
     assert!(sentence("ego/nobody/rgb").contains("there is no topic"));

@@ -39,7 +39,7 @@ pub struct Reader {
 enum Port {
     Frames(FrameReader),
     Results(ResultReader),
-    OnGpu(GpuTopic),
+    OnGpu(Box<GpuTopic>),
 }
 
 /// What was taken from it.
@@ -127,7 +127,7 @@ impl Reader {
         let (waker, port) = opened.map_err(|error| Failure::from(error).raise(topic))?;
         Ok(Reader {
             fallback: port.fallback().map(str::to_owned),
-            port: Mutex::new(Some(Owned::new(Port::OnGpu(port)))),
+            port: Mutex::new(Some(Owned::new(Port::OnGpu(Box::new(port))))),
             waker,
             about: None,
             blank: Mutex::new(None),
