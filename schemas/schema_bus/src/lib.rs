@@ -48,6 +48,7 @@ mod wire;
 // A process's place on the bus, and the services there.
 mod declared;
 mod event;
+mod gpu_socket;
 mod intake;
 mod leftovers;
 mod node;

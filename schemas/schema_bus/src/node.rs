@@ -9,7 +9,7 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::Service as _;
 
 use crate::error::BusError;
-use crate::gpu;
+use crate::gpu_socket;
 use crate::iceoryx_error::with_shortage;
 use crate::leftovers::Leftovers;
 use crate::names::{valid_domain, valid_topic};
@@ -98,7 +98,7 @@ impl BusNode {
         let has_dead = cleaned.failed_cleanups > 0;
         self.leftovers.sweep(self.config(), has_dead);
         if cleaned.cleanups > 0 {
-            gpu::sweep(&self.root());
+            gpu_socket::sweep(&self.root());
         }
         cleaned.cleanups
     }

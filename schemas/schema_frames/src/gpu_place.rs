@@ -38,7 +38,13 @@ impl GpuPlace {
     /// [`FrameError`] names the first rule that header or place break. Any bit pattern is safe to
     /// pass.
     pub fn read(header: &FrameHeader, sample: &[u8]) -> Result<GpuPlace, FrameError> {
-        header.check_on_gpu(sample.len())?;
+        header.check_on_gpu()?;
+        if sample.len() < GPU_PLACE_BYTES {
+            return Err(FrameError::Length {
+                claimed: GPU_PLACE_BYTES as u64,
+                sample: sample.len() as u64,
+            });
+        }
         let place: GpuPlace = bytemuck::pod_read_unaligned(&sample[..GPU_PLACE_BYTES]);
         let broken = |rule| Err(FrameError::GpuPlace { rule });
         if place.generation == 0 {

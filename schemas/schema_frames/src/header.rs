@@ -78,7 +78,7 @@ pub struct FrameHeader {
     /// Ticks that had begun after its own when this frame was sent; 0 outside free-running mode.
     pub ticks_in_flight: u32,
     /// 0: the payload is in this sample. 1: it is on the GPU, and the sample holds a
-    /// [`crate::GpuPlace`].
+    /// `GpuPlace`.
     pub payload_place: u32,
     /// The lens's [`Distortion`] `[k, k_cubed, size x, size y]`: at p (−0.5 to 0.5) is what a pinhole
     /// has at p · (1 + k r² + k_cubed r³), r being the length of p · size. All 0 for a pinhole.
@@ -164,23 +164,16 @@ impl FrameHeader {
         self.check_shape(modality)
     }
 
-    /// The same for a frame whose payload is on the GPU and whose sample has `sample_bytes` bytes;
-    /// [`crate::GpuPlace::read`] checks the sample.
+    /// The same for a frame whose payload is on the GPU; `GpuPlace::read` also checks its sample.
     ///
     /// # Errors
     /// As [`FrameHeader::check`].
-    pub fn check_on_gpu(&self, sample_bytes: usize) -> Result<Modality, FrameError> {
+    pub fn check_on_gpu(&self) -> Result<Modality, FrameError> {
         let modality = self.check_kind()?;
         if self.payload_place != FrameHeader::ON_GPU {
             return Err(FrameError::Place {
                 found: self.payload_place,
                 wanted: FrameHeader::ON_GPU,
-            });
-        }
-        if sample_bytes < crate::GPU_PLACE_BYTES {
-            return Err(FrameError::Length {
-                claimed: crate::GPU_PLACE_BYTES as u64,
-                sample: sample_bytes as u64,
             });
         }
         self.check_shape(modality)
@@ -334,10 +327,9 @@ mod tests {
     fn a_frame_on_the_gpu_is_refused_by_readers_of_samples_and_the_other_way_round() {
         let mut header = FrameHeader::new(Modality::Rgb);
         header.set_image(8, 6);
-        assert!(header.check_on_gpu(64).is_err());
+        assert!(header.check_on_gpu().is_err());
         header.payload_place = FrameHeader::ON_GPU;
-        assert_eq!(header.check_on_gpu(64), Ok(Modality::Rgb));
-        assert!(header.check_on_gpu(63).is_err());
+        assert_eq!(header.check_on_gpu(), Ok(Modality::Rgb));
         let refused = header.check(8 * 6 * 4).unwrap_err().to_string();
         assert!(refused.contains("device=\"cuda\""), "{refused}");
     }

@@ -13,7 +13,7 @@ use ash::vk;
 pub use adapter::{AdapterInfo, DeviceIds};
 use adapter::{choose, enumerate, ids_of};
 use health::{Fault, Health};
-pub(crate) use open::ImportCaps;
+pub(crate) use open::{FD, ImportCaps, exported_usage};
 use staging::StagingPool;
 
 use crate::counters::Counters;

@@ -6,7 +6,6 @@ mod host;
 mod import;
 mod target;
 
-pub(crate) use export::can_export;
 pub use export::{ExportError, ExportedMemory};
 pub use host::HostMemory;
 pub use import::ImportError;

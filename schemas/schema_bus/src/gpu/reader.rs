@@ -10,9 +10,9 @@ use schema_frames::{
 use schema_types::MonoTime;
 
 use super::message::{receive, send};
-use super::socket::{connect_to, name_of, producers};
 use crate::clock::mono_now;
 use crate::error::BusError;
+use crate::gpu_socket::{connect_to, name_of, producers};
 use crate::intake::{Admission, Intake, ReaderCounts, Received};
 use crate::memory::FrameTopic;
 use crate::names;

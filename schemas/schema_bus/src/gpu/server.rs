@@ -16,7 +16,7 @@ use nix::sys::socket::{SockFlag, accept4};
 use schema_frames::{GPU_MAGIC, GpuAnswer, GpuAsk, SCHEMA_VERSION};
 
 use super::message::{receive, send};
-use super::socket::{is_ours, listen_at, name_of, set_patience, sweep};
+use crate::gpu_socket::{is_ours, listen_at, name_of, set_patience, sweep};
 use crate::memory::FrameTopic;
 use crate::node::BusNode;
 

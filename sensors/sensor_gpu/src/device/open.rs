@@ -4,7 +4,6 @@
 use ash::vk;
 use wgpu::hal::api::Vulkan;
 
-use crate::memory::can_export;
 use crate::queue::{CopyPath, Family, MAX_QUEUES, family_for};
 
 /// What the driver says about importing.
@@ -120,4 +119,44 @@ pub(crate) fn open_device(adapter: &wgpu::Adapter, copies: CopyPath) -> Result<O
         copying,
         can_export,
     })
+}
+
+/// How memory of the device is exported.
+pub(crate) const FD: vk::ExternalMemoryHandleTypeFlags =
+    vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
+
+/// What exported buffers are used for.
+pub(crate) fn exported_usage() -> vk::BufferUsageFlags {
+    vk::BufferUsageFlags::TRANSFER_DST
+        | vk::BufferUsageFlags::TRANSFER_SRC
+        | vk::BufferUsageFlags::STORAGE_BUFFER
+}
+
+/// Whether a driver can export buffers of the device's own memory.
+fn can_export(hal: &wgpu::hal::vulkan::Adapter) -> bool {
+    let has_extension = hal
+        .physical_device_capabilities()
+        .supports_extension(ash::khr::external_memory_fd::NAME);
+    if !has_extension {
+        return false;
+    }
+    let info = vk::PhysicalDeviceExternalBufferInfo::default()
+        .usage(exported_usage())
+        .handle_type(FD);
+    let mut properties = vk::ExternalBufferProperties::default();
+    // SAFETY: instance and physical device belong together and live; wgpu requires Vulkan 1.1 where
+    // this call is core.
+    unsafe {
+        hal.shared_instance()
+            .raw_instance()
+            .get_physical_device_external_buffer_properties(
+                hal.raw_physical_device(),
+                &info,
+                &mut properties,
+            );
+    }
+    let features = properties
+        .external_memory_properties
+        .external_memory_features;
+    features.contains(vk::ExternalMemoryFeatureFlags::EXPORTABLE)
 }

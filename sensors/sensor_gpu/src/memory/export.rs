@@ -6,10 +6,8 @@ use ash::vk;
 use wgpu::hal::api::Vulkan;
 
 use super::target::ShmTarget;
-use crate::device::Gpu;
+use crate::device::{FD, Gpu, exported_usage};
 use crate::queue::CopyQueue;
-
-const FD: vk::ExternalMemoryHandleTypeFlags = vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
 
 /// Why memory cannot be exported.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -47,35 +45,6 @@ pub struct ExportedMemory {
     pub memory_bytes: u64,
 }
 
-/// Whether a driver can export buffers of the device's own memory.
-pub(crate) fn can_export(hal: &wgpu::hal::vulkan::Adapter) -> bool {
-    let has_extension = hal
-        .physical_device_capabilities()
-        .supports_extension(ash::khr::external_memory_fd::NAME);
-    if !has_extension {
-        return false;
-    }
-    let info = vk::PhysicalDeviceExternalBufferInfo::default()
-        .usage(usage())
-        .handle_type(FD);
-    let mut properties = vk::ExternalBufferProperties::default();
-    // SAFETY: instance and physical device belong together and live; wgpu requires Vulkan 1.1 where
-    // this call is core.
-    unsafe {
-        hal.shared_instance()
-            .raw_instance()
-            .get_physical_device_external_buffer_properties(
-                hal.raw_physical_device(),
-                &info,
-                &mut properties,
-            );
-    }
-    let features = properties
-        .external_memory_properties
-        .external_memory_features;
-    features.contains(vk::ExternalMemoryFeatureFlags::EXPORTABLE)
-}
-
 impl Gpu {
     /// Memory of the device that is free, bytes: as its driver says, or else all that it has.
     pub fn free_memory_bytes(&self) -> u64 {
@@ -110,12 +79,6 @@ impl Gpu {
         });
         free.max().unwrap_or(0)
     }
-}
-
-fn usage() -> vk::BufferUsageFlags {
-    vk::BufferUsageFlags::TRANSFER_DST
-        | vk::BufferUsageFlags::TRANSFER_SRC
-        | vk::BufferUsageFlags::STORAGE_BUFFER
 }
 
 impl ShmTarget {
@@ -189,7 +152,7 @@ fn create(
     let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(FD);
     let info = vk::BufferCreateInfo::default()
         .size(n_bytes)
-        .usage(usage())
+        .usage(exported_usage())
         .sharing_mode(sharing)
         .queue_family_indices(families)
         .push_next(&mut external);

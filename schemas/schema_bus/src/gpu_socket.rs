@@ -16,15 +16,15 @@ use nix::sys::time::{TimeVal, TimeValLike as _};
 
 /// Longest wait for the other side's record, milliseconds: both sides answer at once, so a longer
 /// one is a process that is stopped.
-pub(super) const PATIENCE_MILLIS: i64 = 2000;
+pub(crate) const PATIENCE_MILLIS: i64 = 2000;
 
 /// The folder of sockets below iceoryx2's root.
-pub(super) fn folder_of(root: &Path) -> PathBuf {
+pub(crate) fn folder_of(root: &Path) -> PathBuf {
     root.join("gantry-gpu")
 }
 
 /// Name of a process's socket.
-pub(super) fn name_of(domain: &str, producer: u64) -> String {
+pub(crate) fn name_of(domain: &str, producer: u64) -> String {
     format!("{domain}-{producer:016x}")
 }
 
@@ -37,7 +37,7 @@ fn producer_of(domain: &str, name: &OsStr) -> Option<u64> {
 }
 
 /// Numbers of the processes of a domain that have a socket.
-pub(super) fn producers(root: &Path, domain: &str) -> Vec<u64> {
+pub(crate) fn producers(root: &Path, domain: &str) -> Vec<u64> {
     let entries = std::fs::read_dir(folder_of(root)).into_iter().flatten();
     let mut producers: Vec<u64> = entries
         .flatten()
@@ -62,7 +62,7 @@ fn address(folder: &File, name: &str) -> Result<UnixAddr, Errno> {
 }
 
 /// Makes a socket that only this user can reach, and listens on it.
-pub(super) fn listen_at(root: &Path, name: &str) -> io::Result<(OwnedFd, PathBuf)> {
+pub(crate) fn listen_at(root: &Path, name: &str) -> io::Result<(OwnedFd, PathBuf)> {
     let folder = folder_of(root);
     match DirBuilder::new()
         .recursive(true)
@@ -95,7 +95,7 @@ pub(super) fn listen_at(root: &Path, name: &str) -> io::Result<(OwnedFd, PathBuf
 }
 
 /// Connects to a process's socket. One on which nobody listens is removed.
-pub(super) fn connect_to(root: &Path, name: &str) -> Result<OwnedFd, Errno> {
+pub(crate) fn connect_to(root: &Path, name: &str) -> Result<OwnedFd, Errno> {
     let folder = folder_of(root);
     let opened = File::open(&folder)
         .map_err(|error| Errno::from_raw(error.raw_os_error().unwrap_or(libc::EIO)))?;
@@ -117,14 +117,14 @@ pub(super) fn connect_to(root: &Path, name: &str) -> Result<OwnedFd, Errno> {
 }
 
 /// Limits how long sending and receiving wait.
-pub(super) fn set_patience(of: &OwnedFd) -> Result<(), Errno> {
+pub(crate) fn set_patience(of: &OwnedFd) -> Result<(), Errno> {
     let limit = TimeVal::milliseconds(PATIENCE_MILLIS);
     setsockopt(of, sockopt::ReceiveTimeout, &limit)?;
     setsockopt(of, sockopt::SendTimeout, &limit)
 }
 
 /// Whether the process at the other end is this user's.
-pub(super) fn is_ours(connection: &OwnedFd) -> bool {
+pub(crate) fn is_ours(connection: &OwnedFd) -> bool {
     let user = nix::unistd::geteuid().as_raw();
     getsockopt(connection, sockopt::PeerCredentials).is_ok_and(|peer| is_allowed(peer.uid(), user))
 }
