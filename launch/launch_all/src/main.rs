@@ -14,7 +14,7 @@ use std::process::ExitCode;
 /// A program's name and where it begins.
 type Program = (&'static str, fn() -> ExitCode);
 
-const PROGRAMS: [Program; 13] = [
+const PROGRAMS: [Program; 14] = [
     ("gantry", gantry::main),
     ("gantry-bench", consumer_bench::main),
     ("gantry-bridge", consumer_bridge::main),
@@ -24,6 +24,7 @@ const PROGRAMS: [Program; 13] = [
     ("gantry-drive", consumer_drive::main),
     ("gantry-export", consumer_export::main),
     ("gantry-record", consumer_record::main),
+    ("gantry-render", simd_render::main),
     ("gantry-replay", consumer_replay::main),
     ("gantry-rerun", consumer_rerun::main),
     ("gantry-view", consumer_view::main),

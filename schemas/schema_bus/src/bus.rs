@@ -18,9 +18,11 @@ use crate::memory::{FrameTopic, ResultTopic};
 use crate::names;
 use crate::node::{BusNode, BusOptions};
 use crate::reader::FrameReader;
+use crate::render::{RenderClient, RenderServer};
 use crate::result_reader::ResultReader;
 use crate::result_service::ResultService;
 use crate::result_writer::ResultPublisher;
+use crate::scene::{RenderedReader, RenderedWriter, ScenePublisher, SceneReader};
 use crate::service::is_published;
 use crate::shortage::guarded;
 use crate::snapshot::{SnapshotPublisher, SnapshotReader};
@@ -356,5 +358,56 @@ impl Bus {
     /// [`BusError`].
     pub fn command_server(&self) -> Result<CommandServer, BusError> {
         self.guarded(names::CONTROL_WORLD, || CommandServer::open(&self.node))
+    }
+
+    /// Opens `control/scene` for writing, as the simulator does.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn scene_publisher(&self) -> Result<ScenePublisher, BusError> {
+        self.guarded(names::CONTROL_SCENE, || ScenePublisher::open(&self.node))
+    }
+
+    /// Opens `control/scene` for reading, as a render worker does, and makes it if it does not
+    /// exist.
+    ///
+    /// # Errors
+    /// [`BusError::TooManyReaders`] beyond 16 workers.
+    pub fn scene_reader(&self) -> Result<SceneReader, BusError> {
+        self.guarded(names::CONTROL_SCENE, || SceneReader::open(&self.node))
+    }
+
+    /// Opens `control/rendered` for writing, as the render worker `name`.
+    ///
+    /// # Errors
+    /// [`BusError::TooManyWriters`] beyond 16 workers.
+    pub fn rendered_writer(&self, name: &str) -> Result<RenderedWriter, BusError> {
+        self.guarded(names::CONTROL_RENDERED, || {
+            RenderedWriter::open(&self.node, name)
+        })
+    }
+
+    /// Opens `control/rendered` for reading, as the simulator does.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn rendered_reader(&self) -> Result<RenderedReader, BusError> {
+        self.guarded(names::CONTROL_RENDERED, || RenderedReader::open(&self.node))
+    }
+
+    /// Opens `control/render` as a worker.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn render_client(&self) -> Result<RenderClient, BusError> {
+        self.guarded(names::CONTROL_RENDER, || RenderClient::open(&self.node))
+    }
+
+    /// Opens `control/render` as the simulator.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn render_server(&self) -> Result<RenderServer, BusError> {
+        self.guarded(names::CONTROL_RENDER, || RenderServer::open(&self.node))
     }
 }

@@ -87,6 +87,8 @@ mod document;
 mod drain;
 mod lockstep;
 mod lockstep_watch;
+mod render;
+mod scene;
 mod snapshot;
 
 // Everything a process can open on the bus, on one page.
@@ -115,11 +117,15 @@ pub use memory::{
     shared_memory_needed,
 };
 pub use node::{BusOptions, write_private_config};
-pub use origin::Origin;
+pub use origin::{Life, Origin};
 pub use reader::{Frame, FrameReader};
+pub use render::{RenderClient, RenderQuestion, RenderServer};
 pub use result_reader::{ResultReader, ResultSample};
 pub use result_service::ResultService;
 pub use result_writer::{Answerable, Answered, ResultLoan, ResultPublisher};
+pub use scene::{
+    Rendered, RenderedReader, RenderedWriter, SceneMessage, ScenePublisher, SceneReader,
+};
 pub use segment::Segment;
 pub use shortage::MAX_MISSING_STRETCHES;
 pub use snapshot::{Snapshot, SnapshotPublisher, SnapshotReader};

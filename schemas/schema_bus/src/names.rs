@@ -29,6 +29,12 @@ pub const CONTROL_WAKE: &str = "control/wake";
 pub const CONTROL_REPLIED: &str = "control/replied";
 /// Event that only the publisher of the domain's world has open: see [`crate::Bus::claim_world`].
 pub const CONTROL_OWNER: &str = "control/owner";
+/// Topic of what render workers see of a tick.
+pub const CONTROL_SCENE: &str = "control/scene";
+/// Topic of the answers of render workers.
+pub const CONTROL_RENDERED: &str = "control/rendered";
+/// Questions of render workers: their places, cameras and scenery.
+pub const CONTROL_RENDER: &str = "control/render";
 
 /// Domain of a program that is told no other.
 pub const DEFAULT_DOMAIN: &str = "gantry";

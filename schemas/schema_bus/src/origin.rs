@@ -37,6 +37,44 @@ impl Origin {
     }
 }
 
+/// A process, told from a later one with the same id by when it began.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Life {
+    pid: u32,
+    /// Clock ticks from the start of the machine.
+    began: u64,
+}
+
+impl Origin {
+    /// The life of the process; `None` if it has ended or cannot be looked at, as in another
+    /// container.
+    pub fn life(&self) -> Option<Life> {
+        let pid = self.pid?;
+        let (_, began) = state_of(pid)?;
+        Some(Life { pid, began })
+    }
+}
+
+impl Life {
+    /// Whether it goes on. A process that was killed and not yet taken note of by its parent has
+    /// ended.
+    pub fn goes_on(&self) -> bool {
+        state_of(self.pid)
+            .is_some_and(|(state, began)| began == self.began && !matches!(state, 'Z' | 'X' | 'x'))
+    }
+}
+
+/// State of a process, and when it began.
+fn state_of(pid: u32) -> Option<(char, u64)> {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    // Fields count from the program's name on, which is in brackets and may hold brackets itself.
+    let (_, rest) = stat.rsplit_once(") ")?;
+    let mut fields = rest.split(' ');
+    let state = fields.next()?.chars().next()?;
+    let began = fields.nth(18)?.parse().ok()?;
+    Some((state, began))
+}
+
 impl std::fmt::Display for Origin {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self.pid {
@@ -65,6 +103,35 @@ mod tests {
             Origin::default().to_string(),
             "a process that has closed its port"
         );
+    }
+
+    #[test]
+    fn a_life_ends_with_its_process() {
+        let of = |pid| Origin {
+            pid: Some(pid),
+            ..Origin::default()
+        };
+        let own = of(std::process::id()).life().unwrap();
+        assert!(own.goes_on());
+        let later = Life {
+            began: own.began + 1,
+            ..own
+        };
+        assert!(!later.goes_on());
+        let mut child = std::process::Command::new("sleep")
+            .arg("60")
+            .spawn()
+            .unwrap();
+        let life = of(child.id()).life().unwrap();
+        assert!(life.goes_on());
+        child.kill().unwrap();
+        let deadline = std::time::Instant::now() + std::time::Duration::from_secs(120);
+        while life.goes_on() {
+            assert!(std::time::Instant::now() < deadline);
+            std::thread::yield_now();
+        }
+        child.wait().unwrap();
+        assert!(!life.goes_on());
     }
 
     #[test]

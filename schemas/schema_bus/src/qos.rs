@@ -74,6 +74,23 @@ pub const CONTROL: Qos = Qos {
     borrowed: 4,
     history: 0,
 };
+/// `control/scene`. A worker takes all that waits before it sends frames, to see whether they are
+/// still its own to send.
+pub const SCENE: Qos = Qos {
+    readers: 16,
+    publishers: 2,
+    buffer: 8,
+    borrowed: 10,
+    history: 0,
+};
+/// `control/rendered`.
+pub const RENDERED: Qos = Qos {
+    readers: 4,
+    publishers: 16,
+    buffer: 16,
+    borrowed: 4,
+    history: 0,
+};
 
 /// Results that are lists or texts: boxes, tracks, a path.
 pub const RESULT: Qos = SMALL_FRAME;

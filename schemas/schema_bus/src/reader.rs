@@ -19,6 +19,9 @@ use crate::service::join;
 #[derive(Debug)]
 pub struct FrameReader {
     intake: Intake<Frames>,
+    /// Epoch, tick and number of the last frame.
+    last: Option<(u64, u64, u64)>,
+    n_repeated: u64,
 }
 
 /// How frames are checked.
@@ -63,7 +66,11 @@ impl FrameReader {
         };
         let intake = Intake::open(join::<FrameHeader>(node, topic)?, frames)?;
         reserve_as_reader(node, intake.service())?;
-        Ok(FrameReader { intake })
+        Ok(FrameReader {
+            intake,
+            last: None,
+            n_repeated: 0,
+        })
     }
 
     /// Name without the domain.
@@ -81,7 +88,12 @@ impl FrameReader {
         reason = "an iterator would end at the first gap; this is polled"
     )]
     pub fn next(&mut self) -> Result<Option<Frame>, BusError> {
-        self.intake.next()
+        while let Some(frame) = self.intake.next()? {
+            if !self.repeats(&frame) {
+                return Ok(Some(frame));
+            }
+        }
+        Ok(None)
     }
 
     /// Takes the newest frame that waits, if any; older ones are dropped and counted as skipped.
@@ -89,12 +101,30 @@ impl FrameReader {
     /// # Errors
     /// As [`FrameReader::next`].
     pub fn latest(&mut self) -> Result<Option<Frame>, BusError> {
-        self.intake.latest()
+        let newest = self.intake.latest()?;
+        Ok(newest.filter(|frame| !self.repeats(frame)))
+    }
+
+    /// Whether a frame is the last one again: a frame that a process sent and was killed before it
+    /// said so is made once more by another. Takes note of it otherwise.
+    fn repeats(&mut self, frame: &Frame) -> bool {
+        let FrameHeader {
+            epoch, tick, seq, ..
+        } = frame.header;
+        let is_numbered = seq > 0 && tick > 0;
+        let repeats = is_numbered && self.last == Some((epoch, tick, seq));
+        self.n_repeated += u64::from(repeats);
+        self.last = Some((epoch, tick, seq));
+        repeats
     }
 
     /// Counters since this reader was opened.
     pub fn counts(&self) -> ReaderCounts {
-        self.intake.counts()
+        let counts = self.intake.counts();
+        ReaderCounts {
+            taken: counts.taken - self.n_repeated,
+            ..counts
+        }
     }
 
     /// Epoch of the newest frame.

@@ -7,8 +7,8 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 use schema_frames::{
-    AckRecord, DocumentHeader, FrameHeader, ResultHeader, SnapshotHeader, command::RequestHeader,
-    control::ControlHeader,
+    AckRecord, DocumentHeader, FrameHeader, RenderedRecord, ResultHeader, SceneHeader,
+    SnapshotHeader, command::RequestHeader, control::ControlHeader,
 };
 
 /// A plain-data type with the name that the contract gives it.
@@ -34,6 +34,12 @@ impl OnBus for ResultHeader {
 }
 impl OnBus for RequestHeader {
     const NAME: &'static str = "GantryRequestHeader";
+}
+impl OnBus for SceneHeader {
+    const NAME: &'static str = "GantrySceneHeader";
+}
+impl OnBus for RenderedRecord {
+    const NAME: &'static str = "GantryRendered";
 }
 impl OnBus for AckRecord {
     const NAME: &'static str = "GantryAck";

@@ -11,8 +11,9 @@ use crate::{
     AckRecord, ActorRecord, Box2d, Box3d, CollisionEvent, DocumentHeader, DvsEvent, FrameHeader,
     GnssSample, GpuAnswer, GpuAsk, GpuPlace, ImuSample, InputRecord, Keypoint, KeypointSet,
     LaneCrossing, LidarPoint, MaskRecord, ObstacleEvent, Odometry, PathPoint, PoseEstimate,
-    RadarDetection, ResultHeader, Scalar, SemanticLidarPoint, SnapshotHeader, Track,
-    TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart, command::RequestHeader,
+    RadarDetection, RenderedRecord, ResultHeader, Scalar, SceneFiring, SceneHeader, SceneInstance,
+    SceneStroke, SemanticLidarPoint, SnapshotHeader, Track, TrafficLightPart, TrafficSignPart,
+    VehiclePart, WalkerPart, command::RequestHeader,
 };
 
 /// One field of a struct.
@@ -168,6 +169,24 @@ layouts! {
         pose: Pose, after_secs: f32, speed_mps: f32, acceleration_mps2: f32, curvature_pm: f32, reserved: [u32; 2],
     }
     Scalar { value: f64, name: [u8; 56] }
+    SceneHeader as "GantrySceneHeader" {
+        magic: u32, schema_version: u16, header_bytes: u16, number: u64, epoch: u64, tick: u64, sim_nanos: u64, period_nanos: u64,
+        cameras_version: u64, scenery_version: u64, lidar_extinction_per_m: f64, episode: u32, n_firings: u32, n_instances: u32,
+        n_strokes: u32, overlay_bytes: u32, reserved0: u32, weather: [f32; 14], published_mono_nanos: u64, reserved1: [u8; 32],
+    }
+    SceneFiring {
+        sensor_id: u32, worker: u32, seq: u64, window_nanos: u64, previous_nanos: u64, outputs: u32, parent_id: u32,
+        world_from_sensor: Pose,
+    }
+    SceneInstance {
+        world_from_mesh: Pose, velocity_in_world_mps: [f64; 3], actor_id: u32, mesh: u32, lamps: u32, part: u16, tint_rgb: [u8; 3],
+        reserved: [u8; 7],
+    }
+    SceneStroke { from_m: [f64; 3], to_m: [f64; 3], width_m: f32, color_rgb: [u8; 3], reserved: u8 }
+    RenderedRecord as "GantryRendered" {
+        worker: u32, state: u32, epoch: u64, number: u64, sent_number: u64, n_sent: u64, n_dropped: u64, n_passes: u64,
+        scenery_version: u64,
+    }
 }
 
 #[cfg(test)]

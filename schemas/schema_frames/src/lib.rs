@@ -41,6 +41,7 @@ pub mod limits;
 
 // What the world publishes.
 pub mod document;
+pub mod scene;
 pub mod snapshot;
 
 // What the world is asked.
@@ -94,6 +95,7 @@ pub use result_records::{
     ResultRecord, Scalar, Track,
 };
 pub use result_type::{ElementType, PixelFormat, ResultType, Space};
+pub use scene::{RenderedRecord, SceneFiring, SceneHeader, SceneInstance, SceneStroke};
 pub use skeleton::{BoneReading, HeldBone, SkeletonAction};
 pub use snapshot::{
     ActorKind, ActorRecord, LightState, SnapshotHeader, TrafficLightPart, TrafficSignPart,

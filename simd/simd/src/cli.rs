@@ -116,6 +116,14 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     pub await_participant: Vec<String>,
 
+    /// Open no GPU: render workers make all images (gantry-render), and the processor casts lidars
+    #[arg(long, conflicts_with_all = ["adapter", "adapters", "hash", "gpu_memory", "quality"])]
+    pub no_gpu: bool,
+
+    /// Wait for this many render workers (gantry-render) before the first tick
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(..=16), conflicts_with = "hash")]
+    pub await_workers: u32,
+
     /// Run a journal again: entries act at their ticks, and until it ends other clients may ask but
     /// not change the world. `gantry rerun` takes it out of a recording
     #[arg(long, value_name = "FILE")]

@@ -29,11 +29,13 @@ use crate::ports::Ports;
 use crate::settings::Settings;
 use crate::spectator::{self, Still};
 use crate::stages;
+use crate::workers::Workers;
 
 /// All state of the daemon, in the order in which it must be dropped.
 pub struct Daemon {
     pub settings: Settings,
     pub sensors: Sensors,
+    pub workers: Workers,
     pub ports: Ports,
     /// Where readers ask for frames that stay on the GPU.
     pub gpu_server: Option<Arc<GpuServer>>,
@@ -128,9 +130,16 @@ impl Daemon {
             collisions: &collisions,
             roads: world.roads().map(Arc::as_ref),
         };
-        self.sensors.fire(&tick, |actor| {
-            crate::carrier::carrier_of(world, actor, sim_time)
-        })?;
+        let (workers, faults) = (&mut self.workers, &mut self.faults);
+        self.sensors.fire(
+            &tick,
+            |actor| crate::carrier::carrier_of(world, actor, sim_time),
+            |away| {
+                if let Err(error) = workers.send_scene(&tick, away) {
+                    faults.unsent("the scene for render workers", &error);
+                }
+            },
+        )?;
         for (topic, is_made) in self.sensors.take_audience_changes() {
             self.journal.note_audience(edge, &topic, is_made);
         }
@@ -159,9 +168,13 @@ impl Daemon {
             collisions: &[],
             roads: world.roads().map(Arc::as_ref),
         };
-        self.sensors.fire_spectator(&tick, |actor| {
+        let away = self.sensors.fire_spectator(&tick, |actor| {
             crate::carrier::carrier_of(world, actor, sim_time)
-        })
+        })?;
+        if let Err(error) = self.workers.send_scene(&tick, Vec::from_iter(away)) {
+            self.faults.unsent("the scene for render workers", &error);
+        }
+        Ok(())
     }
 
     /// The scene of the current tick with what is drawn for debugging.

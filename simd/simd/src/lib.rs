@@ -4,7 +4,7 @@
 //! The modules in reading order: `cli` and `settings` say what is asked, `setup` brings it up as a
 //! `daemon`, and the `tick_loop` turns, serving `commands` between ticks. A daemon has an `episode`
 //! on one of its `maps`; its frames come from the sensors of `simd_frames`, each with a `carrier`,
-//! and one of them is the `spectator`.
+//! and one of them is the `spectator`. `workers` are other processes that make frames of cameras.
 
 mod carrier;
 mod checkpoints;
@@ -28,6 +28,7 @@ mod setup;
 mod spectator;
 mod stages;
 mod tick_loop;
+mod workers;
 
 use std::io::Write as _;
 use std::process::ExitCode;

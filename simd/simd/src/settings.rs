@@ -24,8 +24,8 @@ pub struct Settings {
     pub data_folder: PathBuf,
     /// First part of every topic name.
     pub domain: String,
-    /// Which GPU, and how it copies.
-    pub gpu: GpuOptions,
+    /// Which GPU, and how it copies; `None` opens none.
+    pub gpu: Option<GpuOptions>,
     /// Most bytes of the GPU's memory for the images of cameras; `None` leaves it to the driver.
     pub gpu_memory_bytes: Option<u64>,
     /// File whose appearance ends the GPU, in tests.
@@ -70,6 +70,8 @@ pub struct RunSettings {
     pub lockstep_timeout_nanos: Option<u64>,
     /// Lockstep participants that the first tick waits for.
     pub n_awaited_participants: usize,
+    /// Render workers that the first tick waits for.
+    pub n_awaited_workers: usize,
 }
 
 /// How fast free-running ticks follow one another.
@@ -109,7 +111,7 @@ impl Settings {
                 .map(Into::into),
             data_folder: launch_cli::data_dir(args.data.as_deref())?,
             domain: args.common.domain.clone(),
-            gpu: GpuOptions {
+            gpu: (!args.no_gpu).then(|| GpuOptions {
                 adapter: args.adapter.clone(),
                 allow_import: !args.staged,
                 copies: if args.one_queue {
@@ -117,7 +119,7 @@ impl Settings {
                 } else {
                     CopyPath::Beside
                 },
-            },
+            }),
             gpu_memory_bytes: args.gpu_memory.map(|mebibytes| u64::from(mebibytes) << 20),
             lose_gpu_when: args.lose_gpu_when.clone(),
             quality: args.quality.map(|quality| match quality {
@@ -151,6 +153,7 @@ impl Settings {
                     .map(|secs| u64::from(secs) * 1_000_000_000)
                     .or(lockstep_timeout_nanos),
                 n_awaited_participants: args.await_lockstep as usize,
+                n_awaited_workers: args.await_workers as usize,
             },
             awaited_participants: args.await_participant.clone(),
             journal: args.journal.clone(),
@@ -164,7 +167,7 @@ impl Settings {
     ///
     /// # Errors
     /// If `gpu` is asked to cast lidars, but cannot.
-    pub fn frame_options(&self, gpu: &Gpu) -> anyhow::Result<FrameOptions> {
+    pub fn frame_options(&self, gpu: Option<&Gpu>) -> anyhow::Result<FrameOptions> {
         Ok(FrameOptions {
             frames_in_flight: self.frames_in_flight,
             transfer: self.transfer,
@@ -175,7 +178,16 @@ impl Settings {
 
     /// What casts the lidars: what the command line or else the launch file asks for, else `gpu` if
     /// it is a real one that can.
-    fn lidars_on(&self, gpu: &Gpu) -> anyhow::Result<Writer> {
+    fn lidars_on(&self, gpu: Option<&Gpu>) -> anyhow::Result<Writer> {
+        let Some(gpu) = gpu else {
+            if self.lidars_on == LidarsOn::Gpu {
+                return Err(wrong_usage(format!(
+                    "{}, but with --no-gpu there is none; say cpu",
+                    self.lidars_on_source
+                )));
+            }
+            return Ok(Writer::Cpu);
+        };
         let missing = GpuRays::missing(gpu);
         let chosen = match self.lidars_on {
             LidarsOn::Gpu => Writer::Gpu,

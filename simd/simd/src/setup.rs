@@ -25,6 +25,7 @@ use crate::player::{Act, Player};
 use crate::ports::Ports;
 use crate::settings::Settings;
 use crate::spectator;
+use crate::workers::Workers;
 use simd_frames::frames::Sensors;
 use simd_frames::sensor::{
     NoiseStream, OpenContext, Role, Sensor, SensorIdentity, schedule_of, shared_rig,
@@ -44,23 +45,31 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     };
     let launch = &settings.launch;
     check_memory(launch, settings.frames_in_flight)?;
-    let gpu = Gpu::open(&settings.gpu)?;
-    let quality = settings
-        .quality
-        .unwrap_or_else(|| Quality::default_for(&gpu));
-    tracing::info!(
-        adapter = gpu.name(),
-        ?quality,
-        import = gpu.can_import() && settings.transfer == Transfer::Imported,
-        "rendering"
-    );
-    check_gpu_memory(launch, &gpu, settings.frames_in_flight)?;
-    let gpu_server = gpu_server(&bus, &gpu);
-    let frames = settings.frame_options(&gpu)?;
-    let mut renderer = CameraRenderer::new(&gpu, quality);
-    if let Some(most_bytes) = settings.gpu_memory_bytes {
-        renderer.limit_target_bytes(most_bytes);
+    let gpu = settings.gpu.as_ref().map(Gpu::open).transpose()?;
+    let quality = match (settings.quality, &gpu) {
+        (Some(quality), _) => quality,
+        (None, Some(gpu)) => Quality::default_for(gpu),
+        (None, None) => Quality::Low,
+    };
+    match &gpu {
+        Some(gpu) => tracing::info!(
+            adapter = gpu.name(),
+            ?quality,
+            import = gpu.can_import() && settings.transfer == Transfer::Imported,
+            "rendering"
+        ),
+        None => tracing::info!("no GPU is opened; render workers make the images"),
     }
+    check_gpu_memory(launch, gpu.as_ref(), settings.frames_in_flight)?;
+    let gpu_server = gpu.as_ref().and_then(|gpu| gpu_server(&bus, gpu));
+    let frames = settings.frame_options(gpu.as_ref())?;
+    let drawing = gpu.clone().map(|gpu| {
+        let mut renderer = CameraRenderer::new(&gpu, quality);
+        if let Some(most_bytes) = settings.gpu_memory_bytes {
+            renderer.limit_target_bytes(most_bytes);
+        }
+        (gpu, renderer)
+    });
     let period_nanos = launch.scenario.period_nanos();
     let mut world = World::new(WorldOptions {
         seed: launch.scenario.seed,
@@ -73,7 +82,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         .map(|file| Player::open(file, settings.journal_until_nanos))
         .transpose()?;
     if let Some(player) = &mut player {
-        warn_of_differences(player, gpu.name());
+        warn_of_differences(player, adapter_of(gpu.as_ref()));
         for act in player.first_files()? {
             if let Act::File {
                 name, title, bytes, ..
@@ -92,15 +101,16 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     let episode = episode::begin(&mut world, launch, &map, id)?;
     let context = OpenContext {
         bus: &bus,
-        gpu: &gpu,
+        gpu: gpu.as_ref(),
         server: gpu_server.as_ref(),
         frames: &frames,
         memory: MemoryLife::Lasting,
-        launch,
+        limits: &|topic| launch.limits_of(topic),
         seed: launch.scenario.seed,
         tick: Tick(0),
         period_nanos,
         is_told: player.is_some(),
+        cameras_are_away: settings.run.n_awaited_workers > 0,
     };
     let mut sensors = open_sensors(
         &context,
@@ -111,14 +121,14 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     )?;
     // It has the least actor id, and sensors are in the order of theirs.
     sensors.insert(0, spectator::open(&context, &mut world, launch)?);
-    let mut sensors = Sensors::new(gpu, renderer, sensors, frames);
+    let mut sensors = Sensors::new(drawing, sensors, frames);
     sensors.check_fit()?;
     sensors.load(&episode.assets)?;
     let head = journal::head(&journal::Surroundings {
         settings: &settings,
         epoch: episode.stamp.epoch,
         map: (&map.data.name, &map.data.open_drive),
-        adapter: sensors.gpu().name(),
+        adapter: adapter_of(sensors.gpu()),
         quality,
         lidars_on: sensors.options().lidars_on,
     });
@@ -128,6 +138,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         journal.note_file(JournalFile::Map, name, title, text.as_bytes());
         journal.end_round(0);
     }
+    let workers = Workers::open(&bus, episode.stamp.epoch)?;
     let ports = Ports::open(&bus)?;
     let now = mono_now().0;
     let mut daemon = Daemon {
@@ -147,6 +158,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         player,
         settings,
         sensors,
+        workers,
         ports,
         gpu_server,
         _claim: claim,
@@ -193,7 +205,11 @@ fn check_memory(launch: &Launch, frames_in_flight: u32) -> anyhow::Result<()> {
 
 /// Checks the GPU's memory for the topics that the launch file keeps there: their slots are
 /// committed memory.
-fn check_gpu_memory(launch: &Launch, gpu: &Gpu, frames_in_flight: u32) -> anyhow::Result<()> {
+fn check_gpu_memory(
+    launch: &Launch,
+    gpu: Option<&Gpu>,
+    frames_in_flight: u32,
+) -> anyhow::Result<()> {
     let kept: Vec<_> = launch
         .memory_budget()
         .into_iter()
@@ -202,6 +218,12 @@ fn check_gpu_memory(launch: &Launch, gpu: &Gpu, frames_in_flight: u32) -> anyhow
     if kept.is_empty() {
         return Ok(());
     }
+    let Some(gpu) = gpu else {
+        return Err(wrong_usage(format!(
+            "topic {:?} has gpu = true, but the simulator opens no GPU; remove gpu, or --no-gpu",
+            kept[0].topic
+        )));
+    };
     if !gpu.can_export() {
         return Err(wrong_usage(format!(
             "topic {:?} has gpu = true, but the driver of {:?} lacks VK_KHR_external_memory_fd; remove gpu, or take another --adapter",
@@ -301,6 +323,11 @@ fn open_sensors(
     }
     sensors.sort_by_key(|sensor| sensor.actor);
     Ok(sensors)
+}
+
+/// Name of the GPU that this process renders on.
+pub fn adapter_of(gpu: Option<&Gpu>) -> &str {
+    gpu.map_or("none", Gpu::name)
 }
 
 /// Says what may make the bytes of a run differ from those of its journal.

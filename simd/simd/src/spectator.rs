@@ -14,7 +14,9 @@ use crate::carrier::carrier_of;
 use crate::debug_shapes::DebugShapes;
 use simd_frames::frames::Sensors;
 use simd_frames::rig::Rig;
-use simd_frames::sensor::{NoiseStream, OpenContext, Role, Sensor, SensorIdentity, schedule_of};
+use simd_frames::sensor::{
+    Maker, NoiseStream, OpenContext, Role, Sensor, SensorIdentity, schedule_of,
+};
 use simd_frames::topic::{Audience, MemoryLife};
 
 /// Straight pieces of a circle that shows the end of an obstacle detector's path.
@@ -42,8 +44,9 @@ impl Still {
             .sensors
             .iter()
             .filter(|sensor| sensor.role == Role::Spectator)
+            .filter(|sensor| sensor.maker != Maker::Here || has_target(sensor))
             .flat_map(|sensor| &sensor.topics)
-            .any(|topic| topic.target().is_some() && topic.is_read(Audience::Readers));
+            .any(|topic| topic.is_read(Audience::Readers));
         let pose = world
             .record(world.spectator())
             .map(|record| record.world_from_actor);
@@ -52,6 +55,10 @@ impl Still {
             .map(|pose| (pose, debug.revision()));
         std::mem::replace(&mut self.shown, now) != now && now.is_some()
     }
+}
+
+fn has_target(sensor: &Sensor) -> bool {
+    sensor.topics.iter().any(|topic| topic.target().is_some())
 }
 
 /// Opens its topic, which has memory only while somebody reads.
@@ -74,6 +81,7 @@ pub fn open(
         memory: MemoryLife::WhileRoom,
         server: None,
         is_told: false,
+        cameras_are_away: context.gpu.is_none(),
         ..*context
     };
     let spec = SensorSpec::Camera(launch.spectator.camera());

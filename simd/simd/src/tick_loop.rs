@@ -17,9 +17,13 @@ use crate::pace::Pace;
 use crate::player::Act;
 use crate::settings::Speed;
 use crate::stages;
+use crate::workers;
 
 /// Longest time without a look at shutdown, lockstep participants and lost clients.
 const LOOK_AROUND: Duration = Duration::from_millis(100);
+
+/// The same while render workers work, of which one may be killed.
+const LOOK_AT_WORKERS: Duration = Duration::from_millis(10);
 
 /// What to do next.
 enum Next {
@@ -35,7 +39,7 @@ pub fn run(mut daemon: Daemon, shutdown: &Shutdown) -> anyhow::Result<()> {
     report(&daemon);
     let ended = result
         .and(finished)
-        .and(daemon.sensors.gpu().check().map_err(Into::into));
+        .and(daemon.sensors.check_gpu().map_err(Into::into));
     let closed = daemon.sensors.close();
     ended.and(closed).map_err(of_gpu)
 }
@@ -52,9 +56,10 @@ fn of_gpu(error: anyhow::Error) -> anyhow::Error {
 /// Ends the GPU if a test asks for it.
 fn lose_gpu(daemon: &Daemon) {
     if let Some(file) = &daemon.settings.lose_gpu_when
+        && let Some(gpu) = daemon.sensors.gpu()
         && std::fs::remove_file(file).is_ok()
     {
-        daemon.sensors.gpu().lose();
+        gpu.lose();
     }
 }
 
@@ -75,24 +80,36 @@ fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Nex
     let Tick(tick) = daemon.tick;
     lose_gpu(daemon);
     // A world that stands still hears of a lost GPU here.
-    daemon.sensors.gpu().check()?;
+    daemon.sensors.check_gpu()?;
     // Who takes part in lockstep gets the last tick whole, too.
-    if shutdown.requested() || (has_ended(daemon) && daemon.gate.missing(tick).next().is_none()) {
+    let is_over = has_ended(daemon) && daemon.gate.missing(tick).next().is_none();
+    if shutdown.requested() || (is_over && workers::have_sent_all(daemon)) {
         return Ok(Next::Stop);
     }
     play(daemon)?;
     daemon.ports.greet();
     take_acks(daemon);
+    workers::attend(daemon)?;
     if !may_start(daemon) {
         // Before a wait nothing may be left in flight: all frames of tick N are sent before N+1
         // begins.
         daemon.sensors.finish_all()?;
         if !daemon.ports.commands.is_behind() {
-            daemon.ports.wake.wait(LOOK_AROUND)?;
+            let is_rendering = workers::are_busy(daemon);
+            let wait = if is_rendering {
+                LOOK_AT_WORKERS
+            } else {
+                LOOK_AROUND
+            };
+            daemon.ports.wake.wait(wait)?;
         }
-        commands::serve(daemon);
+        // Who gets an answer in stepped mode or lockstep may count on the frames of the tick.
+        if workers::let_answer(daemon) {
+            commands::serve(daemon);
+        }
         daemon.show_again()?;
         look_after_participants(daemon);
+        workers::look_after(daemon);
         look_after_clients(daemon);
         return Ok(Next::Look);
     }
@@ -145,7 +162,7 @@ fn may_start(daemon: &Daemon) -> bool {
     // A journal and a daemon without clients need no cues.
     let is_uncued = daemon.clients.is_running_alone() || daemon.player.is_some();
     let open = gate.is_open(tick) || (is_uncued && gate.missing(tick).next().is_none());
-    enough && open
+    enough && open && workers::let_go_on(daemon)
 }
 
 fn is_paced(daemon: &Daemon) -> bool {
@@ -386,11 +403,11 @@ fn look_after_clients(daemon: &mut Daemon) {
 
 /// The daemon's last line.
 fn report(daemon: &Daemon) {
-    let counts = daemon.sensors.counts();
+    let (counts, of_workers) = (daemon.sensors.counts(), daemon.workers.totals());
     tracing::info!(
         ticks = daemon.tick.0,
-        frames = counts.n_sent,
-        dropped = counts.n_dropped,
+        frames = counts.n_sent + of_workers.n_sent,
+        dropped = counts.n_dropped + of_workers.n_dropped,
         late_ticks = daemon.pace.n_late(),
         "stopped after {:.1} s of simulated time",
         daemon.now().as_secs()

@@ -1,7 +1,7 @@
 //! The actor a sensor is attached to, as the sensor's model sees it in one tick.
 
 use nalgebra::Vector3;
-use schema_types::{ActorId, Pose};
+use schema_types::{ActorId, Pose, SimTime};
 use sensor_core::imu::BodyState;
 use sensor_core::lane_marks::Corners;
 
@@ -18,4 +18,22 @@ pub struct Carrier {
     pub body: BodyState,
     /// Lower corners of the body's box in the world: front left, front right, rear right, rear left.
     pub lower_corners: Corners,
+}
+
+impl Carrier {
+    /// What a camera needs to know: where it is, and what it is mounted on.
+    pub fn of_camera(parent: ActorId, world_from_sensor: Pose, sim_time: SimTime) -> Carrier {
+        Carrier {
+            parent,
+            world_from_sensor,
+            velocity_in_world_mps: Vector3::zeros(),
+            body: BodyState {
+                sim_time,
+                world_from_vehicle: world_from_sensor.isometry(),
+                velocity_in_world_mps: Vector3::zeros(),
+                angular_velocity_in_world_radps: Vector3::zeros(),
+            },
+            lower_corners: Corners::default(),
+        }
+    }
 }

@@ -13,17 +13,19 @@ use std::time::Duration;
 
 use launch_cli::wrong_usage;
 use schema_bus::{Bus, mono_now};
-use schema_types::{ActorId, Tick};
+use schema_frames::SceneFiring;
+use schema_types::{ActorId, SimTime, Tick};
 use sensor_camera::{CameraRenderer, View};
 use sensor_core::lane_marks::PaintedLines;
 use sensor_core::scene::{Scene, SceneAssets};
+use sensor_core::schedule::Firing;
 use sensor_gpu::Gpu;
 use sensor_ray::RayScene;
 use sensor_spec::SensorSpec;
 
 use crate::carrier::Carrier;
 use crate::rig::Waking;
-use crate::sensor::{Model, Role, Sensor};
+use crate::sensor::{Maker, Model, Role, Sensor};
 use crate::stages;
 use crate::topic::{Audience, FrameCounts, FrameOptions, Topic};
 use in_flight::InFlight;
@@ -32,14 +34,18 @@ use shot::{Due, Shot};
 pub use shot::{Stamp, TickView};
 use views::PendingViews;
 
-/// All sensors of the daemon and what makes their frames.
+/// Says whether frames that are ready are still this process's to send.
+pub type MaySend = Box<dyn FnMut() -> bool>;
+
+/// All sensors of a process and what makes their frames.
 pub struct Sensors {
     /// Dropped first, so that what the GPU works on ends before anything it may use.
     in_flight: InFlight<PendingViews>,
     /// Sensors by rising actor id.
     pub sensors: Vec<Sensor>,
-    gpu: Gpu,
-    renderer: CameraRenderer,
+    /// `None` in a process that renders nothing.
+    gpu: Option<Gpu>,
+    renderer: Option<CameraRenderer>,
     options: FrameOptions,
     rays: Rays,
     /// The map's painted lines, made when a lane invasion detector first needs them.
@@ -53,13 +59,13 @@ pub struct Sensors {
     parting: Vec<Topic>,
     /// Ticks from one at which cameras and lidars may fire to the next.
     fire_every: u64,
+    may_send: MaySend,
 }
 
 impl Sensors {
-    /// Sensors that render on `gpu`.
+    /// Sensors that render on the GPU that is given; without one, only other processes render.
     pub fn new(
-        gpu: Gpu,
-        renderer: CameraRenderer,
+        drawing: Option<(Gpu, CameraRenderer)>,
         sensors: Vec<Sensor>,
         options: FrameOptions,
     ) -> Self {
@@ -67,9 +73,10 @@ impl Sensors {
             Audience::Hash => 1,
             Audience::Readers => u64::from(options.frames_in_flight),
         };
+        let (gpu, renderer) = drawing.unzip();
         Sensors {
             sensors,
-            rays: Rays::new(&gpu, options.lidars_on),
+            rays: Rays::new(gpu.as_ref(), options.lidars_on),
             gpu,
             renderer,
             options,
@@ -80,7 +87,13 @@ impl Sensors {
             closed_counts: FrameCounts::default(),
             parting: Vec::new(),
             fire_every: 1,
+            may_send: Box::new(|| true),
         }
+    }
+
+    /// Asks `may_send` before frames of the GPU are sent; where it says no, they are dropped.
+    pub fn send_while(&mut self, may_send: MaySend) {
+        self.may_send = may_send;
     }
 
     /// Lets cameras and lidars fire at every n-th tick only, where they are due by their rate.
@@ -110,8 +123,16 @@ impl Sensors {
     }
 
     /// The GPU they render on.
-    pub fn gpu(&self) -> &Gpu {
-        &self.gpu
+    pub fn gpu(&self) -> Option<&Gpu> {
+        self.gpu.as_ref()
+    }
+
+    /// Whether the GPU still answers; one that is not there never fails.
+    ///
+    /// # Errors
+    /// [`sensor_gpu::GpuError`].
+    pub fn check_gpu(&self) -> Result<(), sensor_gpu::GpuError> {
+        self.gpu.as_ref().map_or(Ok(()), Gpu::check)
     }
 
     /// Topics whose frames are made from the last firing on, or no longer, where that matters to
@@ -174,9 +195,11 @@ impl Sensors {
     /// Takes over other static scenery for cameras.
     pub fn load_views(&mut self, assets: &Arc<SceneAssets>) -> anyhow::Result<()> {
         self.finish_all()?;
-        let renderer = &mut self.renderer;
-        let loaded = self.gpu.try_to("the map", || renderer.load(assets));
-        loaded.inspect_err(|_| self.renderer.recover())?;
+        let (Some(gpu), Some(renderer)) = (&self.gpu, &mut self.renderer) else {
+            return Ok(());
+        };
+        let loaded = gpu.try_to("the map", || renderer.load(assets));
+        loaded.inspect_err(|_| renderer.recover())?;
         Ok(())
     }
 
@@ -197,15 +220,67 @@ impl Sensors {
     }
 
     /// Fires the sensors that are due at a tick that has been started. When this returns, all frames
-    /// but those of views have been sent; views may still be in flight.
+    /// but those of views have been sent; views may still be in flight. `hand_out` gets the firings
+    /// of sensors whose frames other processes make, before anything is drawn here.
     pub fn fire(
         &mut self,
         tick: &TickView<'_>,
         carrier: impl Fn(ActorId) -> Option<Carrier>,
+        hand_out: impl FnOnce(Vec<SceneFiring>),
     ) -> anyhow::Result<()> {
-        let due = self.due(tick.scene, carrier);
+        let (due, away) = self.due(tick.scene, carrier);
         let mut waking = Waking::default();
         self.fire_motion(tick, &due, &mut waking);
+        hand_out(away);
+        self.fire_due(tick, &due, waking)
+    }
+
+    /// Fires what another process says is due at a tick that has been started: cameras only. Views
+    /// may still be in flight when this returns.
+    pub fn fire_given(
+        &mut self,
+        tick: &TickView<'_>,
+        firings: &[SceneFiring],
+    ) -> anyhow::Result<()> {
+        let mut due = Vec::with_capacity(firings.len());
+        for (sensor_idx, sensor) in self.sensors.iter_mut().enumerate() {
+            let is_own = |firing: &&SceneFiring| firing.sensor_id == sensor.actor.0;
+            let Some(given) = firings.iter().find(is_own) else {
+                continue;
+            };
+            if !matches!(sensor.model, Model::View(_)) {
+                continue;
+            }
+            for topic in &mut sensor.topics {
+                topic.ask(given.outputs & SceneFiring::output(topic.modality) != 0);
+            }
+            let parent = ActorId(given.parent_id);
+            due.push(Due {
+                sensor_idx,
+                firing: Firing {
+                    seq: given.seq,
+                    window_nanos: given.window_nanos,
+                    previous: (given.previous_nanos != u64::MAX)
+                        .then_some(SimTime(given.previous_nanos)),
+                },
+                carrier: Carrier::of_camera(parent, given.world_from_sensor, tick.scene.sim_time),
+            });
+        }
+        let fired = self.fire_due(tick, &due, Waking::default());
+        let topics = self
+            .sensors
+            .iter_mut()
+            .flat_map(|sensor| &mut sensor.topics);
+        topics.for_each(Topic::ask_no_more);
+        fired
+    }
+
+    fn fire_due(
+        &mut self,
+        tick: &TickView<'_>,
+        due: &[Due],
+        mut waking: Waking,
+    ) -> anyhow::Result<()> {
         let mut later = Vec::new();
         while let Some((mut views, late)) = self.in_flight.pop_due() {
             // Other threads make their events while this one records the next images.
@@ -216,16 +291,20 @@ impl Sensors {
             }
         }
         let audience = self.options.audience;
-        let lidars = lidar::submit(&mut self.sensors, &mut self.rays, tick, &due, audience);
-        let renderer = (&self.gpu, &mut self.renderer);
-        let views = views::submit(&mut self.sensors, renderer, tick, &due, audience)?;
+        let lidars = lidar::submit(&mut self.sensors, &mut self.rays, tick, due, audience);
+        let views = match (&self.gpu, &mut self.renderer) {
+            (Some(gpu), Some(renderer)) => {
+                views::submit(&mut self.sensors, (gpu, renderer), tick, due, audience)?
+            }
+            _ => None,
+        };
         for (views, late) in later {
             self.finish(views, late)?;
         }
-        self.fire_on_cpu(tick, &due, lidars.is_some(), &mut waking)?;
+        self.fire_on_cpu(tick, due, lidars.is_some(), &mut waking)?;
         if let Some(lidars) = lidars {
             self.n_lidar_turns += lidar::finish(
-                (&mut self.sensors, &self.gpu),
+                (&mut self.sensors, self.gpu.as_ref()),
                 lidars,
                 &mut waking,
                 audience,
@@ -247,36 +326,51 @@ impl Sensors {
         Ok(())
     }
 
-    /// Fires the spectator alone, once more in a tick that is over.
+    /// Fires the spectator alone, once more in a tick that is over. Returns its firing if another
+    /// process makes its image.
     pub fn fire_spectator(
         &mut self,
         tick: &TickView<'_>,
         carrier: impl Fn(ActorId) -> Option<Carrier>,
-    ) -> anyhow::Result<()> {
+    ) -> anyhow::Result<Option<SceneFiring>> {
         let is_spectator = |sensor: &Sensor| sensor.role == Role::Spectator;
         let Some(sensor_idx) = self.sensors.iter().position(is_spectator) else {
-            return Ok(());
+            return Ok(None);
         };
         let sensor = &mut self.sensors[sensor_idx];
         let Some(carrier) = carrier(sensor.actor) else {
-            return Ok(());
+            return Ok(None);
         };
         let due = Due {
             sensor_idx,
             firing: sensor.schedule.fire_again(),
             carrier,
         };
-        let (renderer, audience) = ((&self.gpu, &mut self.renderer), self.options.audience);
-        if let Some(views) = views::submit(&mut self.sensors, renderer, tick, &[due], audience)? {
+        if let Maker::Worker(worker) = sensor.maker {
+            let audience = self.options.audience;
+            return Ok(Some(given_away(sensor, worker, &due, audience)));
+        }
+        let (Some(gpu), Some(renderer)) = (&self.gpu, &mut self.renderer) else {
+            return Ok(None);
+        };
+        let (drawing, audience) = ((gpu, renderer), self.options.audience);
+        if let Some(views) = views::submit(&mut self.sensors, drawing, tick, &[due], audience)? {
             self.in_flight.push(views);
         }
-        self.finish_all()
+        self.finish_all()?;
+        Ok(None)
     }
 
-    /// Shows every model its carrier, and lists the sensors that fire in this tick, in their order.
-    fn due(&mut self, scene: &Scene, carrier: impl Fn(ActorId) -> Option<Carrier>) -> Vec<Due> {
-        let mut due = Vec::with_capacity(self.sensors.len());
+    /// Shows every model its carrier, and lists the sensors that fire in this tick, in their order:
+    /// those that are fired here, and those that are fired elsewhere.
+    fn due(
+        &mut self,
+        scene: &Scene,
+        carrier: impl Fn(ActorId) -> Option<Carrier>,
+    ) -> (Vec<Due>, Vec<SceneFiring>) {
+        let (mut due, mut away) = (Vec::with_capacity(self.sensors.len()), Vec::new());
         let is_full = scene.tick.0 % self.fire_every == 1 % self.fire_every;
+        let audience = self.options.audience;
         for (sensor_idx, sensor) in self.sensors.iter_mut().enumerate() {
             let Some(carrier) = carrier(sensor.actor) else {
                 continue;
@@ -285,15 +379,21 @@ impl Sensors {
             if !is_full && sensor.model.is_costly() {
                 continue;
             }
-            if let Some(firing) = sensor.schedule.due(scene.sim_time) {
-                due.push(Due {
-                    sensor_idx,
-                    firing,
-                    carrier,
-                });
+            let Some(firing) = sensor.schedule.due(scene.sim_time) else {
+                continue;
+            };
+            let fires = Due {
+                sensor_idx,
+                firing,
+                carrier,
+            };
+            match sensor.maker {
+                Maker::Here => due.push(fires),
+                Maker::Worker(worker) => away.push(given_away(sensor, worker, &fires, audience)),
+                Maker::Nobody => {}
             }
         }
-        due
+        (due, away)
     }
 
     /// Fires the due sensors whose frames take microseconds. They wait for nothing else of the tick,
@@ -330,7 +430,7 @@ impl Sensors {
                 model if model.is_motion() => continue,
                 Model::Lidar { .. } if lidars_are_cast => continue,
                 Model::Lidar { .. } => {
-                    let is_cast = lidar::cast_on_cpu(&shot, sensor, &mut rays, &self.gpu)?;
+                    let is_cast = lidar::cast_on_cpu(&shot, sensor, &mut rays, self.gpu.as_ref())?;
                     self.n_lidar_turns += u64::from(is_cast);
                     is_cast
                 }
@@ -346,10 +446,11 @@ impl Sensors {
     /// Waits for views and sends them.
     fn finish(&mut self, views: PendingViews, ticks_in_flight: u32) -> anyhow::Result<()> {
         views::finish(
-            (&mut self.sensors, &self.gpu),
+            (&mut self.sensors, self.gpu.as_ref()),
             views,
             ticks_in_flight,
             self.options.audience,
+            &mut *self.may_send,
         )
     }
 
@@ -358,9 +459,10 @@ impl Sensors {
     /// # Errors
     /// A sentence that names what does not fit.
     pub fn admit(&self, spec: &SensorSpec) -> anyhow::Result<()> {
-        if let Model::View(view) = Model::new(&self.gpu, spec, 0, 0, false) {
-            self.renderer
-                .admit(&view, &spec.modalities(), self.image_bytes())?;
+        if let Some(renderer) = &self.renderer
+            && let Model::View(view) = Model::new(spec, 0, 0, false)
+        {
+            renderer.admit(&view, &spec.modalities(), self.image_bytes(renderer))?;
         }
         Ok(())
     }
@@ -370,32 +472,36 @@ impl Sensors {
     /// # Errors
     /// A sentence that names the first camera that does not fit; it ends a program with 2.
     pub fn check_fit(&self) -> anyhow::Result<()> {
+        let Some(renderer) = &self.renderer else {
+            return Ok(());
+        };
         let mut used_bytes = 0;
         for (sensor, view) in self.cameras() {
             let modalities = sensor.modalities();
-            self.renderer
+            renderer
                 .admit(view, &modalities, used_bytes)
                 .map_err(|error| wrong_usage(format!("sensor {:?}: {error}", sensor.name)))?;
-            used_bytes += self.renderer.target_bytes(view, &modalities);
+            used_bytes += renderer.target_bytes(view, &modalities);
         }
         Ok(())
     }
 
     /// Bytes that the images of all cameras take on the GPU once they are read.
-    fn image_bytes(&self) -> u64 {
-        let bytes_of = |(sensor, view): (&Sensor, &View)| {
-            self.renderer.target_bytes(view, &sensor.modalities())
-        };
+    fn image_bytes(&self, renderer: &CameraRenderer) -> u64 {
+        let bytes_of =
+            |(sensor, view): (&Sensor, &View)| renderer.target_bytes(view, &sensor.modalities());
         self.cameras().map(bytes_of).sum()
     }
 
-    /// The cameras that measure, with their views: not the spectator, which is shown while there is
+    /// The cameras that measure and are drawn here, with their views: not the spectator, which is shown while there is
     /// room.
     fn cameras(&self) -> impl Iterator<Item = (&Sensor, &View)> {
         self.sensors
             .iter()
             .filter_map(|sensor| match &sensor.model {
-                Model::View(view) if sensor.role == Role::Sensor => Some((sensor, &**view)),
+                Model::View(view) if sensor.role == Role::Sensor && sensor.maker == Maker::Here => {
+                    Some((sensor, &**view))
+                }
                 _ => None,
             })
     }
@@ -435,7 +541,7 @@ impl Sensors {
 
     fn close_parting(&mut self) {
         for topic in self.parting.drain(..) {
-            topic.close(&self.gpu);
+            topic.close(self.gpu.as_ref());
         }
     }
 
@@ -464,7 +570,39 @@ impl Sensors {
             .flat_map(|sensor| &mut sensor.topics)
         {
             if topic.is_unsettled(now_nanos) {
-                topic.settle(bus, &self.gpu);
+                topic.settle(bus, self.gpu.as_ref());
+            }
+        }
+        Ok(())
+    }
+
+    /// Tick of the oldest frames in flight.
+    pub fn oldest_in_flight(&self) -> Option<u64> {
+        self.in_flight.oldest_tick()
+    }
+
+    /// Another process makes the frames of these sensors, or this one does again. All frames in
+    /// flight are sent first.
+    ///
+    /// # Errors
+    /// When frames in flight cannot be sent.
+    pub fn hand_over(
+        &mut self,
+        bus: &Bus,
+        makers: impl Fn(&Sensor) -> Maker,
+    ) -> anyhow::Result<()> {
+        if self
+            .sensors
+            .iter()
+            .all(|sensor| makers(sensor) == sensor.maker)
+        {
+            return Ok(());
+        }
+        self.finish_all()?;
+        for sensor in &mut self.sensors {
+            let maker = makers(sensor);
+            if maker != sensor.maker {
+                sensor.hand_over(maker, bus, self.gpu.as_ref());
             }
         }
         Ok(())
@@ -502,8 +640,29 @@ impl Sensors {
         self.close_parting();
         drop(self.renderer);
         for topic in self.sensors.into_iter().flat_map(|sensor| sensor.topics) {
-            topic.close(&self.gpu);
+            topic.close(self.gpu.as_ref());
         }
         finished
+    }
+}
+
+/// The firing of a sensor whose frames `worker` makes.
+fn given_away(sensor: &mut Sensor, worker: u32, due: &Due, audience: Audience) -> SceneFiring {
+    let audience = sensor.audience(audience);
+    let mut outputs = 0;
+    for topic in &mut sensor.topics {
+        if topic.ask_away(audience) {
+            outputs |= SceneFiring::output(topic.modality);
+        }
+    }
+    SceneFiring {
+        sensor_id: sensor.actor.0,
+        worker,
+        seq: due.firing.seq,
+        window_nanos: due.firing.window_nanos,
+        previous_nanos: due.firing.previous.map_or(u64::MAX, |time| time.0),
+        outputs,
+        parent_id: due.carrier.parent.0,
+        world_from_sensor: due.carrier.world_from_sensor,
     }
 }

@@ -8,5 +8,6 @@ pub mod frames;
 pub mod hash;
 pub mod rig;
 pub mod sensor;
+pub mod share;
 pub mod stages;
 pub mod topic;

@@ -8,7 +8,7 @@ mod stream;
 use std::rc::Rc;
 use std::sync::Arc;
 
-use launch_spec::Launch;
+use launch_spec::TopicLimits;
 use schema_bus::{Bus, GpuServer};
 use schema_frames::Modality;
 use schema_frames::document::TopicInfo;
@@ -54,6 +54,23 @@ pub struct Sensor {
     pub is_added: bool,
     /// What it is to the run.
     pub role: Role,
+    /// Which process makes its frames.
+    pub maker: Maker,
+    /// How often it began anew: with an episode, or when the world jumped to another state.
+    pub n_beginnings: u32,
+    /// Actors that its images leave out.
+    pub hidden: Vec<ActorId>,
+}
+
+/// Which process makes the frames of a sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Maker {
+    /// This one.
+    Here,
+    /// The render worker of this number.
+    Worker(u32),
+    /// None, for now.
+    Nobody,
 }
 
 /// What a sensor is to the run.
@@ -89,7 +106,7 @@ pub struct OpenContext<'a> {
     /// Where its topics are published.
     pub bus: &'a Bus,
     /// What renders its views.
-    pub gpu: &'a Gpu,
+    pub gpu: Option<&'a Gpu>,
     /// Where readers ask for frames that stay on the GPU; `None` if they cannot.
     pub server: Option<&'a Arc<GpuServer>>,
     /// How its frames are made.
@@ -97,7 +114,7 @@ pub struct OpenContext<'a> {
     /// How long its topics have memory.
     pub memory: MemoryLife,
     /// Gives topics their limits.
-    pub launch: &'a Launch,
+    pub limits: &'a dyn Fn(&str) -> TopicLimits,
     /// Seed of the run.
     pub seed: u64,
     /// The last tick that was begun.
@@ -106,6 +123,8 @@ pub struct OpenContext<'a> {
     pub period_nanos: u64,
     /// Whether a journal that is run again tells which topics have frames, where that matters.
     pub is_told: bool,
+    /// Whether another process makes the images of cameras.
+    pub cameras_are_away: bool,
 }
 
 impl Sensor {
@@ -126,17 +145,20 @@ impl Sensor {
             role,
         } = identity;
         let mut topics = Vec::new();
+        let is_camera = matches!(spec, SensorSpec::Camera(_));
+        let is_away = is_camera && (context.cameras_are_away || context.gpu.is_none());
         let tick_secs = context.period_nanos as f64 * 1e-9;
         for modality in spec.modalities() {
             let of_sensor = if name.is_empty() { "" } else { "/" };
             let topic_name = format!("{}{of_sensor}{name}/{}", rig.name, modality.name());
             let topic = TopicSpec {
-                limits: context.launch.limits_of(&topic_name),
+                limits: (context.limits)(&topic_name),
                 name: topic_name,
                 modality,
                 max_payload_bytes: spec.max_payload_bytes(modality, tick_secs),
                 remembers: role == Role::Sensor && spec.remembers(modality),
                 is_told: context.is_told && !is_added,
+                is_away,
             };
             topics.push(Topic::open(
                 context.bus,
@@ -149,7 +171,7 @@ impl Sensor {
         }
         let sensor_id = (stream.number() ^ (stream.number() >> 32)) as u32;
         let shows_overlay = role == Role::Spectator;
-        let model = Model::new(context.gpu, &spec, context.seed, sensor_id, shows_overlay);
+        let model = Model::new(&spec, context.seed, sensor_id, shows_overlay);
         Ok(Sensor {
             actor,
             name,
@@ -165,6 +187,9 @@ impl Sensor {
             refused_until_nanos: 0,
             is_added,
             role,
+            maker: if is_away { Maker::Nobody } else { Maker::Here },
+            n_beginnings: 0,
+            hidden: Vec::new(),
         })
     }
 
@@ -206,7 +231,33 @@ impl Sensor {
 
     /// Forgets what it saw, because the world jumped to another state.
     pub fn forget(&mut self) {
+        self.n_beginnings += 1;
         self.model.reset();
+    }
+
+    /// Leaves actors out of its images from now on, and no others; `false` if it is no camera.
+    pub fn hide(&mut self, actors: &[ActorId]) -> bool {
+        let Model::View(view) = &mut self.model else {
+            return false;
+        };
+        view.hide(actors.iter().copied());
+        self.hidden = actors.to_vec();
+        true
+    }
+
+    /// Another process makes its frames, or this one does again. What the model saw is forgotten. No
+    /// frame may be in flight.
+    pub fn hand_over(&mut self, maker: Maker, bus: &Bus, gpu: Option<&Gpu>) {
+        if let Model::View(view) = &mut self.model {
+            view.release();
+        }
+        for topic in &mut self.topics {
+            match maker {
+                Maker::Here => topic.come_back(),
+                _ => topic.leave(bus, gpu),
+            }
+        }
+        self.maker = maker;
     }
 
     /// Asks for larger memory where a tick of this length can fill a larger frame.

@@ -63,6 +63,8 @@ pub struct TopicSpec {
     pub remembers: bool,
     /// Whether a journal tells when its frames are made; at first they are not.
     pub is_told: bool,
+    /// Whether another process writes its frames.
+    pub is_away: bool,
 }
 
 /// One topic.
@@ -78,10 +80,13 @@ pub struct Topic {
     memory: TopicMemory,
     /// Its frames that stay on the GPU; `None` where they cannot.
     on_gpu: Option<OnGpu>,
+    limits: TopicLimits,
     /// Of a topic whose frames depend on whether the one before was made.
     made: Option<Made>,
     /// What the journal that is run again says about that.
     told: Option<bool>,
+    /// Whether the frame of this firing is asked for, if another process decides that.
+    asked: Option<bool>,
 }
 
 /// Slots for one image: in shared memory, and on the GPU.
@@ -125,7 +130,7 @@ impl Topic {
     /// Opens a topic's services, and its memory if that lasts.
     pub fn open(
         bus: &Bus,
-        gpu: &Gpu,
+        gpu: Option<&Gpu>,
         spec: TopicSpec,
         options: &FrameOptions,
         life: MemoryLife,
@@ -138,6 +143,7 @@ impl Topic {
             limits,
             remembers,
             is_told,
+            is_away,
         } = spec;
         let plan = MemoryPlan {
             modality,
@@ -147,13 +153,16 @@ impl Topic {
             transfer: options.transfer,
             writer: Writer::of(modality, options.lidars_on),
             life,
+            is_away,
         };
         let memory = TopicMemory::open(bus, gpu, &name, &plan)?;
         let wake = bus.notifier(&name)?;
-        let on_gpu = server.filter(|_| can_stay(modality)).map(|server| {
-            let in_flight = options.frames_in_flight as usize;
-            OnGpu::offer(bus, server, &name, max_payload_bytes, limits, in_flight)
-        });
+        let on_gpu = server
+            .filter(|_| can_stay(modality) && !is_away)
+            .map(|server| {
+                let in_flight = options.frames_in_flight as usize;
+                OnGpu::offer(bus, server, &name, max_payload_bytes, limits, in_flight)
+            });
         Ok(Topic {
             on_gpu,
             name,
@@ -161,8 +170,10 @@ impl Topic {
             counts: FrameCounts::default(),
             wake,
             memory,
+            limits,
             made: remembers.then(Made::default),
             told: (remembers && is_told).then_some(false),
+            asked: None,
         })
     }
 
@@ -186,7 +197,55 @@ impl Topic {
 
     /// Whether its frames are made.
     pub fn is_read(&self, audience: Audience) -> bool {
+        if let Some(asked) = self.asked {
+            return asked;
+        }
         self.told != Some(false) && (audience == Audience::Hash || self.n_readers() > 0)
+    }
+
+    /// Whether the frame of this firing is made, as the process decides that owns the world.
+    pub fn ask(&mut self, is_made: bool) {
+        self.asked = Some(is_made);
+    }
+
+    /// Readers decide again.
+    pub fn ask_no_more(&mut self) {
+        self.asked = None;
+    }
+
+    /// Whether the frame of this firing is to be made by the process that writes the topic; notes
+    /// the answer as that of a frame which is made here.
+    pub fn ask_away(&mut self, audience: Audience) -> bool {
+        let is_made = self.is_read(audience);
+        if let Some(made) = &mut self.made {
+            made.is_made = is_made;
+        }
+        is_made
+    }
+
+    /// Another process writes the frames from now on. No frame may be in flight. They no longer stay
+    /// on this process's GPU: readers there are refused, and read shared memory.
+    pub fn leave(&mut self, bus: &Bus, gpu: Option<&Gpu>) {
+        if let (Some(on_gpu), Some(gpu)) = (self.on_gpu.take(), gpu) {
+            on_gpu.close(gpu);
+        }
+        if let Err(error) = self.memory.leave(bus, gpu, &self.name) {
+            tracing::warn!(
+                topic = self.name,
+                error = format!("{error:#}"),
+                "a topic could not be handed over"
+            );
+        }
+    }
+
+    /// The frames are written here again.
+    pub fn come_back(&mut self) {
+        self.memory.come_back();
+    }
+
+    /// Limits and life of its memory, for whoever writes the frames.
+    pub fn plan(&self) -> (TopicLimits, MemoryLife) {
+        (self.limits, self.memory.life())
     }
 
     /// Follows what a journal says about its frames; `None` follows readers again.
@@ -304,12 +363,13 @@ impl Topic {
     /// The GPU was lost.
     pub fn send_list(
         &mut self,
-        gpu: &Gpu,
+        gpu: Option<&Gpu>,
         mut loan: FrameLoan,
         header: FrameHeader,
         audience: Audience,
     ) -> anyhow::Result<()> {
         if self.n_gpu_readers() > 0
+            && let Some(gpu) = gpu
             && let Some((on_gpu, place)) = self.loan_on_gpu()
         {
             let bytes = &loan.payload_mut()[..header.payload_bytes as usize];
@@ -368,10 +428,10 @@ impl Topic {
 
     /// Opens the memory for the first reader, gives it back after the last, or makes it larger.
     /// No frame may be in flight.
-    pub fn settle(&mut self, bus: &Bus, gpu: &Gpu) {
+    pub fn settle(&mut self, bus: &Bus, gpu: Option<&Gpu>) {
         let now_nanos = mono_now().0;
         // From being asked to having memory there are two steps, which both come before the tick.
-        while let Some(on_gpu) = &mut self.on_gpu
+        while let (Some(on_gpu), Some(gpu)) = (&mut self.on_gpu, gpu)
             && on_gpu.is_unsettled(now_nanos)
         {
             if let Err(error) = on_gpu.settle(bus, gpu)
@@ -399,8 +459,8 @@ impl Topic {
     }
 
     /// Gives everything back, memory last. No frame may be in flight.
-    pub fn close(self, gpu: &Gpu) {
-        if let Some(on_gpu) = self.on_gpu {
+    pub fn close(self, gpu: Option<&Gpu>) {
+        if let (Some(on_gpu), Some(gpu)) = (self.on_gpu, gpu) {
             on_gpu.close(gpu);
         }
         self.memory.close(gpu);

@@ -7,7 +7,7 @@ import pathlib
 import sys
 
 #: The order of the page; whatever is not named comes last.
-FIRST = ["gantry", "simd", "gantry-drive", "gantry-view", "gantry-record", "gantry-replay", "gantry-rerun", "gantry-export", "gantry-dataset"]
+FIRST = ["gantry", "simd", "gantry-render", "gantry-drive", "gantry-view", "gantry-record", "gantry-replay", "gantry-rerun", "gantry-export", "gantry-dataset"]
 #: Sections that all help texts have; the page has them once.
 SHARED = ("Common options:", "Environment:", "Exit codes:")
 

@@ -15,8 +15,9 @@ fn allowed(from: &str, to: &str) -> bool {
     match (from, to) {
         (_, "launch_cli") => !matches!(district(from).as_str(), "schema" | "sensor"),
         ("launch_spec", "sensor_spec") | ("gantry", "launch_spec" | "sensor_spec") => true,
-        ("simd" | "simd_frames", "launch_spec") => true,
-        ("simd_frames", _) => matches!(district(to).as_str(), "schema" | "sensor"),
+        ("simd" | "simd_frames" | "simd_render", "launch_spec") => true,
+        ("simd_render", "simd_frames") => true,
+        ("simd_frames" | "simd_render", _) => matches!(district(to).as_str(), "schema" | "sensor"),
         ("simd_body", "sensor_core") | ("simd_town", "sensor_core" | "simd_body") => true,
         ("simd_world", "sensor_core" | "simd_body" | "simd_town") => true,
         ("simd", _) => matches!(district(to).as_str(), "schema" | "sensor" | "simd"),
@@ -40,7 +41,7 @@ fn allowed(from: &str, to: &str) -> bool {
         ("consumer_python", "consumer_gpu") => true,
         (from, "consumer_kit") => district(from) == "consumer",
         // All programs in one file, and nothing else.
-        ("launch_all", "gantry" | "simd") => true,
+        ("launch_all", "gantry" | "simd" | "simd_render") => true,
         ("launch_all", to) => district(to) == "consumer",
         _ => false,
     }

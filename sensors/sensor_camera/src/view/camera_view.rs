@@ -80,6 +80,11 @@ impl std::fmt::Debug for View {
 impl View {
     /// A view that has not fired. Nothing is allocated on the GPU yet.
     pub fn new(_gpu: &Gpu, spec: ViewSpec) -> View {
+        View::of(spec)
+    }
+
+    /// As [`View::new`], where no GPU is at hand yet.
+    pub fn of(spec: ViewSpec) -> View {
         let drawn = match spec.optics.distortion() {
             Some(bend) => drawn_by(&bend, &spec.intrinsics),
             None => spec.intrinsics,

@@ -7,7 +7,9 @@ use schema_frames::CommandReply;
 use crate::daemon::Daemon;
 
 pub fn counters(daemon: &Daemon) -> CommandReply {
-    let gpu = daemon.sensors.gpu().counters().counts();
+    let gpu = daemon.sensors.gpu();
+    let gpu = gpu.map(|gpu| gpu.counters().counts()).unwrap_or_default();
+    let of_workers = daemon.workers.totals();
     let mut counters = BTreeMap::from([
         ("ticks".to_owned(), daemon.tick.0),
         ("late_ticks".to_owned(), daemon.pace.n_late()),
@@ -28,6 +30,13 @@ pub fn counters(daemon: &Daemon) -> CommandReply {
         ),
         ("unsent".to_owned(), daemon.faults.n_unsent()),
         ("gpu_passes".to_owned(), gpu.passes),
+        (
+            "render_workers".to_owned(),
+            daemon.workers.n_working() as u64,
+        ),
+        ("sent_by_workers".to_owned(), of_workers.n_sent),
+        ("dropped_by_workers".to_owned(), of_workers.n_dropped),
+        ("passes_of_workers".to_owned(), of_workers.n_passes),
         ("gpu_draws".to_owned(), gpu.draws),
         ("gpu_triangles".to_owned(), gpu.triangles),
         ("gpu_copies".to_owned(), gpu.copies),

@@ -9,9 +9,7 @@ use sensor_core::schedule::Schedule;
 use sensor_spec::SensorSpec;
 
 use crate::daemon::Daemon;
-use simd_frames::sensor::{
-    Model, NoiseStream, OpenContext, Role, Sensor, SensorIdentity, shared_rig,
-};
+use simd_frames::sensor::{NoiseStream, OpenContext, Role, Sensor, SensorIdentity, shared_rig};
 use simd_frames::topic::MemoryLife;
 
 /// Most sensors at a time. Each needs several files and services.
@@ -42,7 +40,9 @@ pub fn spawn(daemon: &mut Daemon, wish: &SensorWish<'_>) -> anyhow::Result<Comma
         "there are {MAX_SENSORS} sensors already, which is the most; destroy one first"
     );
     let spec = read_spec(wish.spec, daemon.clock.period_nanos())?;
-    daemon.sensors.admit(&spec)?;
+    if !daemon.workers.has_any() {
+        daemon.sensors.admit(&spec)?;
+    }
     let actor = daemon
         .world
         .spawn(wish.type_id, wish.pose, wish.parent, "", wish.attributes)?;
@@ -82,18 +82,12 @@ pub fn hide(daemon: &mut Daemon, camera: ActorId, actors: &[u32]) -> anyhow::Res
         "{} actors are to be left out, at most {MAX_HIDDEN} can be",
         actors.len()
     );
-    let found = daemon
-        .sensors
-        .sensors
-        .iter_mut()
-        .filter(|sensor| sensor.actor == camera);
-    let mut n_found = 0;
-    for sensor in found {
-        if let Model::View(view) = &mut sensor.model {
-            view.hide(actors.iter().map(|id| ActorId(*id)));
-            n_found += 1;
-        }
-    }
+    let actors: Vec<ActorId> = actors.iter().map(|id| ActorId(*id)).collect();
+    let found = daemon.sensors.sensors.iter_mut();
+    let n_found = found
+        .filter(|sensor| sensor.actor == camera)
+        .filter_map(|sensor| sensor.hide(&actors).then_some(()))
+        .count();
     ensure!(
         n_found > 0,
         "actor {camera} is no camera; only cameras leave actors out"
@@ -127,11 +121,12 @@ fn open(
         server: daemon.gpu_server.as_ref(),
         frames: daemon.sensors.options(),
         memory: MemoryLife::OnDemand,
-        launch: &daemon.settings.launch,
+        limits: &|topic| daemon.settings.launch.limits_of(topic),
         seed: daemon.episode.stamp.seed,
         tick: daemon.tick,
         period_nanos: daemon.clock.period_nanos(),
         is_told: daemon.player.is_some(),
+        cameras_are_away: daemon.workers.has_any(),
     };
     let schedule = Schedule::new(daemon.now(), wish.interval_nanos);
     let sensor = Sensor::open(&context, identity, spec, schedule)?;

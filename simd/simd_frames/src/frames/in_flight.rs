@@ -40,6 +40,11 @@ impl<T> InFlight<T> {
         self.pending.front().map(|(_, work)| work)
     }
 
+    /// Tick of the oldest work.
+    pub fn oldest_tick(&self) -> Option<u64> {
+        self.pending.front().map(|(tick, _)| *tick)
+    }
+
     /// Removes the oldest work; also says how many ticks late it is.
     pub fn pop(&mut self) -> Option<(T, u32)> {
         let (tick, work) = self.pending.pop_front()?;

@@ -98,7 +98,7 @@ pub(super) fn submit(
 
 /// Waits for the lidars of this tick and sends them; returns how many were cast.
 pub(super) fn finish(
-    (sensors, gpu): (&mut [Sensor], &Gpu),
+    (sensors, gpu): (&mut [Sensor], Option<&Gpu>),
     pending: PendingLidars,
     waking: &mut Waking,
     audience: Audience,
@@ -134,7 +134,7 @@ pub(super) fn cast_on_cpu(
     shot: &Shot<'_>,
     sensor: &mut Sensor,
     rays: &mut TickRays<'_>,
-    gpu: &Gpu,
+    gpu: Option<&Gpu>,
 ) -> anyhow::Result<bool> {
     let _span = stages::LIDAR.span();
     let Some(Aimed {

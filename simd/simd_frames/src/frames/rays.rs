@@ -20,13 +20,12 @@ pub(super) struct Rays {
 
 impl Rays {
     /// Nothing loaded yet.
-    pub fn new(gpu: &Gpu, lidars_on: Writer) -> Rays {
+    pub fn new(gpu: Option<&Gpu>, lidars_on: Writer) -> Rays {
         Rays {
             scene: None,
-            lidar_gpu: match lidars_on {
-                Writer::Gpu => Some(GpuRays::new(gpu, GpuRayOptions::default())),
-                Writer::Cpu => None,
-            },
+            lidar_gpu: gpu
+                .filter(|_| lidars_on == Writer::Gpu)
+                .map(|gpu| GpuRays::new(gpu, GpuRayOptions::default())),
             lidars_were_refused: false,
         }
     }

@@ -192,12 +192,14 @@ fn refuse_what_does_not_fit(
     Ok(())
 }
 
-/// Waits for views and sends them, `ticks_in_flight` ticks late.
+/// Waits for views and sends them, `ticks_in_flight` ticks late, unless `may_send` says that they are
+/// not this process's to send any more.
 pub(super) fn finish(
-    (sensors, gpu): (&mut [Sensor], &Gpu),
+    (sensors, gpu): (&mut [Sensor], Option<&Gpu>),
     pending: PendingViews,
     ticks_in_flight: u32,
     audience: Audience,
+    may_send: &mut dyn FnMut() -> bool,
 ) -> anyhow::Result<()> {
     let readback = stages::READBACK.span();
     let (results, mut loans) = pending
@@ -205,6 +207,9 @@ pub(super) fn finish(
         .wait(Submission::wait)
         .context("the GPU did not finish its frames")?;
     drop(readback);
+    if !may_send() {
+        return Ok(());
+    }
     let _span = stages::PUBLISH.span();
     let rendered_mono_nanos = mono_now().0;
     let mut waking = Waking::default();

@@ -5,7 +5,6 @@ use schema_frames::RadarDetection;
 use sensor_camera::{View, ViewSpec};
 use sensor_core::imu::BodyMotion;
 use sensor_core::lane_marks::Corners;
-use sensor_gpu::Gpu;
 use sensor_ray::Lidar;
 use sensor_spec::SensorSpec;
 
@@ -43,25 +42,16 @@ pub enum Model {
 
 impl Model {
     /// The model of a sensor that has seen nothing yet.
-    pub fn new(
-        gpu: &Gpu,
-        spec: &SensorSpec,
-        seed: u64,
-        sensor_id: u32,
-        shows_overlay: bool,
-    ) -> Model {
+    pub fn new(spec: &SensorSpec, seed: u64, sensor_id: u32, shows_overlay: bool) -> Model {
         match spec {
-            SensorSpec::Camera(camera) => Model::View(Box::new(View::new(
-                gpu,
-                ViewSpec {
-                    intrinsics: camera.intrinsics(),
-                    dvs: camera.dvs.clone(),
-                    optics: camera.optics.clone(),
-                    seed,
-                    sensor_id,
-                    shows_overlay,
-                },
-            ))),
+            SensorSpec::Camera(camera) => Model::View(Box::new(View::of(ViewSpec {
+                intrinsics: camera.intrinsics(),
+                dvs: camera.dvs.clone(),
+                optics: camera.optics.clone(),
+                seed,
+                sensor_id,
+                shows_overlay,
+            }))),
             SensorSpec::Lidar(lidar) => Model::Lidar {
                 lidar: Box::new(Lidar::new(lidar.clone())),
                 previous: None,

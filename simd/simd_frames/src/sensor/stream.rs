@@ -52,6 +52,15 @@ impl NoiseStream {
         }
     }
 
+    /// The stream of a number.
+    pub fn of_number(number: u64) -> Self {
+        NoiseStream {
+            likeness: number,
+            carrier: None,
+            twin: 0,
+        }
+    }
+
     /// Number of the stream.
     pub fn number(&self) -> u64 {
         match self.twin {

@@ -58,6 +58,8 @@ pub(super) struct MemoryPlan {
     pub transfer: Transfer,
     pub writer: Writer,
     pub life: MemoryLife,
+    /// Whether another process writes the frames.
+    pub is_away: bool,
 }
 
 /// A topic with the limits that the launch file gives it.
@@ -104,11 +106,18 @@ pub(super) struct TopicMemory {
     outgrown: bool,
     /// Readers elsewhere, on the GPU, need its frames.
     is_needed: bool,
+    /// Another process writes the frames, so that there is no memory here.
+    is_away: bool,
 }
 
 impl TopicMemory {
     /// Opens the service, and the memory if it lasts.
-    pub fn open(bus: &Bus, gpu: &Gpu, name: &str, plan: &MemoryPlan) -> anyhow::Result<Self> {
+    pub fn open(
+        bus: &Bus,
+        gpu: Option<&Gpu>,
+        name: &str,
+        plan: &MemoryPlan,
+    ) -> anyhow::Result<Self> {
         let (modality, max_payload_bytes) = (plan.modality, plan.max_payload_bytes);
         let usual = match plan.life {
             MemoryLife::Lasting => FrameTopic::new(modality, max_payload_bytes),
@@ -123,7 +132,7 @@ impl TopicMemory {
         let service = bus
             .frame_service(name, spec)
             .with_context(|| format!("cannot publish {name:?}"))?;
-        if plan.life != MemoryLife::WhileRoom {
+        if plan.life != MemoryLife::WhileRoom && !plan.is_away {
             check_room(name, &service, 0)?;
         }
         let mut memory = TopicMemory {
@@ -138,8 +147,10 @@ impl TopicMemory {
             is_refused: false,
             outgrown: false,
             is_needed: false,
+            is_away: plan.is_away,
         };
         memory.outlet = match plan.life {
+            _ if plan.is_away => Outlet::Idle(service),
             MemoryLife::OnDemand | MemoryLife::WhileRoom => Outlet::Idle(service),
             MemoryLife::Lasting => memory.open_outlet(service, gpu)?,
         };
@@ -158,6 +169,11 @@ impl TopicMemory {
     /// Says whether its frames are needed although it may have no reader of its own.
     pub fn need(&mut self, is_needed: bool) {
         self.is_needed = is_needed;
+    }
+
+    /// How long it lasts.
+    pub fn life(&self) -> MemoryLife {
+        self.life
     }
 
     /// Most payload bytes of a frame.
@@ -191,6 +207,9 @@ impl TopicMemory {
 
     /// Whether [`TopicMemory::settle`] has something to do.
     pub fn is_unsettled(&mut self, now_nanos: u64) -> bool {
+        if self.is_away {
+            return matches!(self.outlet, Outlet::Closed) && now_nanos >= self.not_before_nanos;
+        }
         if self.outgrown {
             return true;
         }
@@ -213,7 +232,11 @@ impl TopicMemory {
 
     /// Opens the memory for the first reader, gives it back after the last, or makes it larger.
     /// No frame may be in flight.
-    pub fn settle(&mut self, bus: &Bus, gpu: &Gpu, name: &str) -> anyhow::Result<()> {
+    pub fn settle(&mut self, bus: &Bus, gpu: Option<&Gpu>, name: &str) -> anyhow::Result<()> {
+        if self.is_away {
+            self.outlet = Outlet::Idle(bus.frame_service(name, self.spec)?);
+            return Ok(());
+        }
         if std::mem::take(&mut self.outgrown) {
             return self.grow(bus, gpu, name);
         }
@@ -236,7 +259,7 @@ impl TopicMemory {
 
     /// Makes the memory anew in the size that is needed; readers stay connected. If the new size
     /// does not fit, the topic keeps the memory it has, and its frames what fits into that.
-    fn grow(&mut self, bus: &Bus, gpu: &Gpu, name: &str) -> anyhow::Result<()> {
+    fn grow(&mut self, bus: &Bus, gpu: Option<&Gpu>, name: &str) -> anyhow::Result<()> {
         let (had_bytes, needed_bytes) = (self.max_payload_bytes, self.spec.max_payload_bytes);
         let Err(error) = self.reopen(bus, gpu, name) else {
             return Ok(());
@@ -250,7 +273,7 @@ impl TopicMemory {
         })
     }
 
-    fn reopen(&mut self, bus: &Bus, gpu: &Gpu, name: &str) -> anyhow::Result<()> {
+    fn reopen(&mut self, bus: &Bus, gpu: Option<&Gpu>, name: &str) -> anyhow::Result<()> {
         // A second handle under the same name keeps the service alive during the change.
         let service = bus.frame_service(name, self.spec)?;
         let was_open = matches!(self.outlet, Outlet::Open { .. });
@@ -278,6 +301,24 @@ impl TopicMemory {
         Ok(())
     }
 
+    /// Gives the memory back for good, because another process writes the frames from now on. The
+    /// service stays. No frame may be in flight.
+    pub fn leave(&mut self, bus: &Bus, gpu: Option<&Gpu>, name: &str) -> anyhow::Result<()> {
+        self.is_away = true;
+        if matches!(self.outlet, Outlet::Open { .. }) {
+            // A second handle under the same name keeps the service alive during the change.
+            let service = bus.frame_service(name, self.spec)?;
+            std::mem::replace(&mut self.outlet, Outlet::Idle(service)).close(gpu);
+        }
+        Ok(())
+    }
+
+    /// The frames are written here again; [`TopicMemory::settle`] makes the memory.
+    pub fn come_back(&mut self) {
+        self.is_away = false;
+        self.last_read_nanos = mono_now().0;
+    }
+
     /// Notes that the memory was refused: it is asked for again after a while. Whether to say so.
     pub fn refuse(&mut self, now_nanos: u64) -> bool {
         self.not_before_nanos = now_nanos.saturating_add(ASK_AGAIN_NANOS);
@@ -285,11 +326,11 @@ impl TopicMemory {
     }
 
     /// Gives everything back. No frame may be in flight.
-    pub fn close(self, gpu: &Gpu) {
+    pub fn close(self, gpu: Option<&Gpu>) {
         self.outlet.close(gpu);
     }
 
-    fn open_outlet(&self, service: FrameService, gpu: &Gpu) -> anyhow::Result<Outlet> {
+    fn open_outlet(&self, service: FrameService, gpu: Option<&Gpu>) -> anyhow::Result<Outlet> {
         let publisher = Arc::new(service.publisher()?);
         publisher.touch()?;
         let segment = publisher.segment()?;
@@ -297,6 +338,7 @@ impl TopicMemory {
             Writer::Cpu => None,
             Writer::Gpu => {
                 let publisher = publisher.clone();
+                let gpu = gpu.context("this process has no GPU (--no-gpu)")?;
                 Some(import::target(gpu, &segment, publisher, self.transfer))
             }
         };
@@ -309,10 +351,12 @@ impl TopicMemory {
 
 impl Outlet {
     /// Gives the memory back, if there is any, and waits until it is free.
-    fn close(self, gpu: &Gpu) {
+    fn close(self, gpu: Option<&Gpu>) {
         if let Outlet::Open { target, publisher } = self {
             drop(target);
-            gpu.wait_idle();
+            if let Some(gpu) = gpu {
+                gpu.wait_idle();
+            }
             drop(publisher);
         }
     }

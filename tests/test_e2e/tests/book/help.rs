@@ -7,9 +7,10 @@ use std::process::{Command, Output, Stdio};
 use test_kit::sandbox::{binary_path, repository};
 
 /// All programs that users start.
-const PROGRAMS: [&str; 13] = [
+const PROGRAMS: [&str; 14] = [
     "gantry",
     "simd",
+    "gantry-render",
     "gantry-drive",
     "gantry-view",
     "gantry-record",

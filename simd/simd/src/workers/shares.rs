@@ -1,0 +1,154 @@
+//! Which worker makes the frames of which camera, and how cameras move.
+
+use schema_types::ActorId;
+use sensor_spec::SensorSpec;
+use simd_frames::sensor::{Maker, Sensor};
+use simd_frames::share::{Group, divide as shares_of};
+
+use super::{Listed, Standing, is_camera, is_complete, say_that_lists_changed, stays_here};
+use crate::daemon::Daemon;
+
+/// Gives cameras their places if these may have to change: one step of it, the next when all workers
+/// have taken over the lists.
+pub fn divide(daemon: &mut Daemon) -> anyhow::Result<()> {
+    let listed = listed(&daemon.sensors.sensors);
+    let workers = &mut daemon.workers;
+    if listed != workers.listed {
+        workers.must_divide = true;
+    }
+    if !workers.must_divide || !workers.all_took_over() || !is_complete(daemon) {
+        return Ok(());
+    }
+    let wishes = wishes(daemon);
+    let is_working = |number: u32| {
+        let mut working = daemon.workers.working();
+        working.any(|worker| worker.number == number)
+    };
+    let (mut next, mut is_moving) = (wishes.clone(), false);
+    for (sensor, (_, maker)) in cameras(&daemon.sensors.sensors).zip(&mut next) {
+        if let Maker::Worker(owner) = sensor.maker
+            && sensor.maker != *maker
+            && is_working(owner)
+        {
+            // It closes its topics before anybody else opens them.
+            *maker = Maker::Nobody;
+            is_moving = true;
+        }
+    }
+    let maker_of = |sensor: &Sensor| {
+        let found = next.binary_search_by_key(&sensor.actor, |(actor, _)| *actor);
+        found.map_or(sensor.maker, |idx| next[idx].1)
+    };
+    daemon.sensors.hand_over(&daemon.bus, maker_of)?;
+    let now = self::listed(&daemon.sensors.sensors);
+    if now != daemon.workers.listed {
+        daemon.workers.listed = now;
+        say_that_lists_changed(daemon);
+    }
+    daemon.workers.must_divide = is_moving;
+    if wishes.iter().any(|(_, maker)| *maker == Maker::Nobody)
+        && daemon
+            .workers
+            .workers
+            .iter()
+            .all(|it| it.standing != Standing::Joins)
+        && !std::mem::replace(&mut daemon.workers.is_lack_said, true)
+    {
+        tracing::warn!(
+            "the cameras have no frames: this simulator renders nothing (--no-gpu), and no render worker is there; start one with: gantry-render --domain {}",
+            daemon.settings.domain
+        );
+    }
+    if daemon.workers.has_any() {
+        daemon.workers.is_lack_said = false;
+    }
+    Ok(())
+}
+
+/// Whether the lists of workers are those of the cameras that there are.
+pub fn are_listed(daemon: &Daemon) -> bool {
+    listed(&daemon.sensors.sensors) == daemon.workers.listed
+}
+
+/// The cameras as the lists of workers have them.
+fn listed(sensors: &[Sensor]) -> Vec<Listed> {
+    cameras(sensors)
+        .map(|it| (it.actor, it.n_beginnings, it.maker, it.hidden.clone()))
+        .collect()
+}
+
+fn cameras(sensors: &[Sensor]) -> impl Iterator<Item = &Sensor> {
+    sensors.iter().filter(|sensor| is_camera(sensor))
+}
+
+/// Who is to make the frames of each camera, by rising actor.
+fn wishes(daemon: &Daemon) -> Vec<(ActorId, Maker)> {
+    let has_gpu = daemon.sensors.gpu().is_some();
+    let workers: Vec<(u32, f64)> = daemon
+        .workers
+        .working()
+        .map(|worker| (worker.number, worker.weight))
+        .collect();
+    let nobody = match has_gpu {
+        true => Maker::Here,
+        false => Maker::Nobody,
+    };
+    // Sensors of one rig that see the same are drawn once.
+    let mut groups: Vec<(Alike, Group, Vec<ActorId>)> = Vec::new();
+    let mut wishes = Vec::new();
+    for sensor in cameras(&daemon.sensors.sensors) {
+        if stays_here(sensor, has_gpu) {
+            wishes.push((sensor.actor, Maker::Here));
+            continue;
+        }
+        let alike = alike(daemon, sensor);
+        let now = match sensor.maker {
+            Maker::Worker(worker) => Some(worker),
+            _ => None,
+        };
+        let cost = cost(sensor);
+        match groups.iter_mut().find(|(of, ..)| *of == alike) {
+            Some((_, group, actors)) => {
+                group.cost += cost;
+                group.now = group.now.or(now);
+                actors.push(sensor.actor);
+            }
+            None => groups.push((alike, Group { cost, now }, vec![sensor.actor])),
+        }
+    }
+    let costs: Vec<Group> = groups.iter().map(|(_, group, _)| *group).collect();
+    for ((_, _, actors), owner) in groups.iter().zip(shares_of(&costs, &workers)) {
+        let maker = owner.map_or(nobody, Maker::Worker);
+        wishes.extend(actors.iter().map(|actor| (*actor, maker)));
+    }
+    wishes.sort_unstable();
+    wishes
+}
+
+/// What cameras have in common that see the same: rig, size, and place to the bit.
+type Alike = (String, [u32; 2], [u64; 7]);
+
+fn alike(daemon: &Daemon, sensor: &Sensor) -> Alike {
+    let pose = daemon
+        .world
+        .record(sensor.actor)
+        .map(|record| bytemuck::cast(record.world_from_actor))
+        .unwrap_or_default();
+    (sensor.rig.name.clone(), size_px(&sensor.spec), pose)
+}
+
+fn size_px(spec: &SensorSpec) -> [u32; 2] {
+    match spec {
+        SensorSpec::Camera(camera) => {
+            let lens = camera.intrinsics();
+            [lens.width_px, lens.height_px]
+        }
+        _ => [0; 2],
+    }
+}
+
+/// Pixels times modalities.
+fn cost(sensor: &Sensor) -> u64 {
+    let [width_px, height_px] = size_px(&sensor.spec);
+    u64::from(width_px) * u64::from(height_px) * sensor.topics.len().max(1) as u64
+}

@@ -1,0 +1,271 @@
+//! What render workers bring: many cameras, rendered by the simulator itself and by workers.
+//!
+//! `cargo run --release -p test_e2e --example worker_scaling -- [CAMERAS WIDTH HEIGHT] [--workers 0,1,2] [--adapters 0,1]
+//! [--seconds 20] [--lockstep] [--json FILE]` (default: 64 cameras of 256 × 256, then 16 of 1920 × 1080). Worker n takes
+//! adapter n of the list, counted round; without a list each takes the usual one. A `-` among the workers is the world alone:
+//! no GPU, no worker, nobody reads. The world runs as fast as it can, or, with `--lockstep`, waits at every tick
+//! until the frames of the last are read. Ticks are those of the world, milliseconds of the processor per tick
+//! those of the process `simd`.
+
+use std::time::{Duration, Instant};
+
+use launch_cli::bench::{BenchResult, take_json_argument};
+use schema_bus::{Bus, CommandClient, FrameReader};
+use schema_frames::{Command, CommandReply};
+use test_e2e::{ask, counter, join_bus, reader, spawn_consumer, start_daemon};
+use test_kit::{Process, Sandbox, eventually};
+
+/// Ticks before the first that counts.
+const WARM_UP: u64 = 30;
+
+struct Options {
+    workers: Vec<Option<usize>>,
+    adapters: Vec<String>,
+    measured: Duration,
+    lockstep: bool,
+}
+
+fn launch(n_cameras: usize, [width_px, height_px]: [u32; 2]) -> String {
+    let mut text = String::from(
+        "version = 1\n[scenario]\nmap = \"Town10HD\"\nseed = 7\ntick_hz = 20\nvehicles = 20\nwalkers = 20\n",
+    );
+    for n in 0..n_cameras {
+        let yaw_deg = 360.0 * n as f64 / n_cameras as f64 - 180.0;
+        text += &format!(
+            "[sensor.c{n}]\nkind = \"camera\"\nrate_hz = 20\nwidth_px = {width_px}\nheight_px = {height_px}\nmount.position_m = [0.6, 0.0, 1.8]\nmount.rpy_deg = [0.0, 0.0, {yaw_deg:.3}]\n[topic.\"ego/c{n}/rgb\"]\nreaders = 2\n",
+        );
+    }
+    text
+}
+
+/// Processor time of a process so far, seconds.
+fn processor_secs(pid: u32) -> f64 {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).expect("the process lives");
+    let (_, rest) = stat.rsplit_once(") ").expect("a name in brackets");
+    let ticks = |idx: usize| -> f64 {
+        let field = rest.split(' ').nth(idx).expect("Linux has these fields");
+        field.parse().expect("a number")
+    };
+    // Fields 14 and 15, counted in hundredths of a second.
+    (ticks(11) + ticks(12)) / 100.0
+}
+
+fn drain(readers: &mut [FrameReader]) -> u64 {
+    let mut n = 0;
+    for reader in readers {
+        while reader.next().expect("frames keep the contract").is_some() {
+            n += 1;
+        }
+    }
+    n
+}
+
+/// Reads frames for as long as it is asked to; as a participant of the lockstep all of every tick.
+struct Reading<'a> {
+    bus: &'a Bus,
+    readers: Vec<FrameReader>,
+    participant: Option<(u32, schema_bus::AckWriter)>,
+    tick: u64,
+}
+
+impl<'a> Reading<'a> {
+    fn begin(bus: &'a Bus, client: &mut CommandClient, topics: &[String], lockstep: bool) -> Self {
+        let participant = lockstep.then(|| {
+            let acks = bus.ack_writer("reader").expect("there is room");
+            let name = "reader".into();
+            let CommandReply::Joined { participant, .. } =
+                ask(client, Command::JoinLockstep { name })
+            else {
+                panic!("joining was refused")
+            };
+            (participant, acks)
+        });
+        Reading {
+            readers: topics.iter().map(|topic| reader(bus, topic)).collect(),
+            bus,
+            participant,
+            tick: 0,
+        }
+    }
+
+    /// Reads until it is over; returns how many frames it saw.
+    fn until(&mut self, is_over: &mut dyn FnMut() -> bool) -> u64 {
+        let mut n_frames = 0;
+        let Some((participant, acks)) = &self.participant else {
+            while !is_over() {
+                n_frames += drain(&mut self.readers);
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            return n_frames;
+        };
+        let sent = self.bus.listener("ego/tick").expect("there is room");
+        while !is_over() {
+            let mut epoch = 0;
+            for reader in &mut self.readers {
+                loop {
+                    if let Some(frame) = reader.next().expect("frames keep the contract") {
+                        (self.tick, epoch) = (frame.header().tick, frame.header().epoch);
+                        n_frames += 1;
+                        break;
+                    }
+                    sent.wait(Duration::from_millis(5)).expect("the bus works");
+                }
+            }
+            acks.send(*participant, epoch, self.tick)
+                .expect("the bus works");
+        }
+        n_frames
+    }
+}
+
+fn measure(
+    result: &mut BenchResult,
+    name: &str,
+    text: &str,
+    n_cameras: usize,
+    n_workers: Option<usize>,
+    options: &Options,
+) {
+    let sandbox = Sandbox::new("scaling");
+    let n = n_workers.unwrap_or(0);
+    let awaited = n.to_string();
+    let mut args = vec!["--unpaced"];
+    if n_workers != Some(0) {
+        args.push("--no-gpu");
+    } else if let Some(adapter) = options.adapters.first() {
+        args.extend(["--adapter", adapter]);
+    }
+    let lockstep = options.lockstep && n_workers.is_some();
+    if lockstep {
+        args.extend(["--await-lockstep", "1"]);
+    }
+    args.extend(["--await-workers", &awaited]);
+    let daemon = start_daemon(&sandbox, text, &args);
+    let workers: Vec<Process> = (0..n)
+        .map(|idx| {
+            let name = format!("worker-{idx}");
+            let mut args = vec!["--name", &name];
+            if !options.adapters.is_empty() {
+                let adapter = &options.adapters[idx % options.adapters.len()];
+                args.extend(["--adapter", adapter]);
+            }
+            spawn_consumer(&sandbox, "gantry-render", &args)
+        })
+        .collect();
+    let bus = join_bus(&sandbox, "scaling");
+    let mut client = bus.command_client("scaling").expect("the daemon answers");
+    let topics: Vec<String> = match n_workers {
+        Some(_) => (0..n_cameras).map(|n| format!("ego/c{n}/rgb")).collect(),
+        None => Vec::new(),
+    };
+    let mut reading = Reading::begin(&bus, &mut client, &topics, lockstep);
+    let mut begun = || counter(&mut client, "ticks");
+    let start_tick = begun();
+    let mut looked = Instant::now();
+    reading.until(&mut || {
+        if looked.elapsed() < Duration::from_millis(50) {
+            return false;
+        }
+        looked = Instant::now();
+        begun() >= start_tick + WARM_UP
+    });
+    let of_workers = || -> f64 {
+        workers
+            .iter()
+            .map(|worker| processor_secs(worker.pid()))
+            .sum()
+    };
+    let (tick, cpu, cpu_of_workers, start) = (
+        begun(),
+        processor_secs(daemon.pid()),
+        of_workers(),
+        Instant::now(),
+    );
+    let n_frames = reading.until(&mut || start.elapsed() >= options.measured);
+    let secs = start.elapsed().as_secs_f64();
+    let n_ticks = (begun() - tick) as f64;
+    let figures = [
+        ("n_ticks", n_ticks),
+        ("ticks_per_s", n_ticks / secs),
+        ("frames_per_s", n_frames as f64 / secs),
+        (
+            "simd_cpu_ms_per_tick",
+            1e3 * (processor_secs(daemon.pid()) - cpu) / n_ticks,
+        ),
+        (
+            "workers_cpu_ms_per_tick",
+            1e3 * (of_workers() - cpu_of_workers) / n_ticks,
+        ),
+    ];
+    let who = match n_workers {
+        None => "world alone".to_owned(),
+        Some(0) => "simd itself".to_owned(),
+        Some(n) => format!("{n} workers"),
+    };
+    print!("{name}, {who}:");
+    figures
+        .iter()
+        .for_each(|(key, figure)| print!(" {key} {figure:.2}"));
+    println!();
+    result.row(&format!("{name}, {who}"), &figures);
+    if let Some((participant, _)) = reading.participant.take() {
+        ask(&mut client, Command::LeaveLockstep { participant });
+    }
+    drop(reading);
+    drop((client, bus));
+    for worker in workers {
+        worker.stop().expect_code(0);
+    }
+    daemon.stop().expect_code(0);
+    eventually("nothing is left", || {
+        sandbox.leftovers().is_empty().then_some(())
+    });
+}
+
+fn main() {
+    let (words, json) = take_json_argument(std::env::args().skip(1));
+    let mut options = Options {
+        workers: vec![None, Some(0), Some(1), Some(2)],
+        adapters: Vec::new(),
+        measured: Duration::from_secs(20),
+        lockstep: false,
+    };
+    let mut numbers: Vec<u32> = Vec::new();
+    let mut words = words.into_iter();
+    while let Some(word) = words.next() {
+        let mut list = || -> Vec<String> {
+            let text = words.next().expect("a value follows");
+            text.split(',').map(str::to_owned).collect()
+        };
+        match word.as_str() {
+            "--workers" => {
+                let number =
+                    |text: String| (text != "-").then(|| text.parse().expect("a number or -"));
+                options.workers = list().into_iter().map(number).collect();
+            }
+            "--adapters" => options.adapters = list(),
+            "--seconds" => {
+                let secs = list()[0].parse().expect("a number of seconds");
+                options.measured = Duration::from_secs_f64(secs);
+            }
+            "--lockstep" => options.lockstep = true,
+            other => numbers.push(other.parse().expect("CAMERAS WIDTH HEIGHT are numbers")),
+        }
+    }
+    let cases = match numbers[..] {
+        [n, width_px, height_px] => vec![(n as usize, [width_px, height_px])],
+        [] => vec![(64, [256, 256]), (16, [1920, 1080])],
+        _ => panic!("CAMERAS WIDTH HEIGHT come together"),
+    };
+    let mut result = BenchResult::new("worker_scaling", None);
+    for (n_cameras, size_px) in cases {
+        let name = format!("{n_cameras} x {}x{}", size_px[0], size_px[1]);
+        let text = launch(n_cameras, size_px);
+        for n_workers in &options.workers {
+            measure(&mut result, &name, &text, n_cameras, *n_workers, &options);
+        }
+    }
+    result
+        .write(json.as_deref())
+        .unwrap_or_else(|error| panic!("{error:#}"));
+}
