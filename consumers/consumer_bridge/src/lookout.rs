@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use consumer_kit::LEAVE_AFTER;
-use schema_bus::{Bus, ServicePorts};
+use schema_bus::{Bus, ServicePorts, names};
 
 use crate::locked::lock;
 use crate::options::Options;
@@ -54,7 +54,9 @@ impl Lookout {
             .spawn(move || {
                 while !until.load(Relaxed) {
                     match bus.services() {
-                        Ok(services) => {
+                        Ok(mut services) => {
+                            // Memory of a GPU stays on its machine.
+                            services.retain(|service| !names::is_gpu_topic(&service.name));
                             let mut seen = lock(&to);
                             seen.n_looks += 1;
                             seen.services = Arc::new(services);

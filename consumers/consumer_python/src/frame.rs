@@ -16,9 +16,11 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBytes, PyString, PyType};
 
+use consumer_gpu::FrameOnGpu;
 use schema_bus::{Answerable, Frame};
 use schema_frames::{FrameHeader, Modality};
 
+use crate::dlpack;
 use crate::elements::element;
 use crate::errors;
 use crate::fork::Owned;
@@ -58,6 +60,8 @@ enum Held {
     Shared(Mutex<Owned<Frame>>, Arc<Place>),
     /// Bytes, for example of a recording.
     Bytes(Py<PyBytes>),
+    /// On a GPU; its port's node must outlive it.
+    OnGpu(Arc<Owned<FrameOnGpu>>, Arc<Place>),
 }
 
 /// The class derived from [`Sample`].
@@ -146,6 +150,31 @@ impl Blank {
         self.finish(py, facts, held)
     }
 
+    /// Makes it a frame on a GPU.
+    pub fn fill_on_gpu(
+        self,
+        py: Python<'_>,
+        frame: FrameOnGpu,
+        place: &Arc<Place>,
+    ) -> PyResult<Py<PyAny>> {
+        let facts = Facts {
+            header: *frame.header(),
+            taken: frame.taken().0,
+            modality: frame.modality(),
+            // No array shows it.
+            payload: Memory {
+                start: std::ptr::null_mut(),
+                len: 0,
+            },
+        };
+        let held = Held::OnGpu(Arc::new(Owned::new(frame)), place.clone());
+        let is_new =
+            self.keeper.get().held.set(held).is_ok() && self.frame.get().facts.set(facts).is_ok();
+        assert!(is_new, "a blank is filled once, because that consumes it");
+        let _ = py;
+        Ok(self.frame.into_any())
+    }
+
     fn finish(self, py: Python<'_>, facts: Facts, held: Held) -> PyResult<(Py<PyAny>, Like)> {
         let element = element(py, facts.modality)?;
         let shape = element.shape(&facts.header, facts.modality);
@@ -174,11 +203,23 @@ impl Sample {
             .expect("a frame is filled before it is handed out")
     }
 
+    /// The frame, if it is on a GPU.
+    fn on_gpu(&self) -> Option<&Arc<Owned<FrameOnGpu>>> {
+        match self.keeper.get().held.get() {
+            Some(Held::OnGpu(frame, _place)) => Some(frame),
+            _ => None,
+        }
+    }
+
     /// Shows the frame as something that can be answered; `false` if it comes from bytes.
     pub fn answered(&self, act: impl FnOnce(&dyn Answerable)) -> bool {
         match self.keeper.get().held.get() {
             Some(Held::Shared(frame, _place)) => {
                 act(&**frame.lock());
+                true
+            }
+            Some(Held::OnGpu(frame, _place)) => {
+                act(&***frame);
                 true
             }
             Some(Held::Bytes(_bytes)) => false,
@@ -256,6 +297,58 @@ impl Sample {
         (self.facts().header.width, self.facts().header.height)
     }
 
+    /// Device of the payload: `cuda:0` and so on, `mapped` for memory of a software adapter, and
+    /// None for shared memory.
+    #[getter]
+    fn device(&self) -> Option<String> {
+        let frame = self.on_gpu()?;
+        Some(match frame.device() {
+            Some(number) => format!("cuda:{number}"),
+            None => "mapped".to_owned(),
+        })
+    }
+
+    /// Sizes of the tensor of a frame on a GPU, slowest dimension first; None in shared memory.
+    fn device_shape(&self) -> Option<Vec<i64>> {
+        Some(dlpack::shape(self.on_gpu()?).0)
+    }
+
+    /// A DLPack capsule of a frame on a GPU; None in shared memory.
+    fn device_capsule<'py>(
+        &self,
+        py: Python<'py>,
+        stream: Option<i64>,
+    ) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let capsule = |frame| dlpack::capsule(py, frame, stream);
+        self.on_gpu().map(capsule).transpose()
+    }
+
+    /// DLPack's kind and number of the device; None in shared memory.
+    fn device_number(&self) -> Option<(i32, i32)> {
+        self.on_gpu().map(|frame| dlpack::device(frame))
+    }
+
+    /// Address, sizes, strides in bytes and numpy's type of a frame on a device of CUDA.
+    fn device_interface(&self) -> Option<(u64, Vec<i64>, Vec<i64>, &'static str)> {
+        let frame = self.on_gpu().filter(|frame| frame.device().is_some())?;
+        Some((
+            frame.address(),
+            dlpack::shape(frame).0,
+            dlpack::byte_strides(frame),
+            dlpack::type_text(frame.modality()),
+        ))
+    }
+
+    /// A copy of the bytes of a frame on a GPU; None in shared memory.
+    fn device_bytes<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
+        let Some(frame) = self.on_gpu() else {
+            return Ok(None);
+        };
+        let bytes = py.detach(|| frame.to_bytes());
+        let bytes = bytes.map_err(|error| errors::gantry(error.to_string()))?;
+        Ok(Some(PyBytes::new(py, &bytes)))
+    }
+
     /// A copy of the header's 256 bytes.
     fn header_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
         PyBytes::new(py, bytemuck::bytes_of(&self.facts().header))
@@ -270,6 +363,11 @@ impl Sample {
     /// array (n,) with the fields of SPEC.md §4.
     #[getter]
     fn array(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+        if self.on_gpu().is_some() {
+            return Err(PyTypeError::new_err(
+                "this frame is on the GPU: use torch.from_dlpack(frame), cupy.from_dlpack(frame) or jax.dlpack.from_dlpack(frame), or frame.copy() for numpy",
+            ));
+        }
         let array = self.array.get_or_try_init(py, || {
             let facts = self.facts();
             let element = element(py, facts.modality)?;

@@ -10,11 +10,12 @@
 //! child uses nothing and drops nothing of its parent's.
 //!
 //! Modules in reading order: `fork`, `errors`, `place` (a domain), `wait`, `view` (arrays),
-//! `elements`, `frame`, `topic`, `world`, `lockstep`, `control`, `publish`, `result` and `recording`.
+//! `elements`, `dlpack`, `frame`, `topic`, `world`, `lockstep`, `control`, `publish`, `result` and `recording`.
 
 #![warn(missing_docs)]
 
 mod control;
+mod dlpack;
 mod elements;
 mod errors;
 mod fork;
@@ -60,7 +61,7 @@ mod _native {
 
     /// Number of this interface, which the Python half compares with its own.
     #[pymodule_export]
-    const INTERFACE: u32 = 4;
+    const INTERFACE: u32 = 5;
     /// Version of the layouts that this module reads and writes.
     #[pymodule_export]
     const SCHEMA_VERSION: u16 = schema_frames::SCHEMA_VERSION;

@@ -8,6 +8,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
+use consumer_gpu::{Device, FrameOnGpu, GpuError, GpuTopic};
 use schema_bus::{Bus, BusError, Frame, FrameReader, ReaderCounts, ResultReader, ResultSample};
 
 use crate::errors;
@@ -29,6 +30,8 @@ pub struct Reader {
     like: Mutex<Option<Like>>,
     topic: Py<PyString>,
     full_name: String,
+    /// Why frames do not stay on the GPU.
+    fallback: Option<String>,
     place: Arc<Place>,
 }
 
@@ -36,12 +39,14 @@ pub struct Reader {
 enum Port {
     Frames(FrameReader),
     Results(ResultReader),
+    OnGpu(Box<GpuTopic>),
 }
 
 /// What was taken from it.
 enum Found {
     Frame(Frame),
     Result(ResultSample),
+    OnGpu(FrameOnGpu),
 }
 
 /// Which sample to take if several wait.
@@ -65,8 +70,10 @@ impl Port {
         }
     }
 
-    fn take(&mut self, which: Which) -> Result<Option<Found>, BusError> {
+    fn take(&mut self, bus: &Bus, which: Which) -> Result<Option<Found>, Failure> {
         Ok(match (self, which) {
+            (Port::OnGpu(topic), Which::Oldest) => topic.next(bus)?.map(Found::OnGpu),
+            (Port::OnGpu(topic), Which::Newest) => topic.latest(bus)?.map(Found::OnGpu),
             (Port::Frames(reader), Which::Oldest) => reader.next()?.map(Found::Frame),
             (Port::Frames(reader), Which::Newest) => reader.latest()?.map(Found::Frame),
             (Port::Results(reader), Which::Oldest) => reader.next()?.map(Found::Result),
@@ -78,6 +85,7 @@ impl Port {
         match self {
             Port::Frames(reader) => reader.counts(),
             Port::Results(reader) => reader.counts(),
+            Port::OnGpu(topic) => topic.counts(),
         }
     }
 
@@ -85,15 +93,55 @@ impl Port {
         match self {
             Port::Frames(reader) => reader.has_writer(),
             Port::Results(reader) => reader.has_writer(),
+            Port::OnGpu(topic) => topic.has_writer(),
         }
     }
 }
 
+/// The device of this name.
+fn device_of(name: &str) -> PyResult<Device> {
+    let number = name.strip_prefix("cuda:").map(str::parse);
+    match (name, number) {
+        ("cuda", _) => Ok(Device::Cuda),
+        ("mapped", _) => Ok(Device::Mapped),
+        (_, Some(Ok(number))) => Ok(Device::CudaNumber(number)),
+        _ => Err(PyValueError::new_err(format!(
+            "device is {name:?}; it must be \"cuda\", \"cuda:N\", or, for memory of a software adapter, \"mapped\""
+        ))),
+    }
+}
+
 impl Reader {
+    fn open_on_gpu(
+        py: Python<'_>,
+        domain: &str,
+        topic: &str,
+        device: Device,
+        place: Arc<Place>,
+    ) -> PyResult<Self> {
+        let opened = py.detach(|| -> Result<(Waker, GpuTopic), GpuError> {
+            let bus = place.bus();
+            let topic = GpuTopic::open(bus, topic, device)?;
+            Ok((Waker::new(bus.listener(topic.event())?), topic))
+        });
+        let (waker, port) = opened.map_err(|error| Failure::from(error).raise(topic))?;
+        Ok(Reader {
+            fallback: port.fallback().map(str::to_owned),
+            port: Mutex::new(Some(Owned::new(Port::OnGpu(Box::new(port))))),
+            waker,
+            about: None,
+            blank: Mutex::new(None),
+            like: Mutex::new(None),
+            topic: PyString::new(py, topic).unbind(),
+            full_name: format!("{domain}/{topic}"),
+            place,
+        })
+    }
+
     fn look(&self, which: Which) -> Result<Option<Found>, Failure> {
         let mut port = self.port.lock();
         let port: &mut Port = port.as_mut().ok_or(Failure::Closed)?;
-        Ok(port.take(which)?)
+        port.take(self.place.bus(), which)
     }
 
     fn finish(
@@ -104,6 +152,11 @@ impl Reader {
         let object = match found {
             Ok(None) => return Ok(None),
             Ok(Some(Found::Frame(frame))) => self.show(py, frame),
+            Ok(Some(Found::OnGpu(frame))) => {
+                let blank = self.blank.lock().take();
+                let blank = blank.map_or_else(|| Blank::new(py, &self.topic, None), Ok)?;
+                blank.fill_on_gpu(py, frame, &self.place)
+            }
             Ok(Some(Found::Result(result))) => {
                 let about = self
                     .about
@@ -162,15 +215,19 @@ impl Reader {
 #[pymethods]
 impl Reader {
     #[new]
-    fn open(py: Python<'_>, domain: &str, topic: &str) -> PyResult<Self> {
+    #[pyo3(signature = (domain, topic, device=None))]
+    fn open(py: Python<'_>, domain: &str, topic: &str, device: Option<&str>) -> PyResult<Self> {
         let place = Place::of(domain)?;
+        if let Some(device) = device {
+            return Reader::open_on_gpu(py, domain, topic, device_of(device)?, place);
+        }
         let opened = py.detach(|| {
             let bus = place.bus();
             // The event first, so that no sample comes between the two.
             let waker = Waker::new(bus.listener(topic)?);
             let port = Port::open(bus, topic)?;
             let about = match &port {
-                Port::Frames(_) => None,
+                Port::Frames(_) | Port::OnGpu(_) => None,
                 Port::Results(_) => Some(About::follow(&place, topic)?),
             };
             Ok((waker, port, about))
@@ -184,8 +241,16 @@ impl Reader {
             like: Mutex::new(None),
             topic: PyString::new(py, topic).unbind(),
             full_name: format!("{domain}/{topic}"),
+            fallback: None,
             place,
         })
+    }
+
+    /// Why frames are uploaded to the device although they were asked for on it; None if they stay
+    /// on it, or were not.
+    #[getter]
+    fn fallback(&self) -> Option<String> {
+        self.fallback.clone()
     }
 
     /// Name without the domain.
@@ -235,7 +300,7 @@ impl Reader {
     #[getter]
     fn result(&self) -> Option<&'static str> {
         match &**self.port.lock().as_ref()? {
-            Port::Frames(_) => None,
+            Port::Frames(_) | Port::OnGpu(_) => None,
             Port::Results(reader) => Some(reader.kind().name()),
         }
     }

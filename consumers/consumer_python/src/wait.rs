@@ -12,6 +12,7 @@ use parking_lot::Mutex;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+use consumer_gpu::GpuError;
 use schema_bus::{BusError, Listener};
 
 use crate::fork::Owned;
@@ -64,6 +65,17 @@ pub enum Failure {
     Closed,
     /// The bus failed.
     Bus(BusError),
+    /// A GPU cannot be used.
+    Gpu(GpuError),
+}
+
+impl From<GpuError> for Failure {
+    fn from(error: GpuError) -> Self {
+        match error {
+            GpuError::Bus(error) => Failure::Bus(error),
+            error => Failure::Gpu(error),
+        }
+    }
 }
 
 impl From<BusError> for Failure {
@@ -78,6 +90,7 @@ impl Failure {
         match self {
             Failure::Closed => errors::gantry(format!("{name} is closed")),
             Failure::Bus(error) => errors::bus(error),
+            Failure::Gpu(error) => errors::gantry(error.to_string()),
         }
     }
 }

@@ -32,4 +32,8 @@ pub struct TopicLimits {
     pub buffer: Option<u32>,
     /// Samples that a reader may hold at a time.
     pub borrowed: Option<u32>,
+    /// Whether its frames can stay on the GPU from the start; otherwise once a reader asks.
+    pub gpu: bool,
+    /// Readers on the GPU at a time.
+    pub gpu_readers: Option<u32>,
 }

@@ -65,11 +65,13 @@ fn topic_table(topic: &Topic) -> Table {
         ("readers", limits.readers.map(i64::from)),
         ("buffer", limits.buffer.map(i64::from)),
         ("borrowed", limits.borrowed.map(i64::from)),
+        ("gpu_readers", limits.gpu_readers.map(i64::from)),
         ("max_bytes", topic.max_bytes.map(|bytes| bytes as i64)),
     ];
     numbers
         .into_iter()
         .filter_map(|(key, number)| Some((key.to_owned(), Value::from(number?))))
+        .chain(limits.gpu.then(|| ("gpu".to_owned(), Value::from(true))))
         .chain(
             topic
                 .result

@@ -299,7 +299,28 @@ fn topics_have_limits_and_those_of_ones_own_a_type() {
             "topic.\"a//b\".type is \"box2d\", but must be a type of result, did you mean \"boxes2d\"? at launch/town.toml:12:8",
             "[topic.\"world/snapshot\"] is one of the simulator's own topics, whose limits are fixed; choose a name outside world/ and control/ that does not end in /about at launch/town.toml:13:8",
             "[topic.\"a/about\"] is one of the simulator's own topics, whose limits are fixed; choose a name outside world/ and control/ that does not end in /about at launch/town.toml:15:8",
-            "unknown key \"history\" in [topic.\"a/about\"], known: readers, buffer, borrowed, type, max_bytes at launch/town.toml:17:1",
+            "unknown key \"history\" in [topic.\"a/about\"], known: readers, buffer, borrowed, gpu, gpu_readers, type, max_bytes at launch/town.toml:17:1",
+        ],
+    );
+}
+
+#[test]
+fn frames_of_cameras_and_lidars_can_be_kept_on_the_gpu_and_no_others() {
+    let text = "version = 1\n[sensor.front]\nkind = \"camera\"\n[sensor.imu]\nkind = \"imu\"\n\
+        [topic.\"ego/front/rgb\"]\ngpu = true\ngpu_readers = 3\n";
+    let launch = Launch::parse(text, "x.toml").unwrap();
+    let limits = launch.limits_of("ego/front/rgb");
+    assert_eq!((limits.gpu, limits.gpu_readers), (true, Some(3)));
+    let written = launch.to_toml_with_defaults();
+    assert_eq!(Launch::parse(&written, "written").unwrap(), launch);
+    check(
+        "[sensor.front]\nkind = \"camera\"\n[sensor.imu]\nkind = \"imu\"\n\
+         [topic.\"ego/front/rgb\"]\ngpu = 1\ngpu_readers = 33\n\
+         [topic.\"ego/imu/imu\"]\ngpu = true\n",
+        &[
+            "topic.\"ego/front/rgb\".gpu is 1, but must be true or false at launch/town.toml:7:7",
+            "topic.\"ego/front/rgb\".gpu_readers is 33, but must be a whole number from 1 to 32 at launch/town.toml:8:15",
+            "topic.\"ego/imu/imu\".gpu is given, but only frames of cameras and lidars (images, dvs and lidar points) can stay on the GPU; remove the key at launch/town.toml:10:1",
         ],
     );
 }

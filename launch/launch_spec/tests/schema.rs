@@ -160,6 +160,14 @@ impl Maker {
             keys.insert(key.into(), self.bare(path, "TopicLimits", key, "1"));
         }
         keys.insert(
+            "gpu".into(),
+            json!({ "type": "boolean", "default": false, "description": self.descriptions.of("TopicLimits", "gpu") }),
+        );
+        keys.insert(
+            "gpu_readers".into(),
+            self.bare("topic.\"a/rgb\"", "TopicLimits", "gpu_readers", "1"),
+        );
+        keys.insert(
             "max_bytes".into(),
             self.bare(path, "Topic", "max_bytes", "1"),
         );

@@ -10,6 +10,9 @@ use crate::document::{DocumentPublisher, DocumentReader};
 use crate::error::BusError;
 use crate::event::{Listener, Notifier};
 use crate::frame::{FramePublisher, FrameService};
+use crate::gpu::{
+    GpuDevice, GpuFrame, GpuFrameReader, GpuMemory, GpuOffer, GpuServer, fetch, offer,
+};
 use crate::introspect::{ServicePorts, services};
 use crate::memory::{FrameTopic, ResultTopic};
 use crate::names;
@@ -191,6 +194,46 @@ impl Bus {
     /// [`BusError::TooManyReaders`].
     pub fn frame_reader(&self, topic: &str) -> Result<FrameReader, BusError> {
         self.guarded(topic, || FrameReader::open(&self.node, topic))
+    }
+
+    /// Answers readers that ask for frames on `device`: see [`GpuServer`].
+    ///
+    /// # Errors
+    /// The socket cannot be made below iceoryx2's root.
+    pub fn gpu_server(&self, device: GpuDevice) -> std::io::Result<GpuServer> {
+        GpuServer::start(&self.node, device)
+    }
+
+    /// Looks for the process that keeps `topic` (`ego/front/rgb`) on a GPU, and says which GPU that
+    /// is. The process has the topic's GPU service from then on, and memory for it once it is read.
+    ///
+    /// # Errors
+    /// [`BusError::Gpu`] if there is none.
+    pub fn gpu_offer(&self, topic: &str) -> Result<GpuOffer, BusError> {
+        let offer = offer(&self.node, topic)?;
+        // A world that stands still looks at what it was asked for, too.
+        self.notifier(names::CONTROL_WAKE)?.notify_listeners();
+        Ok(offer)
+    }
+
+    /// Opens a topic that is kept on a GPU for reading.
+    ///
+    /// # Errors
+    /// As [`Bus::frame_reader`].
+    pub fn gpu_reader(&self, topic: &str, offer: &GpuOffer) -> Result<GpuFrameReader, BusError> {
+        self.guarded(topic, || GpuFrameReader::open(&self.node, topic, offer))
+    }
+
+    /// The memory that a frame is in, from the process that wrote it; see
+    /// [`GpuFrame::check_memory`].
+    ///
+    /// # Errors
+    /// [`BusError::Gpu`] if the process has ended or has given the memory back.
+    pub fn gpu_memory(&self, frame: &GpuFrame) -> Result<GpuMemory, BusError> {
+        let place = frame.place();
+        let memory = fetch(&self.node, frame.topic(), place.producer, place.generation)?;
+        frame.check_memory(&memory)?;
+        Ok(memory)
     }
 
     /// Makes a topic of results without a writer, or joins it with the capacities that it has, and

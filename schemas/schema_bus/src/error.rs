@@ -98,7 +98,7 @@ pub enum BusError {
     },
     /// A name that users' programs may not take.
     #[error(
-        "topic {topic:?} cannot be published: names that begin with \"world/\" or \"control/\" are the simulator's, and names that end in \"/about\" are descriptions; choose another"
+        "topic {topic:?} cannot be published: names that begin with \"world/\" or \"control/\" are the simulator's, those that end in \"/about\" are descriptions, and \"/gpu\" behind a modality is the GPU's; choose another"
     )]
     Reserved {
         /// What was given.
@@ -189,6 +189,14 @@ pub enum BusError {
         writer: Option<Arc<Origin>>,
         /// The broken rule.
         source: FrameError,
+    },
+    /// Frames cannot be had on a GPU.
+    #[error("frames of {topic:?} do not come over the GPU: {fault}")]
+    Gpu {
+        /// The topic.
+        topic: String,
+        /// Why, as a clause.
+        fault: String,
     },
     /// Another sample breaks the contract.
     #[error("sample of {service:?}{} {fault}; the writer is broken or of another version", from(.writer))]

@@ -8,12 +8,13 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::*;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 
-use schema_frames::{FrameHeader, Modality};
+use schema_frames::{FrameHeader, GPU_PLACE_BYTES, GpuPlace, Modality};
 
 use crate::clock::mono_now;
 use crate::error::{BusError, LoanError};
 use crate::iceoryx_error::{loan_error, other_error, writer_error};
 use crate::memory::{FrameTopic, check_shared_memory, shared_memory_free};
+use crate::names::modality_of;
 use crate::node::{BusNode, Service};
 use crate::qos::Qos;
 use crate::reserve::{Need, Reserved};
@@ -38,13 +39,9 @@ impl FrameService {
         topic: &str,
         spec: FrameTopic,
     ) -> Result<FrameService, BusError> {
-        let modality = topic
-            .rsplit('/')
-            .next()
-            .and_then(Modality::from_name)
-            .ok_or_else(|| BusError::Name {
-                topic: topic.into(),
-            })?;
+        let modality = modality_of(topic).ok_or_else(|| BusError::Name {
+            topic: topic.into(),
+        })?;
         let qos = spec.qos(modality);
         let service = make::<FrameHeader>(node, topic, &qos)?;
         Ok(FrameService {
@@ -313,6 +310,17 @@ impl FrameLoan {
         unsafe { std::slice::from_raw_parts_mut(payload.as_mut_ptr().cast::<u8>(), payload.len()) }
     }
 
+    /// Makes it a frame whose payload is at `place` on a GPU, with this header.
+    ///
+    /// Panics if the loan is too short for the place.
+    pub fn put_on_gpu(&mut self, header: &FrameHeader, place: &GpuPlace) {
+        self.payload_mut()[..GPU_PLACE_BYTES].copy_from_slice(bytemuck::bytes_of(place));
+        *self.header_mut() = FrameHeader {
+            payload_place: FrameHeader::ON_GPU,
+            ..*header
+        };
+    }
+
     /// Sets `published_mono_nanos` and sends the frame to all readers. Returns the number of
     /// readers that received it.
     ///
@@ -324,7 +332,13 @@ impl FrameLoan {
     /// had no page for the slot, [`BusError::Service`] if iceoryx2 fails.
     pub fn send(mut self) -> Result<usize, BusError> {
         let topic = self.topic.clone();
-        let checked = self.header().check(self.len());
+        let checked = match self.header().payload_place {
+            FrameHeader::ON_GPU => {
+                let (header, sample) = (*self.header(), self.payload_mut());
+                GpuPlace::read(&header, sample).map(drop)
+            }
+            _ => self.header().check(self.len()).map(drop),
+        };
         checked.map_err(|source| BusError::BadFrame {
             service: topic.to_string(),
             writer: None,

@@ -48,6 +48,7 @@ mod wire;
 // A process's place on the bus, and the services there.
 mod declared;
 mod event;
+mod gpu_socket;
 mod intake;
 mod leftovers;
 mod node;
@@ -69,6 +70,9 @@ mod frame;
 mod reader;
 mod reserve;
 mod segment;
+
+// Sensor frames that stay on a GPU.
+mod gpu;
 
 // Results of users' programs.
 mod result_reader;
@@ -101,6 +105,9 @@ pub use document::{Document, DocumentPublisher, DocumentReader};
 pub use error::{BusError, LoanError};
 pub use event::{Listener, Notifier, Token, WaitSet};
 pub use frame::{DeviceLoan, FrameLoan, FramePublisher, FrameService};
+pub use gpu::{
+    GpuDevice, GpuFrame, GpuFrameReader, GpuMemory, GpuOffer, GpuServer, GpuTopic, SharedMemory,
+};
 pub use intake::ReaderCounts;
 pub use introspect::{Exchange, Port, ServicePorts};
 pub use lockstep::{AckFault, Gate, Participant};
@@ -122,5 +129,5 @@ pub use scene::{
 pub use segment::Segment;
 pub use shortage::MAX_MISSING_STRETCHES;
 pub use snapshot::{Snapshot, SnapshotPublisher, SnapshotReader};
-pub use topics::{TopicDetails, TopicKind};
+pub use topics::{GpuSide, TopicDetails, TopicKind};
 pub use watch::{Newest, Watch};

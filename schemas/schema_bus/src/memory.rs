@@ -4,10 +4,11 @@
 //! the publisher itself agree on what fits.
 
 use schema_frames::result::MAX_INPUTS;
-use schema_frames::{About, FrameHeader, Modality, ResultHeader, ResultType};
+use schema_frames::{About, FrameHeader, GPU_PLACE_BYTES, Modality, ResultHeader, ResultType};
 
 use crate::qos::{
-    FRAMES_IN_FLIGHT, Qos, RUN_TIME_FRAME_READERS, RUN_TIME_TOPIC_BYTES, SPARE_LOANS, USUAL_LOANS,
+    FRAMES_IN_FLIGHT, GPU_FRAME, Qos, RUN_TIME_FRAME_READERS, RUN_TIME_TOPIC_BYTES, SPARE_LOANS,
+    USUAL_LOANS,
 };
 
 /// iceoryx2's own header before our user header, and the rounding of both, bytes per slot
@@ -67,6 +68,23 @@ impl FrameTopic {
             }
         }
         topic
+    }
+
+    /// The service of a topic's frames on a GPU, whose samples hold no payload but a place. Slots of
+    /// a GPU are committed memory, so it has few readers.
+    pub fn on_gpu(frames_in_flight: usize) -> Self {
+        FrameTopic {
+            max_payload_bytes: GPU_PLACE_BYTES,
+            frames_in_flight,
+            max_readers: GPU_FRAME.readers,
+            buffer: GPU_FRAME.buffer,
+            borrowed: GPU_FRAME.borrowed,
+        }
+    }
+
+    /// Slots of the topic.
+    pub fn n_slots(&self) -> usize {
+        self.max_readers * (self.buffer + self.borrowed) + self.max_loans()
     }
 
     /// Samples that the writer may have loaned at a time.

@@ -9,6 +9,7 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::Service as _;
 
 use crate::error::BusError;
+use crate::gpu_socket;
 use crate::iceoryx_error::with_shortage;
 use crate::leftovers::Leftovers;
 use crate::names::{valid_domain, valid_topic};
@@ -96,6 +97,9 @@ impl BusNode {
         let cleaned = self.node.try_cleanup_dead_nodes();
         let has_dead = cleaned.failed_cleanups > 0;
         self.leftovers.sweep(self.config(), has_dead);
+        if cleaned.cleanups > 0 {
+            gpu_socket::sweep(&self.root());
+        }
         cleaned.cleanups
     }
 
@@ -142,6 +146,11 @@ impl BusNode {
 
     pub fn config(&self) -> &Config {
         self.node.config()
+    }
+
+    /// Folder of iceoryx2's bookkeeping.
+    pub fn root(&self) -> PathBuf {
+        PathBuf::from(self.config().global.root_path().to_string())
     }
 
     pub fn iceoryx(&self) -> &Node<Service> {

@@ -30,6 +30,11 @@ pub const FRAME: Qos = Qos {
     borrowed: 3,
     history: 0,
 };
+/// Images and point clouds that stay on a GPU.
+pub const GPU_FRAME: Qos = Qos {
+    readers: 2,
+    ..FRAME
+};
 /// Readers that a topic of a sensor spawned at run time can have: the first number whose segment
 /// stays within [`RUN_TIME_TOPIC_BYTES`], or else the last.
 pub const RUN_TIME_FRAME_READERS: [usize; 3] = [16, 8, 4];

@@ -13,8 +13,8 @@ use schema_frames::result::MAX_INPUTS;
 use schema_frames::{
     About, DocumentHeader, ElementType, InputRecord, PixelFormat, ResultError, ResultHeader,
 };
-use schema_frames::{ResultType, Space};
-use schema_types::Pose;
+use schema_frames::{FrameHeader, ResultType, Space};
+use schema_types::{MonoTime, Pose};
 
 use crate::clock::mono_now;
 use crate::document::DocumentPublisher;
@@ -279,9 +279,9 @@ pub struct Answered {
     pub size_px: (u32, u32),
 }
 
-impl Answerable for Frame {
-    fn answered(&self) -> Answered {
-        let header = self.header();
+impl Answered {
+    /// What a result takes over from a frame of `topic`.
+    pub(crate) fn by_frame(header: &FrameHeader, topic: &str, taken: MonoTime) -> Answered {
         Answered {
             input: InputRecord {
                 tick: header.tick,
@@ -289,8 +289,8 @@ impl Answerable for Frame {
                 sim_nanos: header.sim_nanos,
                 epoch: header.epoch,
                 published_mono_nanos: header.published_mono_nanos,
-                taken_mono_nanos: self.taken().0,
-                ..InputRecord::new(self.topic())
+                taken_mono_nanos: taken.0,
+                ..InputRecord::new(topic)
             },
             is_frame: true,
             episode: header.episode,
@@ -301,6 +301,12 @@ impl Answerable for Frame {
             intrinsics_px: header.intrinsics_px,
             size_px: (header.width, header.height),
         }
+    }
+}
+
+impl Answerable for Frame {
+    fn answered(&self) -> Answered {
+        Answered::by_frame(self.header(), self.topic(), self.taken())
     }
 }
 

@@ -14,6 +14,7 @@ use schema_frames::{
 use crate::declared::attribute_key;
 use crate::error::BusError;
 use crate::iceoryx_error::service_error;
+use crate::names::{host_topic, is_gpu_topic};
 use crate::node::{BusNode, Service};
 use crate::wire::{OnBus, Wire};
 
@@ -53,8 +54,21 @@ pub struct TopicDetails {
     pub max_subscribers: usize,
     /// Longest payload that any of the writers can send, bytes; 0 without a writer.
     pub payload_bytes: usize,
+    /// Its frames on a GPU; `None` if nobody asked for them.
+    pub on_gpu: Option<GpuSide>,
     /// Schema version that it carries; empty for a service of another program.
     pub schema: String,
+}
+
+/// The service of a topic's frames on a GPU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GpuSide {
+    /// Number of writers that have memory for it now.
+    pub publishers: usize,
+    /// Number of readers now.
+    pub subscribers: usize,
+    /// Number of readers that are allowed.
+    pub max_subscribers: usize,
 }
 
 /// All publish-subscribe topics of the domain by name.
@@ -98,13 +112,29 @@ pub(crate) fn topics(node: &BusNode) -> Result<Vec<TopicDetails>, BusError> {
                 subscribers: 0,
                 max_subscribers: qos.max_subscribers(),
                 payload_bytes: 0,
+                on_gpu: None,
                 schema,
             });
         }
         CallbackProgression::Continue
     })
     .map_err(|e| service_error("list services of", node.domain(), &e))?;
+    // The GPU's side of a topic is told with the topic.
+    let (on_gpu, mut topics): (Vec<_>, Vec<_>) = topics
+        .into_iter()
+        .partition(|topic: &TopicDetails| is_gpu_topic(&topic.name));
     topics.iter_mut().for_each(|topic| count_ports(node, topic));
+    for mut service in on_gpu {
+        count_ports(node, &mut service);
+        let name = host_topic(&service.name);
+        if let Some(topic) = topics.iter_mut().find(|topic| topic.name == name) {
+            topic.on_gpu = Some(GpuSide {
+                publishers: service.publishers,
+                subscribers: service.subscribers,
+                max_subscribers: service.max_subscribers,
+            });
+        }
+    }
     topics.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(topics)
 }

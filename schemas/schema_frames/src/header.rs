@@ -77,7 +77,8 @@ pub struct FrameHeader {
     pub cpu_copies: u32,
     /// Ticks that had begun after its own when this frame was sent; 0 outside free-running mode.
     pub ticks_in_flight: u32,
-    /// 0: the payload is in this sample.
+    /// 0: the payload is in this sample. 1: it is on the GPU, and the sample holds a
+    /// `GpuPlace`.
     pub payload_place: u32,
     /// The lens's [`Distortion`] `[k, k_cubed, size x, size y]`: at p (−0.5 to 0.5) is what a pinhole
     /// has at p · (1 + k r² + k_cubed r³), r being the length of p · size. All 0 for a pinhole.
@@ -94,6 +95,10 @@ impl FrameHeader {
     pub const FIRST: u32 = 1;
     /// Flag: published by a replay.
     pub const REPLAYED: u32 = 2;
+    /// `payload_place` of a frame whose payload is in its sample.
+    pub const IN_SAMPLE: u32 = 0;
+    /// `payload_place` of a frame whose payload is on the GPU.
+    pub const ON_GPU: u32 = 1;
 
     /// A header with magic, version, kind, encoding and element size filled in and everything else
     /// zero.
@@ -143,6 +148,38 @@ impl FrameHeader {
     /// # Errors
     /// [`FrameError`] names the first rule the header breaks. Any bit pattern is safe to pass.
     pub fn check(&self, sample_bytes: usize) -> Result<Modality, FrameError> {
+        let modality = self.check_kind()?;
+        if self.payload_place != FrameHeader::IN_SAMPLE {
+            return Err(FrameError::Place {
+                found: self.payload_place,
+                wanted: FrameHeader::IN_SAMPLE,
+            });
+        }
+        if self.payload_bytes > sample_bytes as u64 {
+            return Err(FrameError::Length {
+                claimed: self.payload_bytes,
+                sample: sample_bytes as u64,
+            });
+        }
+        self.check_shape(modality)
+    }
+
+    /// The same for a frame whose payload is on the GPU; `GpuPlace::read` also checks its sample.
+    ///
+    /// # Errors
+    /// As [`FrameHeader::check`].
+    pub fn check_on_gpu(&self) -> Result<Modality, FrameError> {
+        let modality = self.check_kind()?;
+        if self.payload_place != FrameHeader::ON_GPU {
+            return Err(FrameError::Place {
+                found: self.payload_place,
+                wanted: FrameHeader::ON_GPU,
+            });
+        }
+        self.check_shape(modality)
+    }
+
+    fn check_kind(&self) -> Result<Modality, FrameError> {
         if self.magic != FRAME_MAGIC {
             return Err(FrameError::Magic { found: self.magic });
         }
@@ -153,15 +190,12 @@ impl FrameHeader {
                 found: self.schema_version,
             });
         }
-        let modality = self.modality().ok_or(FrameError::Encoding {
+        self.modality().ok_or(FrameError::Encoding {
             found: self.encoding,
-        })?;
-        if self.payload_bytes > sample_bytes as u64 {
-            return Err(FrameError::Length {
-                claimed: self.payload_bytes,
-                sample: sample_bytes as u64,
-            });
-        }
+        })
+    }
+
+    fn check_shape(&self, modality: Modality) -> Result<Modality, FrameError> {
         let row_bytes = self.width as u64 * self.element_bytes as u64;
         let last_row = (self.height as u64)
             .saturating_sub(1)
@@ -218,6 +252,20 @@ pub enum FrameError {
         /// The frame's encoding.
         found: u16,
     },
+    /// The payload lies elsewhere than where this reader reads.
+    #[error("frame says that its payload is in place {found} (0 in the sample, 1 on the GPU), this reader reads place {wanted}; {}", place_advice(*.found))]
+    Place {
+        /// The frame's place.
+        found: u32,
+        /// The reader's place.
+        wanted: u32,
+    },
+    /// A place on the GPU that contradicts itself or the header.
+    #[error("frame's place on the GPU is not usable: {rule}; the publisher is broken")]
+    GpuPlace {
+        /// The broken rule.
+        rule: &'static str,
+    },
     /// More payload claimed than the sample holds.
     #[error(
         "frame claims {claimed} payload bytes, its sample holds {sample}; the publisher is broken"
@@ -246,6 +294,17 @@ pub enum FrameError {
     },
 }
 
+/// What to do about a frame in another place.
+fn place_advice(found: u32) -> &'static str {
+    match found {
+        FrameHeader::IN_SAMPLE => "read the topic without \"/gpu\" behind its name",
+        FrameHeader::ON_GPU => {
+            "read the topic without \"/gpu\" behind its name, or with device=\"cuda\""
+        }
+        _ => "rebuild the reader",
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -262,6 +321,17 @@ mod tests {
                 sample: 1_919_999
             })
         );
+    }
+
+    #[test]
+    fn a_frame_on_the_gpu_is_refused_by_readers_of_samples_and_the_other_way_round() {
+        let mut header = FrameHeader::new(Modality::Rgb);
+        header.set_image(8, 6);
+        assert!(header.check_on_gpu().is_err());
+        header.payload_place = FrameHeader::ON_GPU;
+        assert_eq!(header.check_on_gpu(), Ok(Modality::Rgb));
+        let refused = header.check(8 * 6 * 4).unwrap_err().to_string();
+        assert!(refused.contains("device=\"cuda\""), "{refused}");
     }
 
     #[test]

@@ -9,11 +9,11 @@ use schema_types::Pose;
 use crate::control::{ControlHeader, VehicleControlRecord};
 use crate::{
     AckRecord, ActorRecord, Box2d, Box3d, CollisionEvent, DocumentHeader, DvsEvent, FrameHeader,
-    GnssSample, ImuSample, InputRecord, Keypoint, KeypointSet, LaneCrossing, LidarPoint,
-    MaskRecord, ObstacleEvent, Odometry, PathPoint, PoseEstimate, RadarDetection, RenderedRecord,
-    ResultHeader, Scalar, SceneFiring, SceneHeader, SceneInstance, SceneStroke, SemanticLidarPoint,
-    SnapshotHeader, Track, TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart,
-    command::RequestHeader,
+    GnssSample, GpuAnswer, GpuAsk, GpuPlace, ImuSample, InputRecord, Keypoint, KeypointSet,
+    LaneCrossing, LidarPoint, MaskRecord, ObstacleEvent, Odometry, PathPoint, PoseEstimate,
+    RadarDetection, RenderedRecord, ResultHeader, Scalar, SceneFiring, SceneHeader, SceneInstance,
+    SceneStroke, SemanticLidarPoint, SnapshotHeader, Track, TrafficLightPart, TrafficSignPart,
+    VehiclePart, WalkerPart, command::RequestHeader,
 };
 
 /// One field of a struct.
@@ -75,6 +75,14 @@ layouts! {
         world_from_sensor: Pose, intrinsics_px: [f64; 4], range_limit_m: f32, azimuth_rad: f32, parent_id: u32, n_channels: u32,
         reserved0: u64, epoch: u64, rendered_mono_nanos: u64, published_mono_nanos: u64, cpu_copies: u32, ticks_in_flight: u32,
         payload_place: u32, lens: [f32; 4], reserved1: [u8; 12],
+    }
+    GpuPlace {
+        producer: u64, generation: u64, offset_bytes: u64, memory_bytes: u64, capacity_bytes: u64, pid: u32, slot: u32, reserved: [u8; 16],
+    }
+    GpuAsk { magic: u32, schema_version: u16, what: u16, generation: u64, topic: [u8; 240] }
+    GpuAnswer {
+        magic: u32, schema_version: u16, status: u16, device_uuid: [u8; 16], driver_uuid: [u8; 16], generation: u64, memory_bytes: u64,
+        handle_kind: u32, flags: u32, max_readers: u32, buffer: u32, borrowed: u32, reserved: [u8; 52],
     }
     DvsEvent { nanos_in_window: u32, x_px: u16, y_px: u16, object_id: u32, polarity: u8, class: u8, reserved: u16 }
     LidarPoint { hit_in_sensor_m: [f32; 3], intensity: u16, channel: u16 }

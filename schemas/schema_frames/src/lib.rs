@@ -23,6 +23,8 @@
 #![warn(missing_docs)]
 
 // What every frame begins with.
+pub mod gpu_place;
+pub mod gpu_socket;
 pub mod header;
 pub mod modality;
 pub mod version;
@@ -73,6 +75,8 @@ pub use document::{
 };
 pub use dvs::DvsEvent;
 pub use events::{CollisionEvent, LaneCrossing, ObstacleEvent};
+pub use gpu_place::{GPU_PLACE_BYTES, GpuPlace};
+pub use gpu_socket::{GPU_MAGIC, GpuAnswer, GpuAsk};
 pub use header::{FrameError, FrameHeader};
 pub use imu_gnss::{GnssSample, ImuSample};
 pub use journal::{JournalAct, JournalEntry, JournalFile, JournalHead};

@@ -264,9 +264,15 @@ fn wrong_requests_are_refused_with_a_sentence() {
         }
     );
     assert_eq!(
-        ask(&[Modality::Rgb, Modality::Rgb], 100_000),
+        ask(&[Modality::Rgb; 3], 100_000),
         RenderError::Twice {
             modality: Modality::Rgb
+        }
+    );
+    assert_eq!(
+        ask(&[Modality::Dvs; 2], 100_000),
+        RenderError::Twice {
+            modality: Modality::Dvs
         }
     );
     let error = ask(&[Modality::Depth], 100);

@@ -5,6 +5,7 @@ mod in_flight;
 mod item;
 mod place;
 mod raw;
+mod upload;
 
 pub use batch::CopyBatch;
 pub use in_flight::{CopyOutcome, InFlight, Mapped, PaddedRows};

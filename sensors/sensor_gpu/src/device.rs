@@ -10,10 +10,10 @@ use std::time::Duration;
 
 use ash::vk;
 
-pub use adapter::AdapterInfo;
-use adapter::{choose, enumerate};
+pub use adapter::{AdapterInfo, DeviceIds};
+use adapter::{choose, enumerate, ids_of};
 use health::{Fault, Health};
-pub(crate) use open::ImportCaps;
+pub(crate) use open::{FD, ImportCaps, exported_usage};
 use staging::StagingPool;
 
 use crate::counters::Counters;
@@ -54,6 +54,8 @@ struct Inner {
     device: wgpu::Device,
     drawing: DrawingQueue,
     import: Option<ImportCaps>,
+    can_export: bool,
+    ids: DeviceIds,
     counters: Counters,
     timing: Timing,
     staging: StagingPool,
@@ -265,6 +267,7 @@ impl Gpu {
             queue,
             caps,
             copying,
+            can_export,
         } = open::open_device(&adapter, copies).map_err(refused)?;
         let import = if options.allow_import { caps } else { None };
         let software = info.device_type == wgpu::DeviceType::Cpu;
@@ -295,6 +298,8 @@ impl Gpu {
             software,
             device,
             import,
+            can_export,
+            ids: ids_of(&adapter),
             counters: Counters::default(),
             staging: StagingPool::default(),
             copy_queue,
@@ -314,6 +319,16 @@ impl Gpu {
     /// Whether host memory can be imported (allowed, and the driver has the extension).
     pub fn can_import(&self) -> bool {
         self.0.import.is_some()
+    }
+
+    /// Whether memory of the device can be given to other processes.
+    pub fn can_export(&self) -> bool {
+        self.0.can_export
+    }
+
+    /// What tells the device and its driver from others.
+    pub fn ids(&self) -> DeviceIds {
+        self.0.ids
     }
 
     /// Whether copies can run while the next submission is drawn.

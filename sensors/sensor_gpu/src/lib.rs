@@ -6,7 +6,8 @@
 //! that only copies, they run while the next submission is drawn. Shaders that know where their
 //! results go write there themselves ([`Gpu::submit_direct`]). Where the driver cannot import
 //! memory, the same calls go through a staging buffer and one CPU copy; `cpu_copies` states which
-//! way was taken. Vulkan only. Sensors describe their passes; this crate owns the device, the
+//! way was taken. Memory of the device that other processes import ([`ShmTarget::export`]) is one
+//! more target. Vulkan only. Sensors describe their passes; this crate owns the device, the
 //! submission and the wait.
 //!
 //! | Modules, in reading order | What they hold |
@@ -57,10 +58,10 @@ mod prefix_sum;
 
 pub use copy::{CopyBatch, CopyOutcome, InFlight, Mapped, PaddedRows, Place, ShmPlace};
 pub use counters::{Counters, Counts};
-pub use device::{AdapterInfo, Gpu, GpuOptions};
+pub use device::{AdapterInfo, DeviceIds, Gpu, GpuOptions};
 pub use direct::Direct;
 pub use error::GpuError;
-pub use memory::{DirectTarget, HostMemory, ImportError, ShmTarget};
+pub use memory::{DirectTarget, ExportError, ExportedMemory, HostMemory, ImportError, ShmTarget};
 pub use prefix_sum::prefix_sum_wgsl;
 pub use queue::{CopyPath, MAX_GPU_WAIT, Reads};
 pub use shared_texture::LayeredTexture;

@@ -1,10 +1,12 @@
-//! Memory of the host that the GPU reaches: segments that frames are copied to, and memory of the
-//! process that shaders read and write.
+//! Memory that more than the GPU's own work reaches: segments that frames are copied to, memory of
+//! the process that shaders read and write, and memory of the device that other processes import.
 
+mod export;
 mod host;
 mod import;
 mod target;
 
+pub use export::{ExportError, ExportedMemory};
 pub use host::HostMemory;
 pub use import::ImportError;
 pub use target::{DirectTarget, ShmTarget};

@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use schema_bus::{Bus, Claim, Gate, mono_now};
+use schema_bus::{Bus, Claim, Gate, GpuServer, mono_now};
 use schema_frames::{CollisionEvent, SnapshotHeader};
 use schema_types::time::TickClock;
 use schema_types::{ActorId, SimTime, Tick};
@@ -37,6 +37,8 @@ pub struct Daemon {
     pub sensors: Sensors,
     pub workers: Workers,
     pub ports: Ports,
+    /// Where readers ask for frames that stay on the GPU.
+    pub gpu_server: Option<Arc<GpuServer>>,
     /// The right to publish the domain's world.
     pub _claim: Claim,
     pub bus: Bus,

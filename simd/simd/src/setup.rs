@@ -1,8 +1,10 @@
 //! From settings to a running daemon.
 
+use std::sync::Arc;
+
 use launch_cli::wrong_usage;
 use launch_spec::Launch;
-use schema_bus::{Bus, FrameTopic, Gate, mono_now};
+use schema_bus::{Bus, FrameTopic, Gate, GpuDevice, GpuServer, mono_now};
 use schema_frames::JournalFile;
 use schema_types::time::TickClock;
 use schema_types::{SimTime, Tick};
@@ -58,6 +60,8 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         ),
         None => tracing::info!("no GPU is opened; render workers make the images"),
     }
+    check_gpu_memory(launch, gpu.as_ref(), settings.frames_in_flight)?;
+    let gpu_server = gpu.as_ref().and_then(|gpu| gpu_server(&bus, gpu));
     let frames = settings.frame_options(gpu.as_ref())?;
     let drawing = gpu.clone().map(|gpu| {
         let mut renderer = CameraRenderer::new(&gpu, quality);
@@ -98,6 +102,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     let context = OpenContext {
         bus: &bus,
         gpu: gpu.as_ref(),
+        server: gpu_server.as_ref(),
         frames: &frames,
         memory: MemoryLife::Lasting,
         limits: &|topic| launch.limits_of(topic),
@@ -155,6 +160,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         sensors,
         workers,
         ports,
+        gpu_server,
         _claim: claim,
         bus,
         world,
@@ -195,6 +201,82 @@ fn check_memory(launch: &Launch, frames_in_flight: u32) -> anyhow::Result<()> {
             mib(need_bytes) + 64
         ))
     })
+}
+
+/// Checks the GPU's memory for the topics that the launch file keeps there: their slots are
+/// committed memory.
+fn check_gpu_memory(
+    launch: &Launch,
+    gpu: Option<&Gpu>,
+    frames_in_flight: u32,
+) -> anyhow::Result<()> {
+    let kept: Vec<_> = launch
+        .memory_budget()
+        .into_iter()
+        .filter(|topic| topic.limits.gpu)
+        .collect();
+    if kept.is_empty() {
+        return Ok(());
+    }
+    let Some(gpu) = gpu else {
+        return Err(wrong_usage(format!(
+            "topic {:?} has gpu = true, but the simulator opens no GPU; remove gpu, or --no-gpu",
+            kept[0].topic
+        )));
+    };
+    if !gpu.can_export() {
+        return Err(wrong_usage(format!(
+            "topic {:?} has gpu = true, but the driver of {:?} lacks VK_KHR_external_memory_fd; remove gpu, or take another --adapter",
+            kept[0].topic,
+            gpu.name()
+        )));
+    }
+    let bytes_of = |topic: &launch_spec::TopicBudget| {
+        let usual = FrameTopic::on_gpu(frames_in_flight as usize);
+        let spec = FrameTopic {
+            max_readers: topic
+                .limits
+                .gpu_readers
+                .map_or(usual.max_readers, |n| n as usize),
+            ..usual
+        };
+        (topic.max_payload_bytes * spec.n_slots()) as u64
+    };
+    let need_bytes: u64 = kept.iter().map(bytes_of).sum();
+    let free_bytes = gpu.free_memory_bytes();
+    if need_bytes <= free_bytes {
+        return Ok(());
+    }
+    let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+    Err(wrong_usage(format!(
+        "the {} topics with gpu = true need {} MiB on the GPU, but {:?} has {} MiB free; give them fewer gpu_readers, or fewer or smaller images",
+        kept.len(),
+        mib(need_bytes),
+        gpu.name(),
+        mib(free_bytes)
+    )))
+}
+
+/// Answers readers that ask for frames on the GPU; `None` where its memory cannot be exported, or
+/// the socket cannot be made.
+fn gpu_server(bus: &Bus, gpu: &Gpu) -> Option<Arc<GpuServer>> {
+    if !gpu.can_export() {
+        tracing::info!("frames do not stay on the GPU: its driver lacks VK_KHR_external_memory_fd");
+        return None;
+    }
+    let ids = gpu.ids();
+    let device = GpuDevice {
+        device_uuid: ids.device,
+        driver_uuid: ids.driver,
+        is_mappable: gpu.is_software(),
+    };
+    match bus.gpu_server(device) {
+        Ok(server) => Some(Arc::new(server)),
+        Err(error) => {
+            tracing::warn!(%error, "frames do not stay on the GPU: the socket of their readers cannot be made");
+            None
+        }
+    }
 }
 
 /// Opens the sensors of the launch file and makes their actors.

@@ -79,6 +79,7 @@ pub fn open(
     };
     let context = OpenContext {
         memory: MemoryLife::WhileRoom,
+        server: None,
         is_told: false,
         cameras_are_away: context.gpu.is_none(),
         ..*context

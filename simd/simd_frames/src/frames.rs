@@ -301,9 +301,14 @@ impl Sensors {
         for (views, late) in later {
             self.finish(views, late)?;
         }
-        self.fire_on_cpu(tick, due, lidars.is_some(), &mut waking);
+        self.fire_on_cpu(tick, due, lidars.is_some(), &mut waking)?;
         if let Some(lidars) = lidars {
-            self.n_lidar_turns += lidar::finish(&mut self.sensors, lidars, &mut waking, audience)?;
+            self.n_lidar_turns += lidar::finish(
+                (&mut self.sensors, self.gpu.as_ref()),
+                lidars,
+                &mut waking,
+                audience,
+            )?;
         }
         if let Some(views) = views {
             // If a rig still has images in flight, its wake-up is sent with the last of them.
@@ -414,7 +419,7 @@ impl Sensors {
         due: &[Due],
         lidars_are_cast: bool,
         waking: &mut Waking,
-    ) {
+    ) -> anyhow::Result<()> {
         let _span = stages::OTHER_SENSORS.span();
         let mut rays = self.rays.of_tick(tick.scene);
         for due in due {
@@ -425,7 +430,7 @@ impl Sensors {
                 model if model.is_motion() => continue,
                 Model::Lidar { .. } if lidars_are_cast => continue,
                 Model::Lidar { .. } => {
-                    let is_cast = lidar::cast_on_cpu(&shot, sensor, &mut rays);
+                    let is_cast = lidar::cast_on_cpu(&shot, sensor, &mut rays, self.gpu.as_ref())?;
                     self.n_lidar_turns += u64::from(is_cast);
                     is_cast
                 }
@@ -435,12 +440,13 @@ impl Sensors {
                 waking.add(&sensor.rig);
             }
         }
+        Ok(())
     }
 
     /// Waits for views and sends them.
     fn finish(&mut self, views: PendingViews, ticks_in_flight: u32) -> anyhow::Result<()> {
         views::finish(
-            &mut self.sensors,
+            (&mut self.sensors, self.gpu.as_ref()),
             views,
             ticks_in_flight,
             self.options.audience,

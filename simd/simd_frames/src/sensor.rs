@@ -6,9 +6,10 @@ mod model;
 mod stream;
 
 use std::rc::Rc;
+use std::sync::Arc;
 
 use launch_spec::TopicLimits;
-use schema_bus::Bus;
+use schema_bus::{Bus, GpuServer};
 use schema_frames::Modality;
 use schema_frames::document::TopicInfo;
 use schema_types::{ActorId, SimTime, Tick};
@@ -106,6 +107,8 @@ pub struct OpenContext<'a> {
     pub bus: &'a Bus,
     /// What renders its views.
     pub gpu: Option<&'a Gpu>,
+    /// Where readers ask for frames that stay on the GPU; `None` if they cannot.
+    pub server: Option<&'a Arc<GpuServer>>,
     /// How its frames are made.
     pub frames: &'a FrameOptions,
     /// How long its topics have memory.
@@ -163,6 +166,7 @@ impl Sensor {
                 topic,
                 context.frames,
                 context.memory,
+                context.server,
             )?);
         }
         let sensor_id = (stream.number() ^ (stream.number() >> 32)) as u32;

@@ -2,18 +2,23 @@
 
 mod import;
 mod memory;
+mod on_gpu;
+
+use std::sync::Arc;
 
 use launch_spec::TopicLimits;
-use schema_bus::{Bus, DeviceLoan, FrameLoan, Notifier, mono_now};
+use schema_bus::{Bus, DeviceLoan, FrameLoan, GpuServer, Notifier, mono_now};
 use schema_frames::document::TopicInfo;
 use schema_frames::{FrameHeader, Modality};
 use sensor_gpu::{Gpu, Place, ShmTarget};
 
 pub use import::{Lent, Transfer};
 pub use memory::{MemoryLife, Writer, limited};
+pub use on_gpu::GpuLoan;
 
 use crate::hash::BytesHash;
 use memory::{MemoryPlan, TopicMemory};
+use on_gpu::{OnGpu, can_stay};
 
 /// Which topics get frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,6 +78,8 @@ pub struct Topic {
     /// Event of the topic's own name, so that its readers wait for no other frame of the rig.
     wake: Notifier,
     memory: TopicMemory,
+    /// Its frames that stay on the GPU; `None` where they cannot.
+    on_gpu: Option<OnGpu>,
     limits: TopicLimits,
     /// Of a topic whose frames depend on whether the one before was made.
     made: Option<Made>,
@@ -80,6 +87,21 @@ pub struct Topic {
     told: Option<bool>,
     /// Whether the frame of this firing is asked for, if another process decides that.
     asked: Option<bool>,
+}
+
+/// Slots for one image: in shared memory, and on the GPU.
+#[derive(Debug, Default)]
+pub struct Loans {
+    /// For readers of shared memory.
+    pub host: Option<FrameLoan>,
+    /// For readers on the GPU, with the place that it is to a submission.
+    pub gpu: Option<(GpuLoan, Place<'static>)>,
+}
+
+impl Loans {
+    fn is_empty(&self) -> bool {
+        self.host.is_none() && self.gpu.is_none()
+    }
 }
 
 /// What became of a topic's frames.
@@ -112,6 +134,7 @@ impl Topic {
         spec: TopicSpec,
         options: &FrameOptions,
         life: MemoryLife,
+        server: Option<&Arc<GpuServer>>,
     ) -> anyhow::Result<Topic> {
         let TopicSpec {
             name,
@@ -134,7 +157,14 @@ impl Topic {
         };
         let memory = TopicMemory::open(bus, gpu, &name, &plan)?;
         let wake = bus.notifier(&name)?;
+        let on_gpu = server
+            .filter(|_| can_stay(modality) && !is_away)
+            .map(|server| {
+                let in_flight = options.frames_in_flight as usize;
+                OnGpu::offer(bus, server, &name, max_payload_bytes, limits, in_flight)
+            });
         Ok(Topic {
+            on_gpu,
             name,
             modality,
             counts: FrameCounts::default(),
@@ -155,9 +185,14 @@ impl Topic {
         }
     }
 
-    /// Number of readers.
+    /// Number of readers, of shared memory and on the GPU.
     pub fn n_readers(&self) -> usize {
-        self.memory.n_readers()
+        self.memory.n_readers() + self.n_gpu_readers()
+    }
+
+    /// Number of readers on the GPU.
+    pub fn n_gpu_readers(&self) -> usize {
+        self.on_gpu.as_ref().map_or(0, OnGpu::n_readers)
     }
 
     /// Whether its frames are made.
@@ -188,8 +223,12 @@ impl Topic {
         is_made
     }
 
-    /// Another process writes the frames from now on. No frame may be in flight.
+    /// Another process writes the frames from now on. No frame may be in flight. They no longer stay
+    /// on this process's GPU: readers there are refused, and read shared memory.
     pub fn leave(&mut self, bus: &Bus, gpu: Option<&Gpu>) {
+        if let (Some(on_gpu), Some(gpu)) = (self.on_gpu.take(), gpu) {
+            on_gpu.close(gpu);
+        }
         if let Err(error) = self.memory.leave(bus, gpu, &self.name) {
             tracing::warn!(
                 topic = self.name,
@@ -248,30 +287,101 @@ impl Topic {
         })
     }
 
-    /// A slot if somebody reads and one is free. Without a slot the frame is dropped and counted,
-    /// and its `seq` is spent.
+    /// A slot of shared memory if somebody reads, wherever, and one is free; for frames that are
+    /// made there first. Without a slot the frame is dropped and counted, and its `seq` is spent.
     pub fn loan_if_read(&mut self, audience: Audience) -> Option<FrameLoan> {
-        let loan = self.loan(audience);
+        let loan = self.is_read(audience).then(|| self.loan()).flatten();
         if let Some(made) = &mut self.made {
             made.is_made = loan.is_some();
         }
         loan
     }
 
-    fn loan(&mut self, audience: Audience) -> Option<FrameLoan> {
-        if !self.is_read(audience) {
-            return None;
+    /// Whether the only readers of its frames are on the GPU.
+    pub fn is_read_on_gpu_alone(&self, audience: Audience) -> bool {
+        audience == Audience::Readers && self.memory.n_readers() == 0 && self.n_gpu_readers() > 0
+    }
+
+    /// Slots for a frame that the GPU makes, each where somebody reads.
+    pub fn loans_if_read(&mut self, audience: Audience) -> Loans {
+        let mut loans = Loans::default();
+        if self.is_read(audience) {
+            if audience == Audience::Hash || self.memory.n_readers() > 0 {
+                loans.host = self.loan();
+            }
+            loans.gpu = self.loan_on_gpu();
         }
-        match self.memory.loan() {
-            Ok(loan) => Some(loan),
+        if let Some(made) = &mut self.made {
+            made.is_made = !loans.is_empty();
+        }
+        loans
+    }
+
+    fn loan_on_gpu(&mut self) -> Option<(GpuLoan, Place<'static>)> {
+        match self.on_gpu.as_mut()?.loan() {
+            Ok(loan) => loan,
             Err(error) => {
-                if self.counts.n_dropped == 0 {
-                    tracing::warn!(topic = self.name, %error, "frame dropped; further drops are only counted");
-                }
-                self.counts.n_dropped += 1;
+                self.drop_frame(&error);
                 None
             }
         }
+    }
+
+    fn drop_frame(&mut self, error: &dyn std::fmt::Display) {
+        if self.counts.n_dropped == 0 {
+            tracing::warn!(topic = self.name, %error, "frame dropped; further drops are only counted");
+        }
+        self.counts.n_dropped += 1;
+    }
+
+    fn loan(&mut self) -> Option<FrameLoan> {
+        match self.memory.loan() {
+            Ok(loan) => Some(loan),
+            Err(error) => {
+                self.drop_frame(&error);
+                None
+            }
+        }
+    }
+
+    /// Sends a slot on the GPU, which the GPU has filled, and wakes its readers. `is_alone` if the
+    /// frame was made nowhere else.
+    pub fn send_on_gpu(&mut self, loan: GpuLoan, header: &FrameHeader, is_alone: bool) {
+        let Some(on_gpu) = &self.on_gpu else {
+            return;
+        };
+        match on_gpu.send(loan, header) {
+            Ok(()) => self.counts.n_sent += u64::from(is_alone),
+            Err(error) => self.drop_frame(&error),
+        }
+    }
+
+    /// Sends a filled loan, and before it the same bytes to readers on the GPU: for lists, whose
+    /// length is known only now.
+    ///
+    /// # Errors
+    /// The GPU was lost.
+    pub fn send_list(
+        &mut self,
+        gpu: Option<&Gpu>,
+        mut loan: FrameLoan,
+        header: FrameHeader,
+        audience: Audience,
+    ) -> anyhow::Result<()> {
+        if self.n_gpu_readers() > 0
+            && let Some(gpu) = gpu
+            && let Some((on_gpu, place)) = self.loan_on_gpu()
+        {
+            let bytes = &loan.payload_mut()[..header.payload_bytes as usize];
+            gpu.upload(&[(place, bytes)])?;
+            let uploaded = FrameHeader {
+                cpu_copies: header.cpu_copies + 1,
+                ..header
+            };
+            self.send_on_gpu(on_gpu, &uploaded, false);
+        }
+        self.send(loan, header, audience);
+        Ok(())
     }
 
     /// Sends a filled loan and wakes those who wait for this topic, at once: what is sent after it
@@ -301,16 +411,42 @@ impl Topic {
     /// Asks for memory that holds frames of `max_payload_bytes`; [`Topic::settle`] makes it.
     pub fn fit(&mut self, max_payload_bytes: usize) {
         self.memory.fit(max_payload_bytes);
+        if let Some(on_gpu) = &mut self.on_gpu {
+            on_gpu.fit(max_payload_bytes);
+        }
     }
 
     /// Whether [`Topic::settle`] has something to do.
     pub fn is_unsettled(&mut self, now_nanos: u64) -> bool {
+        let is_list = !self.modality.is_image();
+        let is_needed = is_list && self.n_gpu_readers() > 0;
+        self.memory.need(is_needed);
+        let on_gpu = self.on_gpu.as_mut();
         self.memory.is_unsettled(now_nanos)
+            | on_gpu.is_some_and(|on_gpu| on_gpu.is_unsettled(now_nanos))
     }
 
     /// Opens the memory for the first reader, gives it back after the last, or makes it larger.
     /// No frame may be in flight.
     pub fn settle(&mut self, bus: &Bus, gpu: Option<&Gpu>) {
+        let now_nanos = mono_now().0;
+        // From being asked to having memory there are two steps, which both come before the tick.
+        while let (Some(on_gpu), Some(gpu)) = (&mut self.on_gpu, gpu)
+            && on_gpu.is_unsettled(now_nanos)
+        {
+            if let Err(error) = on_gpu.settle(bus, gpu)
+                && on_gpu.refuse(now_nanos)
+            {
+                tracing::warn!(
+                    topic = self.name,
+                    error = format!("{error:#}"),
+                    "a topic has no frames on the GPU; asking again every second"
+                );
+            }
+        }
+        if !self.memory.is_unsettled(now_nanos) {
+            return;
+        }
         if let Err(error) = self.memory.settle(bus, gpu, &self.name)
             && self.memory.refuse(mono_now().0)
         {
@@ -324,6 +460,9 @@ impl Topic {
 
     /// Gives everything back, memory last. No frame may be in flight.
     pub fn close(self, gpu: Option<&Gpu>) {
+        if let (Some(on_gpu), Some(gpu)) = (self.on_gpu, gpu) {
+            on_gpu.close(gpu);
+        }
         self.memory.close(gpu);
     }
 }

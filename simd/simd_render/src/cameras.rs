@@ -105,6 +105,8 @@ fn open(
     let context = OpenContext {
         bus: around.bus,
         gpu: Some(around.gpu),
+        // The simulator's process alone keeps frames on a GPU.
+        server: None,
         frames: sensors.options(),
         memory,
         limits: &limits_of,

@@ -38,6 +38,7 @@ fn allowed(from: &str, to: &str) -> bool {
         ("consumer_carla" | "consumer_drive" | "consumer_desk", "consumer_rpc") => true,
         ("consumer_desk", "consumer_view" | "consumer_picture") => true,
         ("consumer_view" | "consumer_record" | "consumer_bridge", "consumer_picture") => true,
+        ("consumer_python", "consumer_gpu") => true,
         (from, "consumer_kit") => district(from) == "consumer",
         // All programs in one file, and nothing else.
         ("launch_all", "gantry" | "simd" | "simd_render") => true,
@@ -108,6 +109,7 @@ fn only_one_crate_names_each_engine() {
         ("obvhs", &["sensor_ray"]),
         ("ash", &["sensor_gpu"]),
         ("pyo3", &["consumer_python"]),
+        ("cudarc", &["consumer_gpu"]),
     ];
     let mut wrong = Vec::new();
     for (name, (path, table)) in manifests() {

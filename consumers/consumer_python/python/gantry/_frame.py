@@ -15,6 +15,8 @@ from ._errors import FrameFormatError
 from ._load import native
 
 _UNPACK_HEADER = unpacker("FrameHeader").unpack
+_OFFSETS = {name: offset for name, _, _, offset in _layout.STRUCTS["FrameHeader"][2]}
+_PLACE_AT, _LENGTH_AT = _OFFSETS["payload_place"], _OFFSETS["payload_bytes"]
 
 
 class Pose(NamedTuple):
@@ -134,8 +136,11 @@ class Frame(native.Sample):
         return self.array[..., 2::-1]
 
     def copy(self) -> npt.NDArray[Any]:
-        """Returns a writeable copy of `array`, which keeps no shared memory borrowed."""
-        return self.array.copy()
+        """Returns a writeable copy of `array`, which keeps no memory borrowed; of a frame on a GPU, too."""
+        data = self.device_bytes()
+        if data is None:
+            return self.array.copy()
+        return _array_of(self.header_bytes(), data).copy()
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         array = self.array
@@ -149,16 +154,40 @@ class Frame(native.Sample):
         The memory is marked as read-only, which takes numpy 2.1 and DLPack 1. Raises `BufferError`
         for a library that cannot say that it reads only, and for structured arrays; hand over
         `frame.copy()` there.
+
+        A frame on a GPU is handed over as memory of its device, lists as bytes (n, element bytes).
+        Its memory is other readers', too: do not write to it. It stays as it is until the last
+        tensor is gone and the device has done what it was given until then.
         """
+        if self.device is not None:
+            return self.device_capsule(options.get("stream"))
         return self.array.__dlpack__(**options)
 
     def __dlpack_device__(self) -> tuple[int, int]:
-        """Returns DLPack's number of the processor's own memory."""
+        """Returns DLPack's kind and number of the device."""
+        on_gpu = self.device_number()
+        if on_gpu is not None:
+            return on_gpu
         kind, number = self.array.__dlpack_device__()
         return int(kind), int(number)
 
+    @property
+    def __cuda_array_interface__(self) -> dict[str, Any]:
+        found = self.device_interface()
+        if found is None:
+            raise AttributeError("__cuda_array_interface__: this frame is not on a device of CUDA")
+        address, shape, strides, kind = found
+        # The bytes were complete before the frame was sent, so nothing has to be waited for.
+        return {"shape": tuple(shape), "typestr": kind, "data": (address, True), "version": 3, "strides": tuple(strides), "stream": None}
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Sizes of the array or tensor."""
+        on_gpu = self.device_shape()
+        return tuple(self.array.shape) if on_gpu is None else tuple(on_gpu)
+
     def __len__(self) -> int:
-        return len(self.array)
+        return self.shape[0]
 
     def __repr__(self) -> str:
         width, height = self.size
@@ -190,6 +219,14 @@ def _png(rgb: npt.NDArray[np.uint8]) -> bytes:
     rows[:, 1:] = rgb.reshape(height, -1)
     head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows.tobytes(), 1)) + chunk(b"IEND", b"")
+
+
+def _array_of(header: bytes, payload: bytes) -> npt.NDArray[Any]:
+    """Shows bytes as the array of a frame with this header, which was checked."""
+    own = bytearray(header)
+    own[_PLACE_AT : _PLACE_AT + 4] = bytes(4)
+    own[_LENGTH_AT : _LENGTH_AT + 8] = len(payload).to_bytes(8, "little")
+    return cast(Frame, native.sample_from_bytes(bytes(own) + payload, "")).array
 
 
 def frame_from_bytes(data: bytes, topic: str = "") -> Frame:

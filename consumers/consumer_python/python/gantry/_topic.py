@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 import weakref
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, AsyncIterator, Generic, Iterator, TypeVar, overload
@@ -16,6 +17,8 @@ from ._result import Result, class_names
 
 #: Seconds between two looks for a topic that does not exist yet.
 _LOOK_SECS = 0.05
+#: What was warned of.
+_SAID: dict[str, bool] = {}
 
 
 @dataclass
@@ -45,11 +48,11 @@ class Topic(native.Reader, Generic[S]):
     the topic has results.
     """
 
-    def __new__(cls, topic: str, domain: str | None = None) -> Topic[S]:
+    def __new__(cls, topic: str, domain: str | None = None, device: str | None = None) -> Topic[S]:
         domain, name = split(topic, domain)
-        return super().__new__(cls, domain, name)
+        return super().__new__(cls, domain, name, device)
 
-    def __init__(self, topic: str, domain: str | None = None) -> None:
+    def __init__(self, topic: str, domain: str | None = None, device: str | None = None) -> None:
         self._domain, _ = split(topic, domain)
         # A weak reference, because the native half does not take part in collecting cycles.
         this = weakref.ref(self)
@@ -138,28 +141,38 @@ def _fileno(topic: Topic[Any] | None) -> int:
 
 
 @overload
-def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: None = None) -> Topic[Frame]: ...
+def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: None = None, device: str | None = None) -> Topic[Frame]: ...
 @overload
 def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: str) -> Topic[Result]: ...
 
 
-def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: str | None = None) -> Topic[Any]:
+def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: str | None = None, device: str | None = None) -> Topic[Any]:
     """Opens a topic such as `ego/front/rgb`; waits up to `timeout` seconds for it to appear.
 
     A topic of frames yields `Frame`s, a topic of results `Result`s. With `result="boxes2d"` it must
     be a topic of results of this type; type checkers learn from it that results come. Raises
     `NoSuchTopicError` if it does not appear, `TooManyReadersError` if it has no place left,
     `SchemaVersionError` if the simulator has another version, `GantryError` for another type.
+
+    With `device="cuda"` frames of cameras and lidars stay on the GPU that the simulator draws on:
+    `torch.from_dlpack(frame)` is a tensor there, and nothing is copied. Where CUDA computes on
+    another GPU, frames are uploaded to it through page-locked memory, with one warning that says
+    why. Raises `GantryError` where there is no CUDA.
     """
+    if device is not None and result is not None:
+        raise GantryError("results are in shared memory; leave device out, or result")
     deadline = time.monotonic() + timeout
     while True:
         try:
-            opened: Topic[Any] = Topic(topic, domain)
+            opened: Topic[Any] = Topic(topic, domain, device)
             break
         except NoSuchTopicError:
             if time.monotonic() >= deadline:
                 raise
             time.sleep(_LOOK_SECS)
+    if opened.fallback is not None and not _SAID.get(opened.fallback):
+        _SAID[opened.fallback] = True
+        warnings.warn(f"frames of {opened.name!r} are uploaded, they do not stay on the GPU: {opened.fallback}", RuntimeWarning, stacklevel=2)
     if result is not None and opened.result != result:
         opened.close()
         raise GantryError(f"topic {opened.name!r} has {'results of type ' + repr(opened.result) if opened.result else 'frames'}, not results of type {result!r}")

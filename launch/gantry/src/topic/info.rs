@@ -3,7 +3,8 @@
 use std::time::{Duration, Instant};
 
 use launch_cli::{Exit, wrong_usage};
-use schema_bus::{Bus, names::about};
+use schema_bus::Bus;
+use schema_bus::names::{about, is_gpu_topic};
 use schema_frames::{About, Modality};
 
 use crate::census::{Census, Kind, Member, Topic, names, nothing_runs};
@@ -32,7 +33,9 @@ pub fn list(bus: &Bus, form: Form) -> anyhow::Result<Exit> {
         "{:name$}  {:kind$}  {:<9}  {:>7}  {:>7}  {:>12}  written by",
         "topic", "type", "kind", "writers", "readers", "max bytes"
     );
-    for topic in &census.topics {
+    // The GPU's side of a topic is told by `info`.
+    let of_their_own = |topic: &&Topic| !is_gpu_topic(&topic.name);
+    for topic in census.topics.iter().filter(of_their_own) {
         let readers = topic.service.readers.len();
         let line = format!(
             "{:name$}  {:kind$}  {:<9}  {:>7}  {:>7}  {:>12}  {}",
@@ -111,10 +114,29 @@ pub fn info(bus: &Bus, name: &str, form: Form) -> anyhow::Result<Exit> {
             qos.buffer, qos.borrowed, qos.history
         );
     }
+    if let Some(line) = on_gpu(bus, topic)? {
+        println!("on the GPU     {line}");
+    }
     if let Some(about) = description {
         describe(&about);
     }
     Ok(Exit::Done)
+}
+
+/// What there is of a topic on the GPU, beside its own service; `None` if nobody asked for it.
+fn on_gpu(bus: &Bus, topic: &Topic) -> anyhow::Result<Option<String>> {
+    let mut topics = bus.topics()?.into_iter();
+    let side = topics.find(|found| found.name == topic.name);
+    Ok(side.and_then(|found| found.on_gpu).map(|side| {
+        let memory = match side.publishers {
+            0 => "no memory while nobody reads",
+            _ => "has memory",
+        };
+        format!(
+            "{} of {} readers, {memory}",
+            side.subscribers, side.max_subscribers
+        )
+    }))
 }
 
 /// `: simd (4242), gantry-view (4243)`, or nothing.

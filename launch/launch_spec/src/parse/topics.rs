@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use schema_frames::ResultType;
 use schema_frames::about::ABOUT;
+use schema_frames::{Modality, ResultType, SensorKind};
 use toml::Value as Toml;
 
 use super::sections::whole_number;
@@ -13,7 +13,17 @@ use crate::model::Launch;
 use crate::topic::{MAX_BYTES, READERS, SAMPLES, Topic, TopicLimits};
 use crate::tree::{Entry, Table};
 
-const KEYS: [&str; 5] = ["readers", "buffer", "borrowed", "type", "max_bytes"];
+const KEYS: [&str; 7] = [
+    "readers",
+    "buffer",
+    "borrowed",
+    "gpu",
+    "gpu_readers",
+    "type",
+    "max_bytes",
+];
+/// Modalities whose frames can stay on the GPU.
+const ON_GPU: &str = "images, dvs and lidar points";
 /// First parts of topics that belong to the simulator, with fixed limits.
 const RESERVED: [&str; 2] = ["world", "control"];
 
@@ -49,8 +59,25 @@ fn topic(name: &str, entry: &Entry, sensors: &[String], errors: &mut Errors) -> 
         readers: number("readers", wide(READERS)).map(|n| n as u32),
         buffer: number("buffer", wide(SAMPLES)).map(|n| n as u32),
         borrowed: number("borrowed", wide(SAMPLES)).map(|n| n as u32),
+        gpu: false,
+        gpu_readers: number("gpu_readers", wide(READERS)).map(|n| n as u32),
     };
     let max_bytes = number("max_bytes", MAX_BYTES).map(|n| n as u64);
+    let gpu = boolean(table, "gpu", &path, errors);
+    let limits = TopicLimits {
+        gpu: gpu.unwrap_or(false),
+        ..limits
+    };
+    for key in ["gpu", "gpu_readers"] {
+        if let Some(entry) = table.get(key)
+            && (!stays_on_gpu(name) || table.contains_key("type"))
+        {
+            errors.push(
+                entry.key_at,
+                format!("{path}.{key} is given, but only frames of cameras and lidars ({ON_GPU}) can stay on the GPU; remove the key"),
+            );
+        }
+    }
     let result = table
         .get("type")
         .and_then(|entry| result_type(entry, &path, errors));
@@ -93,6 +120,30 @@ fn result_type(entry: &Entry, path: &str, errors: &mut Errors) -> Option<ResultT
         );
     }
     found
+}
+
+/// Whether a topic of this name carries what can stay on the GPU.
+fn stays_on_gpu(name: &str) -> bool {
+    let modality = name.rsplit('/').next().and_then(Modality::from_name);
+    modality.is_some_and(|modality| {
+        matches!(
+            modality.sensor_kind(),
+            SensorKind::Camera | SensorKind::Lidar
+        )
+    })
+}
+
+fn boolean(table: &Table, key: &str, path: &str, errors: &mut Errors) -> Option<bool> {
+    let entry = table.get(key)?;
+    let value = entry.node.plain();
+    if let Toml::Boolean(value) = value {
+        return Some(value);
+    }
+    errors.push(
+        entry.node.at,
+        format!("{path}.{key} is {value}, but must be true or false"),
+    );
+    None
 }
 
 fn is_reserved(name: &str) -> bool {

@@ -15,8 +15,9 @@ pub enum RenderError {
         /// What was asked for.
         modality: Modality,
     },
-    /// A modality was asked for twice.
-    #[error("{:?} was asked twice of one view in one tick", modality.name())]
+    /// A list was asked for twice, or an image more often: images go to shared memory and to a place
+    /// on the GPU.
+    #[error("{:?} was asked more often of one view in one tick than it can be made", modality.name())]
     Twice {
         /// What was asked for.
         modality: Modality,
@@ -40,10 +41,11 @@ pub(super) fn check(job: &ViewJob<'_, '_>) -> Result<(), RenderError> {
         if targets_of(modality) == TargetSet::default() {
             return Err(RenderError::NotACamera { modality });
         }
-        if job.outputs[..i]
+        let n_asked = job.outputs[..i]
             .iter()
-            .any(|other| other.modality == modality)
-        {
+            .filter(|other| other.modality == modality)
+            .count();
+        if n_asked > usize::from(modality.is_image()) {
             return Err(RenderError::Twice { modality });
         }
         let (needed, room) = (job.view.payload_bytes(modality), place.capacity_bytes());

@@ -244,7 +244,7 @@ fn submit(
     let Some(queue) = gpu.copy_queue() else {
         return (gpu.submit(commands), None);
     };
-    let copies = raw_copies_of(beside);
+    let copies = raw_copies_of(gpu, beside);
     let mut turn = queue.turn();
     let mut drawing = gpu.drawing().lock();
     let newest = overwritten
@@ -400,7 +400,7 @@ fn record_behind(gpu: &Gpu, behind: &[&Item<'_>]) -> wgpu::CommandBuffer {
         .expect("the device was opened as Vulkan")
         .raw_device()
         .clone();
-    let copies = raw_copies_of(behind);
+    let copies = raw_copies_of(gpu, behind);
     // SAFETY: the encoder before left textures, buffers and targets in the states that the copies
     // expect, and the items live until the submission is done; nothing ordinary is recorded with
     // this encoder.
@@ -416,7 +416,9 @@ fn record_behind(gpu: &Gpu, behind: &[&Item<'_>]) -> wgpu::CommandBuffer {
 }
 
 fn record_visible(encoder: &mut wgpu::CommandEncoder, behind: &[&Item<'_>]) {
-    let buffers = unique_buffers(behind);
+    let mapped = behind.iter().filter(|item| item.exported().is_none());
+    let mapped: Vec<&Item<'_>> = mapped.copied().collect();
+    let buffers = unique_buffers(&mapped);
     encoder.transition_resources(
         buffers.iter().map(|buffer| wgt::BufferTransition {
             buffer: *buffer,

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::place::Place;
+use super::place::{Place, ShmPlace};
 use crate::queue::Reads;
 
 /// Where a copy comes from.
@@ -83,6 +83,14 @@ impl Item<'_> {
     pub fn imported(&self) -> Option<&wgpu::Buffer> {
         match &self.sink {
             Sink::Place(Place::Shm(place)) => place.target().imported(),
+            _ => None,
+        }
+    }
+
+    /// The place, if it is in memory of the device that other processes import.
+    pub fn exported(&self) -> Option<&ShmPlace> {
+        match &self.sink {
+            Sink::Place(Place::Shm(place)) if place.target().is_exported() => Some(place),
             _ => None,
         }
     }

@@ -4,11 +4,13 @@ use ash::vk;
 use wgpu::hal::api::Vulkan;
 
 use super::item::{Item, Source};
-use crate::queue::{RawCopies, RawCopy};
+use super::place::ShmPlace;
+use crate::device::Gpu;
+use crate::queue::{RawCopies, RawCopy, Release};
 
 /// Copies of items whose targets are imported. Their handles are valid as long as the items live.
 /// What the device had no memory for has none, and is left out: its submission is refused anyway.
-pub(super) fn raw_copies_of(items: &[&Item<'_>]) -> RawCopies {
+pub(super) fn raw_copies_of(gpu: &Gpu, items: &[&Item<'_>]) -> RawCopies {
     let mut groups: Vec<Vec<&Item<'_>>> = Vec::new();
     for item in items {
         match groups.iter_mut().find(|group| is_alike(group[0], item)) {
@@ -16,7 +18,58 @@ pub(super) fn raw_copies_of(items: &[&Item<'_>]) -> RawCopies {
             None => groups.push(vec![item]),
         }
     }
-    RawCopies(groups.iter().filter_map(|alike| copy_of(alike)).collect())
+    let exported = items.iter().filter_map(|item| {
+        let place = item.exported()?;
+        release(gpu, place, item.source.n_bytes())
+    });
+    RawCopies {
+        copies: groups.iter().filter_map(|alike| copy_of(alike)).collect(),
+        released: exported.collect(),
+    }
+}
+
+/// The first `n_bytes` of a place in exported memory, to be handed over to other processes.
+pub(super) fn release(gpu: &Gpu, place: &ShmPlace, n_bytes: usize) -> Option<Release> {
+    // SAFETY: the guard only lends the device to ask for its family.
+    let drawing = unsafe { gpu.device().as_hal::<Vulkan>() }?.queue_family_index();
+    let is_shared = gpu
+        .copy_queue()
+        .is_some_and(|queue| !queue.families().is_empty());
+    // SAFETY: the handle is used while its wgpu object lives: the place owns the target.
+    let buffer = unsafe { place.target().imported()?.as_hal::<Vulkan>()?.raw_handle() };
+    Some(Release {
+        buffer,
+        offset_bytes: place.offset_bytes() as u64,
+        n_bytes: n_bytes.max(4) as u64,
+        family: if is_shared {
+            vk::QUEUE_FAMILY_IGNORED
+        } else {
+            drawing
+        },
+    })
+}
+
+impl Gpu {
+    /// An encoder that holds these copies and nothing else.
+    pub(super) fn gpu_release(&self, copies: &RawCopies) -> wgpu::CommandEncoder {
+        let mut encoder = self.encoder("to other processes");
+        // SAFETY: the guard only lends the device for recording.
+        let Some(device) =
+            (unsafe { self.device().as_hal::<Vulkan>() }).map(|device| device.raw_device().clone())
+        else {
+            return encoder;
+        };
+        // SAFETY: a release touches no bytes; nothing ordinary is recorded with this encoder.
+        unsafe {
+            encoder.as_hal_mut::<Vulkan, _, _>(|hal| {
+                // A lost device has no encoder.
+                if let Some(hal) = hal {
+                    copies.record(&device, hal.raw_handle());
+                }
+            })
+        };
+        encoder
+    }
 }
 
 fn copy_of(alike: &[&Item<'_>]) -> Option<RawCopy> {

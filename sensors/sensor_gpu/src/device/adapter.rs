@@ -52,8 +52,28 @@ impl AdapterInfo {
     }
 }
 
-/// The device's UUID as the driver says it.
+/// The device's UUID in five groups.
 fn uuid_of(adapter: &wgpu::Adapter) -> String {
+    let digits = ids_of(adapter)
+        .device
+        .map(|byte| format!("{byte:02x}"))
+        .concat();
+    [0..8, 8..12, 12..16, 16..20, 20..32]
+        .map(|part| &digits[part])
+        .join("-")
+}
+
+/// What tells a GPU and its driver from others.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DeviceIds {
+    /// The device's UUID as the driver says it; zeros if it has none.
+    pub device: [u8; 16],
+    /// The driver's UUID.
+    pub driver: [u8; 16],
+}
+
+/// The UUIDs as the driver says them.
+pub(super) fn ids_of(adapter: &wgpu::Adapter) -> DeviceIds {
     let mut ids = vk::PhysicalDeviceIDProperties::default();
     // SAFETY: the hal adapter is only read, and lives as long as this guard.
     if let Some(hal) = unsafe { adapter.as_hal::<Vulkan>() } {
@@ -66,10 +86,10 @@ fn uuid_of(adapter: &wgpu::Adapter) -> String {
                 .get_physical_device_properties2(hal.raw_physical_device(), &mut properties);
         }
     }
-    let digits = ids.device_uuid.map(|byte| format!("{byte:02x}")).concat();
-    [0..8, 8..12, 12..16, 16..20, 20..32]
-        .map(|part| &digits[part])
-        .join("-")
+    DeviceIds {
+        device: ids.device_uuid,
+        driver: ids.driver_uuid,
+    }
 }
 
 pub fn enumerate() -> Vec<wgpu::Adapter> {

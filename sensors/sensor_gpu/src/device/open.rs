@@ -33,6 +33,8 @@ pub(crate) struct Opened {
     pub caps: Option<ImportCaps>,
     /// Family of the second queue, if there is one.
     pub copying: Option<Family>,
+    /// Whether memory of the device can be exported.
+    pub can_export: bool,
 }
 
 /// Opens `adapter` with the import extension and a queue for copies, if it has them.
@@ -101,6 +103,7 @@ pub(crate) fn open_device(adapter: &wgpu::Adapter, copies: CopyPath) -> Result<O
         )
     }
     .map_err(|error| error.to_string())?;
+    let can_export = can_export(&hal_adapter);
     drop(hal_adapter);
     // SAFETY: `open` was made from this adapter with the same features and limits as in
     // `descriptor`.
@@ -114,5 +117,46 @@ pub(crate) fn open_device(adapter: &wgpu::Adapter, copies: CopyPath) -> Result<O
         queue,
         caps,
         copying,
+        can_export,
     })
+}
+
+/// How memory of the device is exported.
+pub(crate) const FD: vk::ExternalMemoryHandleTypeFlags =
+    vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
+
+/// What exported buffers are used for.
+pub(crate) fn exported_usage() -> vk::BufferUsageFlags {
+    vk::BufferUsageFlags::TRANSFER_DST
+        | vk::BufferUsageFlags::TRANSFER_SRC
+        | vk::BufferUsageFlags::STORAGE_BUFFER
+}
+
+/// Whether a driver can export buffers of the device's own memory.
+fn can_export(hal: &wgpu::hal::vulkan::Adapter) -> bool {
+    let has_extension = hal
+        .physical_device_capabilities()
+        .supports_extension(ash::khr::external_memory_fd::NAME);
+    if !has_extension {
+        return false;
+    }
+    let info = vk::PhysicalDeviceExternalBufferInfo::default()
+        .usage(exported_usage())
+        .handle_type(FD);
+    let mut properties = vk::ExternalBufferProperties::default();
+    // SAFETY: instance and physical device belong together and live; wgpu requires Vulkan 1.1 where
+    // this call is core.
+    unsafe {
+        hal.shared_instance()
+            .raw_instance()
+            .get_physical_device_external_buffer_properties(
+                hal.raw_physical_device(),
+                &info,
+                &mut properties,
+            );
+    }
+    let features = properties
+        .external_memory_properties
+        .external_memory_features;
+    features.contains(vk::ExternalMemoryFeatureFlags::EXPORTABLE)
 }

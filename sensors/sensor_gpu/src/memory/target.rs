@@ -15,6 +15,8 @@ pub struct ShmTarget {
     len: usize,
     imported: Option<(wgpu::Buffer, Gpu)>,
     staged: Option<ImportError>,
+    /// Whether it is memory of the device, which this process has not mapped.
+    is_exported: bool,
     /// `None` after `drop` has left it to the end of the process.
     keeper: Option<Box<dyn Send + Sync>>,
 }
@@ -56,6 +58,7 @@ impl ShmTarget {
                 len,
                 imported: Some((buffer, gpu.clone())),
                 staged: None,
+                is_exported: false,
                 keeper,
             },
             Err(reason) => {
@@ -69,6 +72,7 @@ impl ShmTarget {
                     len,
                     imported: None,
                     staged: Some(reason),
+                    is_exported: false,
                     keeper,
                 }
             }
@@ -89,8 +93,26 @@ impl ShmTarget {
             len,
             imported: None,
             staged: Some(ImportError::AskedFor),
+            is_exported: false,
             keeper: Some(Box::new(keeper)),
         }
+    }
+
+    /// Memory of the device behind this buffer, which is not mapped.
+    pub(super) fn on_device(gpu: &Gpu, buffer: wgpu::Buffer, len: usize) -> ShmTarget {
+        ShmTarget {
+            base: std::ptr::null_mut(),
+            len,
+            imported: Some((buffer, gpu.clone())),
+            staged: None,
+            is_exported: true,
+            keeper: None,
+        }
+    }
+
+    /// Whether it is memory of the device that other processes import ([`ShmTarget::export`]).
+    pub fn is_exported(&self) -> bool {
+        self.is_exported
     }
 
     /// Copies per frame by the CPU on the way there: 0 imported, 1 staged.
@@ -141,7 +163,11 @@ impl ShmTarget {
             "range {offset_bytes}+{n_bytes} exceeds {} bytes",
             self.len
         );
-        // SAFETY: in bounds (assert), mapped and writable (constructor), exclusive (caller); bytes
+        assert!(
+            !self.is_exported,
+            "memory of the device cannot be reached by the processor"
+        );
+        // SAFETY: in bounds (first assert), mapped and writable (constructor), exclusive (caller); bytes
         // have no invalid values.
         unsafe { std::slice::from_raw_parts_mut(self.base.add(offset_bytes), n_bytes) }
     }

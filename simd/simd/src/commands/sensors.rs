@@ -118,6 +118,7 @@ fn open(
     let context = OpenContext {
         bus: &daemon.bus,
         gpu: daemon.sensors.gpu(),
+        server: daemon.gpu_server.as_ref(),
         frames: daemon.sensors.options(),
         memory: MemoryLife::OnDemand,
         limits: &|topic| daemon.settings.launch.limits_of(topic),

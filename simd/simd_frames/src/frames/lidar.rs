@@ -2,8 +2,9 @@
 //! their frames are sent in their own tick.
 
 use anyhow::Context as _;
-use schema_bus::{FrameLoan, mono_now};
+use schema_bus::mono_now;
 use schema_frames::FrameHeader;
+use sensor_gpu::Gpu;
 use sensor_ray::{ScanJob, Scans, SensorPath};
 use sensor_spec::LidarScan;
 
@@ -12,7 +13,7 @@ use super::shot::{Due, Shot, TickView};
 use crate::rig::Waking;
 use crate::sensor::{Model, Sensor};
 use crate::stages;
-use crate::topic::{Audience, Lent};
+use crate::topic::{Audience, GpuLoan, Lent, Loans, Writer};
 
 /// Lidars of a tick that the GPU has not finished.
 pub(super) struct PendingLidars {
@@ -22,6 +23,8 @@ pub(super) struct PendingLidars {
 
 struct PendingLidar {
     sensor_idx: usize,
+    /// Its slot on the GPU, if it is made there alone; dropped after the submission.
+    on_gpu: Option<GpuLoan>,
     header: FrameHeader,
 }
 
@@ -53,15 +56,32 @@ pub(super) fn submit(
             continue;
         }
         let shot = Shot::new(tick, due, sensor, audience);
-        let Some(Aimed { loan, header, path }) = aim(&shot, sensor) else {
+        let Some(Aimed {
+            slots: Loans { host, gpu },
+            header,
+            path,
+        }) = aim(&shot, sensor, Writer::Gpu)
+        else {
             continue;
         };
-        let (loan, place) = sensor.topics[0].lend(loan);
-        loans.push(loan);
+        let (on_gpu, place_on_gpu) = gpu.unzip();
+        let place = match (host, place_on_gpu) {
+            (Some(loan), _) => {
+                let (loan, place) = sensor.topics[0].lend(loan);
+                loans.push(loan);
+                place
+            }
+            (None, Some(place)) => place,
+            (None, None) => continue,
+        };
         let Model::Lidar { lidar, .. } = &mut sensor.model else {
             continue;
         };
-        frames.push(PendingLidar { sensor_idx, header });
+        frames.push(PendingLidar {
+            sensor_idx,
+            on_gpu,
+            header,
+        });
         jobs.push(ScanJob {
             lidar,
             path,
@@ -78,24 +98,31 @@ pub(super) fn submit(
 
 /// Waits for the lidars of this tick and sends them; returns how many were cast.
 pub(super) fn finish(
-    sensors: &mut [Sensor],
+    (sensors, gpu): (&mut [Sensor], Option<&Gpu>),
     pending: PendingLidars,
     waking: &mut Waking,
     audience: Audience,
 ) -> anyhow::Result<u64> {
     let _span = stages::LIDAR.span();
-    let (outcomes, loans) = pending
+    let (outcomes, mut loans) = pending
         .scans
         .wait(Scans::wait)
         .context("the GPU did not finish its lidars")?;
     let mut n_turns = 0;
-    for ((frame, loan), outcome) in pending.frames.into_iter().zip(loans).zip(outcomes) {
+    for (frame, outcome) in pending.frames.into_iter().zip(outcomes) {
         let sensor = &mut sensors[frame.sensor_idx];
         let mut header = frame.header;
         header.set_list(outcome.n_points);
         header.cpu_copies = outcome.cpu_copies;
         header.rendered_mono_nanos = mono_now().0;
-        sensor.topics[0].send(loan, header, audience);
+        let topic = &mut sensor.topics[0];
+        match frame.on_gpu {
+            Some(on_gpu) => topic.send_on_gpu(on_gpu, &header, true),
+            None => {
+                let loan = loans.next().context("a lidar lost its loan")?;
+                topic.send_list(gpu, loan, header, audience)?;
+            }
+        }
         n_turns += 1;
         waking.add(&sensor.rig);
     }
@@ -103,34 +130,43 @@ pub(super) fn finish(
 }
 
 /// Casts a lidar on the CPU and sends its frame; returns whether there was one to send.
-pub(super) fn cast_on_cpu(shot: &Shot<'_>, sensor: &mut Sensor, rays: &mut TickRays<'_>) -> bool {
+pub(super) fn cast_on_cpu(
+    shot: &Shot<'_>,
+    sensor: &mut Sensor,
+    rays: &mut TickRays<'_>,
+    gpu: Option<&Gpu>,
+) -> anyhow::Result<bool> {
     let _span = stages::LIDAR.span();
     let Some(Aimed {
-        mut loan,
+        slots: Loans {
+            host: Some(mut loan),
+            ..
+        },
         mut header,
         path,
-    }) = aim(shot, sensor)
+    }) = aim(shot, sensor, Writer::Cpu)
     else {
-        return false;
+        return Ok(false);
     };
     let Model::Lidar { lidar, .. } = &mut sensor.model else {
-        return false;
+        return Ok(false);
     };
     header.set_list(lidar.scan(rays.current(), &path, shot.noise, None));
     lidar.write(loan.payload_mut());
-    shot.send(sensor, loan, header);
-    true
+    header.rendered_mono_nanos = mono_now().0;
+    sensor.topics[0].send_list(gpu, loan, header, shot.audience)?;
+    Ok(true)
 }
 
 /// A lidar that is ready to cast. The number of points is not in the header yet.
 struct Aimed {
-    loan: FrameLoan,
+    slots: Loans,
     header: FrameHeader,
     path: SensorPath,
 }
 
 /// Turns a lidar's head, read or not, and prepares its frame if somebody reads.
-fn aim(shot: &Shot<'_>, sensor: &mut Sensor) -> Option<Aimed> {
+fn aim(shot: &Shot<'_>, sensor: &mut Sensor, caster: Writer) -> Option<Aimed> {
     let mut header = shot.only_header(sensor);
     let scene = shot.tick.scene;
     let (
@@ -149,7 +185,19 @@ fn aim(shot: &Shot<'_>, sensor: &mut Sensor) -> Option<Aimed> {
         LidarScan::Turn => previous.replace(shot.world_from_sensor),
         LidarScan::Sweep => ticks[0],
     };
-    let loan = topic.loan_if_read(shot.audience)?;
+    // A frame for both kinds of readers is made in shared memory, and uploaded from there.
+    let slots = match caster {
+        Writer::Gpu if topic.is_read_on_gpu_alone(shot.audience) => {
+            topic.loans_if_read(shot.audience)
+        }
+        _ => Loans {
+            host: topic.loan_if_read(shot.audience),
+            gpu: None,
+        },
+    };
+    if slots.host.is_none() && slots.gpu.is_none() {
+        return None;
+    }
     let path = SensorPath {
         world_from_sensor_start: start.unwrap_or(shot.world_from_sensor),
         world_from_sensor: shot.world_from_sensor,
@@ -158,5 +206,9 @@ fn aim(shot: &Shot<'_>, sensor: &mut Sensor) -> Option<Aimed> {
     header.range_limit_m = lidar.spec().range_m as f32;
     header.n_channels = lidar.spec().channels;
     header.azimuth_rad = lidar.head_rad() as f32;
-    Some(Aimed { loan, header, path })
+    Some(Aimed {
+        slots,
+        header,
+        path,
+    })
 }

@@ -12,7 +12,7 @@ use super::shot::{Due, Shot, TickView};
 use crate::rig::Waking;
 use crate::sensor::{Model, Sensor};
 use crate::stages;
-use crate::topic::{Audience, Lent};
+use crate::topic::{Audience, GpuLoan, Lent, Loans};
 
 /// A camera whose images found no memory on the GPU is left out for this long, nanoseconds.
 const REFUSED_NANOS: u64 = 10_000_000_000;
@@ -27,7 +27,12 @@ struct PendingFrame {
     sensor_idx: usize,
     topic_idx: usize,
     view_idx: usize,
+    /// Its first output: that in shared memory, if it has one.
     output_idx: usize,
+    /// Whether it has a loan of shared memory, in the order of the submission's.
+    is_in_memory: bool,
+    /// Its slot on the GPU, if it has one; dropped after the submission.
+    on_gpu: Option<GpuLoan>,
     header: FrameHeader,
 }
 
@@ -81,11 +86,28 @@ pub(super) fn submit(
         };
         let mut outputs = Vec::new();
         for (topic_idx, topic) in sensor.topics.iter_mut().enumerate() {
-            let Some(loan) = topic.loan_if_read(audience) else {
-                continue;
+            let slots = match topic.modality.is_image() {
+                true => topic.loans_if_read(audience),
+                false => Loans {
+                    host: topic.loan_if_read(audience),
+                    gpu: None,
+                },
             };
-            let (loan, place) = topic.lend(loan);
-            loans.push(loan);
+            let Loans { host, gpu } = slots;
+            let output_idx = outputs.len();
+            let is_in_memory = host.is_some();
+            let host = host.map(|loan| {
+                let (loan, place) = topic.lend(loan);
+                loans.push(loan);
+                place
+            });
+            let (on_gpu, place_on_gpu) = gpu.unzip();
+            let modality = topic.modality;
+            let places = host.into_iter().chain(place_on_gpu);
+            outputs.extend(places.map(|place| Output { modality, place }));
+            if output_idx == outputs.len() {
+                continue;
+            }
             let mut header = shot.header(sensor.actor, topic.modality);
             header.intrinsics_px = view.intrinsics().as_array();
             header.lens = view.lens().map_or([0.0; 4], |lens| lens.as_array());
@@ -94,12 +116,10 @@ pub(super) fn submit(
                 sensor_idx,
                 topic_idx,
                 view_idx: jobs.len(),
-                output_idx: outputs.len(),
+                output_idx,
+                is_in_memory,
+                on_gpu,
                 header,
-            });
-            outputs.push(Output {
-                modality: topic.modality,
-                place,
             });
         }
         jobs.push(ViewJob {
@@ -175,14 +195,14 @@ fn refuse_what_does_not_fit(
 /// Waits for views and sends them, `ticks_in_flight` ticks late, unless `may_send` says that they are
 /// not this process's to send any more.
 pub(super) fn finish(
-    sensors: &mut [Sensor],
+    (sensors, gpu): (&mut [Sensor], Option<&Gpu>),
     pending: PendingViews,
     ticks_in_flight: u32,
     audience: Audience,
     may_send: &mut dyn FnMut() -> bool,
 ) -> anyhow::Result<()> {
     let readback = stages::READBACK.span();
-    let (results, loans) = pending
+    let (results, mut loans) = pending
         .submission
         .wait(Submission::wait)
         .context("the GPU did not finish its frames")?;
@@ -193,7 +213,7 @@ pub(super) fn finish(
     let _span = stages::PUBLISH.span();
     let rendered_mono_nanos = mono_now().0;
     let mut waking = Waking::default();
-    for (frame, loan) in pending.frames.into_iter().zip(loans) {
+    for frame in pending.frames {
         let sensor = &mut sensors[frame.sensor_idx];
         let audience = sensor.audience(audience);
         let topic = &mut sensor.topics[frame.topic_idx];
@@ -212,7 +232,21 @@ pub(super) fn finish(
         header.cpu_copies = result.cpu_copies;
         header.rendered_mono_nanos = rendered_mono_nanos;
         header.ticks_in_flight = ticks_in_flight;
-        topic.send(loan, header, audience);
+        if let Some(on_gpu) = frame.on_gpu {
+            let on_gpu_header = FrameHeader {
+                cpu_copies: 0,
+                ..header
+            };
+            topic.send_on_gpu(on_gpu, &on_gpu_header, !frame.is_in_memory);
+        }
+        if frame.is_in_memory
+            && let Some(loan) = loans.next()
+        {
+            match topic.modality.is_image() {
+                true => topic.send(loan, header, audience),
+                false => topic.send_list(gpu, loan, header, audience)?,
+            }
+        }
         waking.add(&sensor.rig);
     }
     waking.wake();

@@ -154,6 +154,7 @@ fn read(bytes: &[u8]) -> anyhow::Result<CameraList> {
                         readers,
                         buffer,
                         borrowed,
+                        ..TopicLimits::default()
                     });
                 }
                 limits

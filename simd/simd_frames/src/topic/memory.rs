@@ -15,10 +15,10 @@ use super::import::{self, Transfer};
 
 /// Memory of a topic made at run time outlives its last reader by this much, so that a reader that
 /// comes back soon costs nothing.
-const LINGER_NANOS: u64 = 5_000_000_000;
+pub(super) const LINGER_NANOS: u64 = 5_000_000_000;
 
 /// Memory that was refused is asked for again after this long, nanoseconds.
-const ASK_AGAIN_NANOS: u64 = 1_000_000_000;
+pub(super) const ASK_AGAIN_NANOS: u64 = 1_000_000_000;
 
 /// What writes the frames of a topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -104,6 +104,8 @@ pub(super) struct TopicMemory {
     is_refused: bool,
     /// The memory must be made anew, larger.
     outgrown: bool,
+    /// Readers elsewhere, on the GPU, need its frames.
+    is_needed: bool,
     /// Another process writes the frames, so that there is no memory here.
     is_away: bool,
 }
@@ -144,6 +146,7 @@ impl TopicMemory {
             not_before_nanos: 0,
             is_refused: false,
             outgrown: false,
+            is_needed: false,
             is_away: plan.is_away,
         };
         memory.outlet = match plan.life {
@@ -161,6 +164,11 @@ impl TopicMemory {
             Outlet::Open { publisher, .. } => publisher.n_readers(),
             Outlet::Closed => 0,
         }
+    }
+
+    /// Says whether its frames are needed although it may have no reader of its own.
+    pub fn need(&mut self, is_needed: bool) {
+        self.is_needed = is_needed;
     }
 
     /// How long it lasts.
@@ -211,13 +219,13 @@ impl TopicMemory {
         if self.life == MemoryLife::Lasting {
             return !matches!(self.outlet, Outlet::Open { .. });
         }
-        let n_readers = self.n_readers();
-        if n_readers > 0 {
+        let is_read = self.is_needed || self.n_readers() > 0;
+        if is_read {
             self.last_read_nanos = now_nanos;
         }
         match &self.outlet {
             Outlet::Open { .. } => now_nanos.saturating_sub(self.last_read_nanos) > LINGER_NANOS,
-            Outlet::Idle(_) => n_readers > 0,
+            Outlet::Idle(_) => is_read,
             Outlet::Closed => true,
         }
     }

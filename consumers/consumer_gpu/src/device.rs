@@ -1,0 +1,136 @@
+//! On which device frames are wanted, and whether the simulator draws on it.
+
+use std::sync::Arc;
+
+use schema_bus::GpuOffer;
+
+use crate::cuda::{Cuda, Found, devices};
+use crate::error::GpuError;
+
+/// Where frames are wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Device {
+    /// On the GPU of CUDA that the simulator draws on; elsewhere on CUDA's first.
+    Cuda,
+    /// On the device of CUDA with this number.
+    CudaNumber(i32),
+    /// In the exported memory of a software adapter, mapped: for tests without a GPU.
+    Mapped,
+}
+
+/// How frames get there.
+#[derive(Debug)]
+pub enum Way {
+    /// They are on this device already.
+    Imported(Arc<Cuda>),
+    /// They are mapped.
+    Mapped,
+    /// They are uploaded to this device, for this reason.
+    Uploaded(Arc<Cuda>, String),
+}
+
+/// Finds the way to `device` from what the simulator offers; `Err` in `offer` says why it offers
+/// nothing.
+///
+/// # Errors
+/// [`GpuError::NoCuda`], [`GpuError::Cuda`], [`GpuError::Memory`].
+pub fn find_way(
+    topic: &str,
+    device: Device,
+    offer: Result<&GpuOffer, String>,
+) -> Result<Way, GpuError> {
+    let fault = |fault: String| GpuError::Memory {
+        topic: topic.into(),
+        fault,
+    };
+    if device == Device::Mapped {
+        return match offer {
+            Ok(offer) if offer.is_mappable => Ok(Way::Mapped),
+            Ok(_) => Err(fault(
+                "the simulator draws on a GPU, whose memory cannot be mapped; ask for \"cuda\""
+                    .into(),
+            )),
+            Err(why) => Err(fault(why)),
+        };
+    }
+    let found = devices()?;
+    let asked = match device {
+        Device::CudaNumber(number) => Some(number),
+        _ => None,
+    };
+    choose(&found, asked, offer).map_or_else(
+        |why| Err(fault(why)),
+        |(ordinal, why)| {
+            let cuda = Cuda::open(ordinal)?;
+            Ok(match why {
+                None => Way::Imported(cuda),
+                Some(why) => Way::Uploaded(cuda, why),
+            })
+        },
+    )
+}
+
+/// The device to use, and why frames have to be uploaded to it, if they have.
+fn choose(
+    found: &[Found],
+    asked: Option<i32>,
+    offer: Result<&GpuOffer, String>,
+) -> Result<(i32, Option<String>), String> {
+    let first = match asked {
+        None => found.first(),
+        Some(number) => found.iter().find(|device| device.ordinal == number),
+    };
+    let Some(first) = first else {
+        return Err(match asked {
+            Some(number) => format!(
+                "CUDA has no device {number}; it has {} (CUDA_VISIBLE_DEVICES hides others)",
+                found.len()
+            ),
+            None => "CUDA has no device; CUDA_VISIBLE_DEVICES may hide them".into(),
+        });
+    };
+    let offer = match offer {
+        Ok(offer) => offer,
+        Err(why) => return Ok((first.ordinal, Some(why))),
+    };
+    let same = |device: &&Found| device.uuid == offer.device_uuid;
+    let is_known = offer.device_uuid != [0; 16];
+    let candidates = found
+        .iter()
+        .filter(|device| asked.is_none_or(|number| device.ordinal == number));
+    if let Some(device) = candidates.clone().find(same).filter(|_| is_known) {
+        return Ok((device.ordinal, None));
+    }
+    Ok((first.ordinal, Some(why_not_same(found, first, offer))))
+}
+
+fn why_not_same(found: &[Found], used: &Found, offer: &GpuOffer) -> String {
+    let theirs = hex(&offer.device_uuid);
+    if offer.is_mappable {
+        return format!(
+            "the simulator draws on a software adapter, and CUDA computes on {}",
+            used.name
+        );
+    }
+    if offer.device_uuid == [0; 16] {
+        return "the simulator's driver says no UUID of its GPU, as in containers that hide it, so it cannot be seen whether that is the same".into();
+    }
+    if used.name.contains("MIG") {
+        return format!(
+            "CUDA computes on {}, a slice of a GPU, which Vulkan cannot draw on (the simulator draws on {theirs})",
+            used.name
+        );
+    }
+    let known: Vec<String> = found
+        .iter()
+        .map(|device| format!("{} {}", device.name, hex(&device.uuid)))
+        .collect();
+    format!(
+        "the simulator draws on GPU {theirs}, and CUDA has {}; start it with `simd --adapter` and the UUID of one of these, or let CUDA see that GPU",
+        known.join(", ")
+    )
+}
+
+fn hex(uuid: &[u8; 16]) -> String {
+    uuid.map(|byte| format!("{byte:02x}")).concat()
+}

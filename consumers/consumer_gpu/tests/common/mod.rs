@@ -1,0 +1,89 @@
+//! What the tests share: a rig, a daemon, readers on its GPU, and this test as a child process.
+
+#![allow(dead_code, reason = "each test uses a part")]
+
+use std::path::PathBuf;
+
+use consumer_gpu::{Device, FrameOnGpu, GpuTopic};
+use schema_bus::Bus;
+use test_kit::{Process, Sandbox};
+
+/// Every kind of frame that can stay on the GPU, in steps.
+pub const RIG: &str = r#"version = 1
+[scenario]
+map = "Town10HD"
+seed = 7
+tick_hz = 20
+mode = "stepped"
+vehicles = 4
+[sensor.front]
+kind = "camera"
+modalities = ["rgb", "depth", "semantic", "instance", "flow", "normals", "dvs"]
+rate_hz = 20
+width_px = 96
+height_px = 64
+mount.position_m = [0.6, 0.0, 1.6]
+[sensor.roof]
+kind = "lidar"
+rate_hz = 20
+channels = 8
+columns = 180
+mount.position_m = [0.0, 0.0, 2.0]
+[sensor.labels]
+kind = "lidar"
+semantic = true
+rate_hz = 20
+channels = 4
+columns = 90
+mount.position_m = [0.0, 0.0, 2.0]
+[sensor.imu]
+kind = "imu"
+rate_hz = 20
+"#;
+
+/// Starts a simulator.
+pub fn start(sandbox: &Sandbox, launch: &str, extra: &[&str]) -> Process {
+    let file = sandbox.write("launch.toml", launch);
+    let file = file.to_str().expect("sandbox paths are text");
+    let mut arguments = vec!["--launch", file, "--domain", sandbox.domain()];
+    arguments.extend(extra);
+    let mut daemon = sandbox.spawn("simd", &arguments);
+    daemon.wait_line("ready");
+    daemon
+}
+
+/// A reader of the mapped memory.
+pub fn on_gpu(bus: &Bus, topic: &str) -> GpuTopic {
+    let opened = GpuTopic::open(bus, topic, Device::Mapped);
+    opened.unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// The oldest frame.
+pub fn take(topic: &mut GpuTopic, bus: &Bus) -> Option<FrameOnGpu> {
+    topic.next(bus).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Starts this test's own program as a process that runs the test `child` alone.
+pub fn child(sandbox: &Sandbox, child: &str, env: &[(&str, &str)]) -> Process {
+    let place = format!(
+        "{}|{}|{}",
+        sandbox.iceoryx_root().display(),
+        sandbox.prefix(),
+        sandbox.domain()
+    );
+    let this = std::env::current_exe().expect("path of this test");
+    let env = [env, &[("GPU_CHILD", place.as_str())]].concat();
+    sandbox.spawn_program(child, &this, &["--exact", child, "--nocapture"], &env)
+}
+
+/// The bus of the parent, in a child; `None` in the parent.
+pub fn parents_bus() -> Option<Bus> {
+    let place = std::env::var("GPU_CHILD").ok()?;
+    let parts: Vec<&str> = place.split('|').collect();
+    let options = schema_bus::BusOptions {
+        iceoryx_root: Some(PathBuf::from(parts[0])),
+        prefix: Some(parts[1].to_owned()),
+    };
+    let bus = Bus::open_with(parts[2], "child", &options);
+    Some(bus.unwrap_or_else(|error| panic!("{error}")))
+}

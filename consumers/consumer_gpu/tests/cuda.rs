@@ -1,0 +1,184 @@
+//! The way through CUDA, with a driver for tests in the place of NVIDIA's (`fake_cuda.c`): imports,
+//! what is released when, the way over page-locked memory, and sentences.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use common::{RIG, child, parents_bus, start, take};
+use consumer_gpu::{Device, GpuTopic};
+use test_kit::client::{join_bus, reader, step};
+use test_kit::{Sandbox, eventually};
+
+const TOPIC: &str = "ego/front/depth";
+
+/// Builds the driver in the sandbox; returns its folder.
+fn fake_driver(sandbox: &Sandbox) -> PathBuf {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fake_cuda/fake_cuda.c");
+    let folder = sandbox.path("fake");
+    std::fs::create_dir_all(&folder).unwrap();
+    let built = Command::new("cc")
+        .args(["-shared", "-fPIC", "-O1", "-o"])
+        .arg(folder.join("libcuda.so"))
+        .arg(source)
+        .status()
+        .expect("the C compiler that links Rust programs");
+    assert!(built.success());
+    folder
+}
+
+/// Runs a child beside a simulator; `uuid` is what the driver says, `None` for the simulator's own.
+fn run(name: &str, test: &str, uuid: Option<&str>, env: &[(&str, &str)]) -> (Sandbox, String) {
+    let sandbox = Sandbox::new(name);
+    let driver = fake_driver(&sandbox);
+    let free = RIG.replace("mode = \"stepped\"\n", "");
+    let _daemon = start(&sandbox, &free, &[]);
+    let bus = join_bus(&sandbox, "test");
+    let own = bus.gpu_offer(TOPIC).unwrap().device_uuid;
+    let own: String = own.iter().map(|byte| format!("{byte:02x}")).collect();
+    let log = sandbox.path("cuda.log");
+    let done = sandbox.path("done");
+    let mut all = vec![
+        ("LD_LIBRARY_PATH", driver.to_str().unwrap()),
+        ("FAKE_CUDA_UUID", uuid.unwrap_or(&own)),
+        ("FAKE_CUDA_LOG", log.to_str().unwrap()),
+    ];
+    for (key, value) in env {
+        let value = if *value == "DONE" {
+            done.to_str().unwrap()
+        } else {
+            value
+        };
+        all.push((*key, value));
+    }
+    child(&sandbox, test, &all).wait().expect_code(0);
+    let noted = std::fs::read_to_string(&log).unwrap_or_default();
+    (sandbox, noted)
+}
+
+#[test]
+fn child_on_the_same_gpu() {
+    let Some(bus) = parents_bus() else { return };
+    let mut host = reader(&bus, TOPIC);
+    let mut gpu = GpuTopic::open(&bus, TOPIC, Device::Cuda).unwrap();
+    assert_eq!((gpu.fallback(), gpu.device()), (None, Some(0)));
+    let mut n_compared = 0;
+    while n_compared < 5 {
+        let Some(frame) = gpu.wait(&bus, Duration::from_secs(60)).unwrap() else {
+            panic!("no frame came");
+        };
+        let same = eventually("the same tick", || {
+            let found = host.next().unwrap()?;
+            (found.header().tick >= frame.header().tick).then_some(found)
+        });
+        if same.header().tick == frame.header().tick {
+            assert!(*same == frame.to_bytes().unwrap()[..]);
+            n_compared += 1;
+        }
+    }
+}
+
+#[test]
+fn frames_are_imported_once_and_have_the_bytes_of_shared_memory() {
+    let (_sandbox, noted) = run("cuda-same", "child_on_the_same_gpu", None, &[]);
+    let n = |what: &str| noted.lines().filter(|line| line.starts_with(what)).count();
+    assert_eq!((n("import"), n("destroy")), (1, 1), "{noted}");
+    assert!(n("record") >= 5 && n("upload") == 0, "{noted}");
+}
+
+#[test]
+fn child_that_drops_before_the_gpu_is_done() {
+    let Some(bus) = parents_bus() else { return };
+    let mut gpu = GpuTopic::open(&bus, TOPIC, Device::Cuda).unwrap();
+    for _ in 0..3 {
+        drop(eventually("a frame", || take(&mut gpu, &bus)));
+    }
+    let done = std::env::var("FAKE_CUDA_DONE").unwrap();
+    let log = std::env::var("FAKE_CUDA_LOG").unwrap();
+    let waits = std::thread::spawn(move || {
+        // The fourth frame waits for the device; only then is it said to be done.
+        eventually("a wait", || {
+            let noted = std::fs::read_to_string(&log).ok()?;
+            noted.lines().any(|line| line == "wait").then_some(())
+        });
+        std::fs::write(done, "").unwrap();
+    });
+    eventually("a fourth frame", || take(&mut gpu, &bus));
+    waits.join().unwrap();
+}
+
+#[test]
+fn slots_go_back_only_after_the_work_that_was_queued_before() {
+    let env = [("FAKE_CUDA_DONE", "DONE")];
+    let (sandbox, noted) = run(
+        "cuda-queued",
+        "child_that_drops_before_the_gpu_is_done",
+        None,
+        &env,
+    );
+    assert!(sandbox.path("done").exists(), "{noted}");
+}
+
+#[test]
+fn child_on_another_gpu() {
+    let Some(bus) = parents_bus() else { return };
+    let mut gpu = GpuTopic::open(&bus, TOPIC, Device::Cuda).unwrap();
+    let why = gpu.fallback().expect("another GPU").to_owned();
+    let wanted = std::env::var("WANTED").unwrap();
+    assert!(why.contains(&wanted), "{why}");
+    for _ in 0..10 {
+        let frame = gpu.wait(&bus, Duration::from_secs(60)).unwrap().unwrap();
+        assert_eq!(frame.to_bytes().unwrap().len(), 96 * 64 * 4);
+    }
+    let asked = GpuTopic::open(&bus, TOPIC, Device::CudaNumber(3)).unwrap_err();
+    assert!(
+        asked.to_string().contains("CUDA has no device 3"),
+        "{asked}"
+    );
+}
+
+#[test]
+fn another_gpu_gets_its_frames_over_page_locked_memory() {
+    let other = "00112233445566778899aabbccddeeff";
+    let env = [(
+        "WANTED",
+        "the simulator draws on a software adapter, and CUDA computes on a device for tests",
+    )];
+    let (_sandbox, noted) = run("cuda-other", "child_on_another_gpu", Some(other), &env);
+    let n = |what: &str| noted.lines().filter(|line| line.starts_with(what)).count();
+    assert!(n("upload 24576") >= 10 && n("import") == 0, "{noted}");
+    assert!(n("alloc") <= 4, "memory is used again: {noted}");
+}
+
+#[test]
+fn child_without_cuda() {
+    let Some(bus) = parents_bus() else { return };
+    let error = GpuTopic::open(&bus, TOPIC, Device::Cuda)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("CUDA cannot be used here")
+            && error.contains("leave") | error.contains("without a device"),
+        "{error}"
+    );
+}
+
+#[test]
+fn without_cuda_there_is_a_sentence() {
+    let sandbox = Sandbox::new("cuda-none");
+    let _daemon = start(&sandbox, RIG, &[]);
+    // A driver that is no library hides one that the machine may have.
+    let folder = sandbox.path("none");
+    std::fs::create_dir_all(&folder).unwrap();
+    let bus = join_bus(&sandbox, "test");
+    step(&mut bus.command_client("test").unwrap(), 1);
+    if Path::new("/dev/nvidia0").exists() {
+        return;
+    }
+    let env = [("LD_LIBRARY_PATH", folder.to_str().unwrap())];
+    child(&sandbox, "child_without_cuda", &env)
+        .wait()
+        .expect_code(0);
+}

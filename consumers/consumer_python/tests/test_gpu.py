@@ -1,0 +1,136 @@
+"""Frames on a GPU in Python, on the software adapter: its exported memory is mapped in the place of CUDA."""
+
+import pathlib
+import subprocess
+import sys
+import unittest
+
+from live_kit import LiveCase
+
+SIMD = pathlib.Path(__file__).resolve().parents[3] / "target" / "release" / "simd"
+LAUNCH = """version = 1
+[scenario]
+map = "Town10HD"
+seed = 7
+tick_hz = 20
+[sensor.front]
+kind = "camera"
+modalities = ["rgb", "depth", "semantic", "instance", "flow", "normals", "dvs"]
+rate_hz = 20
+width_px = 96
+height_px = 64
+mount.position_m = [0.6, 0.0, 1.6]
+[sensor.roof]
+kind = "lidar"
+rate_hz = 20
+channels = 8
+columns = 180
+mount.position_m = [0.0, 0.0, 2.0]
+"""
+
+
+class OnGpu(LiveCase):
+    """Each script in a process of its own, beside a simulator."""
+
+    def setUp(self):
+        super().setUp()
+        self.assertTrue(SIMD.exists(), f"{SIMD} is missing; build it: cargo build --release --workspace")
+        (self.folder / "launch.toml").write_text(LAUNCH)
+        arguments = [SIMD, "--launch", "launch.toml", "--domain", "live"]
+        self.simd = subprocess.Popen(arguments, cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        lines = []
+        while "ready" not in (lines or [""])[-1]:
+            line = self.simd.stdout.readline()
+            self.assertNotEqual(line, "", f"the simulator ended:\n{''.join(lines)}")
+            lines.append(line)
+
+    def tearDown(self):
+        self.simd.terminate()
+        self.simd.communicate()
+        super().tearDown()
+
+    def test_frames_are_those_of_shared_memory_and_numpy_takes_them_by_dlpack(self):
+        self.script("""
+            kinds = {"rgb": (np.uint8, (64, 96, 4)), "depth": (np.float32, (64, 96)), "semantic": (np.uint8, (64, 96)),
+                     "instance": (np.uint32, (64, 96)), "flow": (np.float32, (64, 96, 2)), "normals": (np.float16, (64, 96, 4))}
+            for modality, (dtype, shape) in kinds.items():
+                name = f"ego/front/{modality}"
+                with gantry.open(name) as host, gantry.open(name, device="mapped") as gpu:
+                    n_compared = 0
+                    there = {}
+                    while n_compared < 3:
+                        frame = gpu.next(timeout=60)
+                        assert frame is not None and frame.device == "mapped" and frame.header.payload_place == 1
+                        assert frame.shape == shape and len(frame) == shape[0]
+                        while frame.tick not in there:
+                            other = host.next(timeout=60)
+                            there[other.tick] = other.copy()
+                            if other.tick > frame.tick:
+                                break
+                        if frame.tick not in there:
+                            continue
+                        array = np.from_dlpack(frame)
+                        assert array.dtype == dtype and array.shape == shape, (array.dtype, array.shape)
+                        assert (array == there[frame.tick]).all() and (frame.copy() == there[frame.tick]).all()
+                        n_compared += 1
+            with gantry.open("ego/roof/lidar", device="mapped") as gpu:
+                frame = gpu.next(timeout=60)
+                points = np.from_dlpack(frame).view(np.float32)[:, :3]
+                assert points.shape == (len(frame), 3) and (points == frame.copy()["hit_in_sensor_m"]).all()
+        """)
+
+    def test_a_tensor_keeps_its_slot_although_the_frame_is_gone(self):
+        self.script("""
+            with gantry.open("ego/front/instance", device="mapped") as gpu:
+                frame = gpu.next(timeout=60)
+                array = np.from_dlpack(frame)[1:]
+                before = array.copy()
+                del frame
+                for _ in range(20):
+                    assert gpu.next(timeout=60) is not None
+                assert (array == before).all()
+                held = [array] + [np.from_dlpack(gpu.next(timeout=60)) for _ in range(2)]
+                try:
+                    for _ in range(100):
+                        if gpu.next(timeout=1) is not None:
+                            raise AssertionError("a fourth frame")
+                    raise AssertionError("no frame came")
+                except gantry.BorrowLimitError:
+                    pass
+                del held, array
+                assert gpu.next(timeout=60) is not None
+            assert (before == before).all()
+        """)
+
+    def test_what_cannot_be_is_said(self):
+        self.script("""
+            def sentence(*names, **options):
+                try:
+                    gantry.open(*names, **options)
+                except (gantry.GantryError, ValueError) as error:
+                    return str(error)
+                raise AssertionError((names, options))
+
+            assert "it must be \\"cuda\\"" in sentence("ego/front/rgb", device="gpu")
+            assert "no process of this domain" in sentence("world/nothing/imu", device="mapped") or "there is no topic" in sentence("world/nothing/imu", device="mapped")
+            assert "leave device out" in sentence("ego/front/rgb", device="cuda", result="boxes2d")
+            import os
+            if not os.path.exists("/dev/nvidia0"):
+                assert "CUDA cannot be used here" in sentence("ego/front/rgb", device="cuda")
+            with gantry.open("ego/front/rgb", device="mapped") as gpu:
+                frame = gpu.next(timeout=60)
+                for act, words in [(lambda: frame.array, "torch.from_dlpack"), (lambda: frame.__dlpack__(stream=0), "ambiguous")]:
+                    try:
+                        act()
+                    except (TypeError, BufferError) as error:
+                        assert words in str(error), error
+                    else:
+                        raise AssertionError(words)
+                assert not hasattr(frame, "__cuda_array_interface__")
+                assert frame.__dlpack_device__() == (1, 0)
+            assert [t.name for t in gantry.topics() if t.name.endswith("/gpu")] == []
+        """)
+
+
+if __name__ == "__main__":
+    sys.exit(unittest.main())
