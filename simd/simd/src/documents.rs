@@ -156,7 +156,7 @@ fn info(state: &State<'_>) -> WorldInfo {
             .map(|participant| participant.name.clone())
             .collect(),
         weather: *state.world.weather(),
-        adapter: crate::setup::adapter_of(state.sensors.gpu()).to_owned(),
+        adapter: crate::settings::adapter_of(state.sensors.gpu()).to_owned(),
         cpu_copies: targets.map(|target| target.cpu_copies()).max().unwrap_or(0),
     }
 }

@@ -4,7 +4,8 @@
 //! The modules in reading order: `cli` and `settings` say what is asked, `setup` brings it up as a
 //! `daemon`, and the `tick_loop` turns, serving `commands` between ticks. A daemon has an `episode`
 //! on one of its `maps`; its frames come from the sensors of `simd_frames`, each with a `carrier`,
-//! and one of them is the `spectator`. `workers` are other processes that make frames of cameras.
+//! and one of them is the `spectator`. `workers` are other processes
+//! that make frames of cameras; `sharing` gives each its share.
 
 mod carrier;
 mod checkpoints;
@@ -25,6 +26,7 @@ mod ports;
 mod scenery_stream;
 mod settings;
 mod setup;
+mod sharing;
 mod spectator;
 mod stages;
 mod tick_loop;

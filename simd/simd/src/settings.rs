@@ -210,6 +210,11 @@ impl Settings {
     }
 }
 
+/// Name of the GPU that this process renders on.
+pub fn adapter_of(gpu: Option<&Gpu>) -> &str {
+    gpu.map_or("none", Gpu::name)
+}
+
 /// Reads and checks the launch file; without one, the built-in defaults.
 fn read_launch(args: &Args) -> anyhow::Result<Launch> {
     // The last word counts, so `--map` comes after every `--set`.

@@ -23,7 +23,7 @@ use crate::maps::Maps;
 use crate::pace::Pace;
 use crate::player::{Act, Player};
 use crate::ports::Ports;
-use crate::settings::Settings;
+use crate::settings::{Settings, adapter_of};
 use crate::spectator;
 use crate::workers::Workers;
 use simd_frames::frames::Sensors;
@@ -323,11 +323,6 @@ fn open_sensors(
     }
     sensors.sort_by_key(|sensor| sensor.actor);
     Ok(sensors)
-}
-
-/// Name of the GPU that this process renders on.
-pub fn adapter_of(gpu: Option<&Gpu>) -> &str {
-    gpu.map_or("none", Gpu::name)
 }
 
 /// Says what may make the bytes of a run differ from those of its journal.

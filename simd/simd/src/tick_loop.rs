@@ -16,8 +16,8 @@ use crate::daemon::Daemon;
 use crate::pace::Pace;
 use crate::player::Act;
 use crate::settings::Speed;
+use crate::sharing;
 use crate::stages;
-use crate::workers;
 
 /// Longest time without a look at shutdown, lockstep participants and lost clients.
 const LOOK_AROUND: Duration = Duration::from_millis(100);
@@ -83,19 +83,19 @@ fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Nex
     daemon.sensors.check_gpu()?;
     // Who takes part in lockstep gets the last tick whole, too.
     let is_over = has_ended(daemon) && daemon.gate.missing(tick).next().is_none();
-    if shutdown.requested() || (is_over && workers::have_sent_all(daemon)) {
+    if shutdown.requested() || (is_over && sharing::have_sent_all(daemon)) {
         return Ok(Next::Stop);
     }
     play(daemon)?;
     daemon.ports.greet();
     take_acks(daemon);
-    workers::attend(daemon)?;
+    sharing::attend(daemon)?;
     if !may_start(daemon) {
         // Before a wait nothing may be left in flight: all frames of tick N are sent before N+1
         // begins.
         daemon.sensors.finish_all()?;
         if !daemon.ports.commands.is_behind() {
-            let is_rendering = workers::are_busy(daemon);
+            let is_rendering = sharing::are_busy(daemon);
             let wait = if is_rendering {
                 LOOK_AT_WORKERS
             } else {
@@ -104,12 +104,12 @@ fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Nex
             daemon.ports.wake.wait(wait)?;
         }
         // Who gets an answer in stepped mode or lockstep may count on the frames of the tick.
-        if workers::let_answer(daemon) {
+        if sharing::let_answer(daemon) {
             commands::serve(daemon);
         }
         daemon.show_again()?;
         look_after_participants(daemon);
-        workers::look_after(daemon);
+        sharing::look_after(daemon);
         look_after_clients(daemon);
         return Ok(Next::Look);
     }
@@ -162,7 +162,7 @@ fn may_start(daemon: &Daemon) -> bool {
     // A journal and a daemon without clients need no cues.
     let is_uncued = daemon.clients.is_running_alone() || daemon.player.is_some();
     let open = gate.is_open(tick) || (is_uncued && gate.missing(tick).next().is_none());
-    enough && open && workers::let_go_on(daemon)
+    enough && open && sharing::let_go_on(daemon)
 }
 
 fn is_paced(daemon: &Daemon) -> bool {

@@ -4,22 +4,17 @@
 //! closes its topics first: cameras that move belong to nobody until everybody has taken over the
 //! list that says so. Nothing here waits; the tick loop asks whether the world may go on.
 
-mod questions;
-mod shares;
-
 use schema_bus::{
     Bus, BusError, Life, Origin, RenderServer, RenderedReader, ScenePublisher, mono_now,
 };
-use schema_frames::{RenderedRecord, SceneFiring, SceneHeader, StepMode};
+use schema_frames::{RenderedRecord, SceneFiring, SceneHeader};
 use schema_types::ActorId;
 use simd_frames::frames::TickView;
-use simd_frames::sensor::{Maker, Role};
-use simd_frames::share::{Scenery, SentScene, scene_of};
-
-use crate::daemon::Daemon;
+use simd_frames::sensor::Maker;
+use simd_frames::share::{Scenery, SentScene};
 
 /// Most workers.
-const MAX_WORKERS: usize = 16;
+pub const MAX_WORKERS: usize = 16;
 /// How often a worker is looked for whose process cannot be seen from here.
 const LOOK_NANOS: u64 = 100_000_000;
 /// How long a world that runs freely waits for a worker whose process is stopped.
@@ -33,60 +28,60 @@ const SAY_NANOS: u64 = 5_000_000_000;
 
 /// The workers, and what they were told last.
 pub struct Workers {
-    scenes: ScenePublisher,
-    answers: RenderedReader,
-    questions: RenderServer,
-    epoch: u64,
-    workers: Vec<Worker>,
-    next_worker: u32,
+    pub scenes: ScenePublisher,
+    pub answers: RenderedReader,
+    pub questions: RenderServer,
+    pub epoch: u64,
+    pub workers: Vec<Worker>,
+    pub next_worker: u32,
     /// Number of the last message.
-    number: u64,
-    cameras_version: u64,
-    scenery: Scenery,
-    last: Option<LastScene>,
+    pub number: u64,
+    pub cameras_version: u64,
+    pub scenery: Scenery,
+    pub last: Option<LastScene>,
     /// Cameras as the newest lists have them.
-    listed: Vec<Listed>,
+    pub listed: Vec<Listed>,
     /// Whether shares may have to change.
-    must_divide: bool,
+    pub must_divide: bool,
     /// Message that all must have taken over before cameras move on, or the world.
-    taken_over_by: u64,
+    pub taken_over_by: u64,
     /// Firings whose worker ended before their frames were sent.
-    unfinished: Vec<SceneFiring>,
-    is_lack_said: bool,
+    pub unfinished: Vec<SceneFiring>,
+    pub is_lack_said: bool,
     /// Frames sent and lost of workers that have gone.
-    gone: RenderedRecord,
+    pub gone: RenderedRecord,
 }
 
 /// What a change of means that the lists are others.
-type Listed = (ActorId, u32, Maker, Vec<ActorId>);
+pub type Listed = (ActorId, u32, Maker, Vec<ActorId>);
 
 /// The last scene that was sent, and its firings with the numbers of their messages.
-struct LastScene {
-    scene: SentScene,
-    firings: Vec<(u64, SceneFiring)>,
+pub struct LastScene {
+    pub scene: SentScene,
+    pub firings: Vec<(u64, SceneFiring)>,
 }
 
 /// A worker.
-struct Worker {
-    number: u32,
-    name: String,
-    adapter: String,
-    weight: f64,
-    origin: Origin,
+pub struct Worker {
+    pub number: u32,
+    pub name: String,
+    pub adapter: String,
+    pub weight: f64,
+    pub origin: Origin,
     /// `None` if its process cannot be looked at from here.
-    life: Option<Life>,
-    looked_nanos: u64,
-    standing: Standing,
+    pub life: Option<Life>,
+    pub looked_nanos: u64,
+    pub standing: Standing,
     /// Its last answer.
-    answer: RenderedRecord,
+    pub answer: RenderedRecord,
     /// Since when the world waits for it.
-    owes_since_nanos: Option<u64>,
-    said_nanos: u64,
+    pub owes_since_nanos: Option<u64>,
+    pub said_nanos: u64,
 }
 
 /// What a worker is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Standing {
+pub enum Standing {
     /// It has no scenery yet.
     Joins,
     /// It has a share.
@@ -128,7 +123,7 @@ impl Workers {
         self.working().count()
     }
 
-    fn working(&self) -> impl Iterator<Item = &Worker> {
+    pub fn working(&self) -> impl Iterator<Item = &Worker> {
         self.workers
             .iter()
             .filter(|worker| worker.standing == Standing::Works)
@@ -139,13 +134,13 @@ impl Workers {
         !self.must_divide && self.unfinished.is_empty() && self.all_took_over()
     }
 
-    fn all_took_over(&self) -> bool {
+    pub fn all_took_over(&self) -> bool {
         self.working()
             .all(|worker| worker.answer.number >= self.taken_over_by)
     }
 
     /// Whether all frames of messages up to `behind` before the last are sent.
-    fn has_sent(&self, behind: u64) -> bool {
+    pub fn has_sent(&self, behind: u64) -> bool {
         self.working()
             .all(|worker| !worker.owes(self.number, behind))
     }
@@ -186,7 +181,7 @@ impl Workers {
         Ok(())
     }
 
-    fn send(
+    pub fn send(
         &mut self,
         header: SceneHeader,
         firings: &[SceneFiring],
@@ -206,7 +201,7 @@ impl Workers {
     }
 
     /// Takes note of the answers that wait.
-    fn take_answers(&mut self) -> Result<(), BusError> {
+    pub fn take_answers(&mut self) -> Result<(), BusError> {
         for answer in self.answers.drain()? {
             let record = answer.record;
             let of_worker = |worker: &&mut Worker| {
@@ -246,7 +241,7 @@ impl Workers {
     }
 
     /// Removes workers whose process has ended.
-    fn bury(&mut self, bus: &Bus, tick: u64) {
+    pub fn bury(&mut self, bus: &Bus, tick: u64) {
         let now_nanos = mono_now().0;
         let answers = &self.answers;
         let has_ended = |worker: &mut Worker| match worker.life {
@@ -294,7 +289,7 @@ impl Workers {
     }
 
     /// Lets others finish what a worker has not sent.
-    fn give_up(&mut self, worker: u32, sent_number: u64) {
+    pub fn give_up(&mut self, worker: u32, sent_number: u64) {
         self.must_divide = true;
         let Some(last) = &mut self.last else {
             return;
@@ -308,7 +303,7 @@ impl Workers {
 
     /// Looks after workers for which the world waits: says so, and goes on without those for which
     /// it has waited too long.
-    fn look_after(&mut self, look: &Look) {
+    pub fn look_after(&mut self, look: &Look) {
         let (now_nanos, number) = (mono_now().0, self.number);
         let mut given_up = Vec::new();
         for worker in &mut self.workers {
@@ -356,182 +351,21 @@ impl Workers {
 }
 
 impl Worker {
-    fn owes(&self, number: u64, behind: u64) -> bool {
+    pub fn owes(&self, number: u64, behind: u64) -> bool {
         self.answer.sent_number.saturating_add(behind) < number
     }
 }
 
 /// How long a world waits for workers.
-struct Look {
-    tick: u64,
+pub struct Look {
+    pub tick: u64,
     /// Messages that they may be behind.
-    behind: u64,
-    timeout_nanos: Timeout,
+    pub behind: u64,
+    pub timeout_nanos: Timeout,
 }
 
-enum Timeout {
+pub enum Timeout {
     Never,
     After(u64),
     Usual,
-}
-
-/// Hears the workers, and gives cameras their places. Called in every turn of the tick loop.
-pub fn attend(daemon: &mut Daemon) -> anyhow::Result<()> {
-    daemon.workers.scenes.greet();
-    if let Err(error) = daemon.workers.take_answers() {
-        daemon.faults.unreadable(&error);
-    }
-    let tick = daemon.tick.0;
-    // A worker that was started again asks under its old name.
-    daemon.workers.bury(&daemon.bus, tick);
-    questions::answer(daemon);
-    shares::divide(daemon)?;
-    finish(daemon)
-}
-
-/// Looks after workers for which the world waits.
-pub fn look_after(daemon: &mut Daemon) {
-    let look = Look {
-        tick: daemon.tick.0,
-        behind: behind(daemon),
-        timeout_nanos: match daemon.settings.run.lockstep_timeout_nanos {
-            _ if !is_strict(daemon) => Timeout::Usual,
-            Some(nanos) => Timeout::After(nanos),
-            None => Timeout::Never,
-        },
-    };
-    daemon.workers.look_after(&look);
-}
-
-/// Whether the next tick may start as far as workers are concerned.
-pub fn let_go_on(daemon: &Daemon) -> bool {
-    let workers = &daemon.workers;
-    is_complete(daemon)
-        && workers.is_settled()
-        && shares::are_listed(daemon)
-        && workers.has_sent(behind(daemon))
-}
-
-/// Whether all workers are there that the first tick waits for.
-fn is_complete(daemon: &Daemon) -> bool {
-    daemon.tick.0 > 0 || daemon.workers.n_working() >= daemon.settings.run.n_awaited_workers
-}
-
-/// Whether all frames of all ticks are sent.
-pub fn have_sent_all(daemon: &Daemon) -> bool {
-    daemon.workers.unfinished.is_empty() && daemon.workers.has_sent(0)
-}
-
-/// Whether commands may be answered: where all frames of a tick are sent before the next begins, they
-/// are sent before an answer, too, unless a worker takes very long.
-pub fn let_answer(daemon: &Daemon) -> bool {
-    let is_slow = |worker: &Worker| worker.said_nanos > 0;
-    !is_strict(daemon) || have_sent_all(daemon) || daemon.workers.working().any(is_slow)
-}
-
-/// Whether workers are expected to answer soon.
-pub fn are_busy(daemon: &Daemon) -> bool {
-    !have_sent_all(daemon) || !daemon.workers.is_settled()
-}
-
-/// Messages that workers may be behind when a tick starts: none where all frames of a tick are sent
-/// before the next begins.
-fn behind(daemon: &Daemon) -> u64 {
-    match is_strict(daemon) {
-        true => 0,
-        false => u64::from(daemon.settings.frames_in_flight),
-    }
-}
-
-fn is_strict(daemon: &Daemon) -> bool {
-    daemon.gate.mode() == StepMode::Stepped || !daemon.gate.participants().is_empty()
-}
-
-/// Has the frames made that a worker left undone, once its cameras have their new places.
-fn finish(daemon: &mut Daemon) -> anyhow::Result<()> {
-    let workers = &mut daemon.workers;
-    if workers.unfinished.is_empty() || workers.must_divide || !workers.all_took_over() {
-        return Ok(());
-    }
-    let unfinished = std::mem::take(&mut workers.unfinished);
-    let Some(last) = &mut workers.last else {
-        return Ok(());
-    };
-    let (mut here, mut away) = (Vec::new(), Vec::new());
-    for firing in unfinished {
-        let of_firing = |sensor: &&simd_frames::sensor::Sensor| sensor.actor.0 == firing.sensor_id;
-        match daemon
-            .sensors
-            .sensors
-            .iter()
-            .find(of_firing)
-            .map(|sensor| sensor.maker)
-        {
-            Some(Maker::Here) => here.push(firing),
-            Some(Maker::Worker(worker)) => away.push(SceneFiring { worker, ..firing }),
-            Some(Maker::Nobody) | None => {}
-        }
-    }
-    let header = SceneHeader {
-        n_firings: 0,
-        ..last.scene.header
-    };
-    if !here.is_empty() {
-        let (scene, _) = scene_of(&header, &last.scene.rest, &daemon.episode.assets)?;
-        let tick = TickView {
-            scene: &scene,
-            stamp: &daemon.episode.stamp,
-            collisions: &[],
-            roads: None,
-        };
-        daemon
-            .sensors
-            .settle_topics(&daemon.bus, header.period_nanos)?;
-        daemon.sensors.fire_given(&tick, &here)?;
-    }
-    if !away.is_empty() {
-        let rest = std::mem::take(&mut last.scene.rest);
-        let sent = workers.send(header, &away, &rest);
-        let number = workers.number;
-        if let Some(last) = &mut workers.last {
-            last.scene.rest = rest;
-            last.firings
-                .extend(away.iter().map(|firing| (number, *firing)));
-        }
-        if let Err(error) = sent {
-            daemon.faults.unsent("a scene for render workers", &error);
-        }
-    }
-    Ok(())
-}
-
-/// Sends a message without firings, which says that the lists are others.
-fn say_that_lists_changed(daemon: &mut Daemon) {
-    let workers = &mut daemon.workers;
-    workers.cameras_version += 1;
-    if workers.workers.is_empty() {
-        return;
-    }
-    let header = SceneHeader {
-        tick: daemon.tick.0,
-        sim_nanos: daemon.clock.time_of(daemon.tick).0,
-        period_nanos: daemon.clock.period_nanos(),
-        episode: daemon.episode.stamp.episode,
-        scenery_version: workers.scenery.version_of(&daemon.episode.assets),
-        ..bytemuck::Zeroable::zeroed()
-    };
-    match workers.send(header, &[], &[]) {
-        Ok(()) => workers.taken_over_by = workers.number,
-        Err(error) => daemon.faults.unsent("a scene for render workers", &error),
-    }
-}
-
-/// Whether a sensor is one that workers can render.
-fn is_camera(sensor: &simd_frames::sensor::Sensor) -> bool {
-    matches!(sensor.model, simd_frames::sensor::Model::View(_))
-}
-
-/// Whether the spectator's image is made here, where there is a GPU for it.
-fn stays_here(sensor: &simd_frames::sensor::Sensor, has_gpu: bool) -> bool {
-    sensor.role == Role::Spectator && has_gpu
 }

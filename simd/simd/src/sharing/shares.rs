@@ -5,8 +5,9 @@ use sensor_spec::SensorSpec;
 use simd_frames::sensor::{Maker, Sensor};
 use simd_frames::share::{Group, divide as shares_of};
 
-use super::{Listed, Standing, is_camera, is_complete, say_that_lists_changed, stays_here};
+use super::lists::{is_camera, is_complete, say_that_lists_changed, stays_here};
 use crate::daemon::Daemon;
+use crate::workers::{Listed, Standing};
 
 /// Gives cameras their places if these may have to change: one step of it, the next when all workers
 /// have taken over the lists.

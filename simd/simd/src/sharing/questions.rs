@@ -6,8 +6,8 @@ use simd_frames::sensor::Maker;
 use simd_frames::share::{Camera, CameraList, Joined, Question, accepted, refused};
 use simd_frames::topic::Audience;
 
-use super::{MAX_WORKERS, Standing, Worker};
 use crate::daemon::Daemon;
+use crate::workers::{MAX_WORKERS, Standing, Worker};
 
 /// Questions that are answered in one turn of the tick loop.
 const MAX_TURN: usize = 8;
