@@ -277,11 +277,8 @@ fn memory_of(
     }
     let memory = match bus.gpu_memory(frame) {
         Ok(memory) => memory,
-        Err(BusError::Gpu { fault, .. }) if fault.contains("broken") => {
-            return Err(GpuError::Memory {
-                topic: frame.topic().into(),
-                fault,
-            });
+        Err(BusError::GpuMemory { topic, fault }) => {
+            return Err(GpuError::Memory { topic, fault });
         }
         Err(error) => {
             tracing::debug!(topic = frame.topic(), %error, "a frame's memory is gone");

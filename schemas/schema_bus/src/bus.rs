@@ -228,7 +228,8 @@ impl Bus {
     /// [`GpuFrame::check_memory`].
     ///
     /// # Errors
-    /// [`BusError::Gpu`] if the process has ended or has given the memory back.
+    /// [`BusError::Gpu`] if the process has ended or has given the memory back,
+    /// [`BusError::GpuMemory`] if it is not what the frame says.
     pub fn gpu_memory(&self, frame: &GpuFrame) -> Result<GpuMemory, BusError> {
         let place = frame.place();
         let memory = fetch(&self.node, frame.topic(), place.producer, place.generation)?;

@@ -198,6 +198,14 @@ pub enum BusError {
         /// Why, as a clause.
         fault: String,
     },
+    /// The memory of a frame on a GPU is not what the frame says.
+    #[error("frames of {topic:?} cannot be read on the GPU: {fault}")]
+    GpuMemory {
+        /// The topic.
+        topic: String,
+        /// What does not agree, as a clause.
+        fault: String,
+    },
     /// Another sample breaks the contract.
     #[error("sample of {service:?}{} {fault}; the writer is broken or of another version", from(.writer))]
     BadSample {

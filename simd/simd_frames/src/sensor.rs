@@ -69,7 +69,7 @@ pub enum Maker {
     Here,
     /// The render worker of this number.
     Worker(u32),
-    /// None, for now.
+    /// No process: it is being handed over, or there is neither a GPU nor a worker.
     Nobody,
 }
 

@@ -293,20 +293,20 @@ impl GpuFrame {
     /// and read beyond its end.
     ///
     /// # Errors
-    /// [`BusError::Gpu`].
+    /// [`BusError::Gpu`] for another memory, [`BusError::GpuMemory`] for another length.
     pub fn check_memory(&self, memory: &GpuMemory) -> Result<(), BusError> {
         let place = &self.place;
         if place.generation != memory.generation {
             return Err(failed(&self.topic, "the frame is in another memory"));
         }
         if place.memory_bytes != memory.n_bytes {
-            return Err(failed(
-                &self.topic,
-                format!(
+            return Err(BusError::GpuMemory {
+                topic: self.topic.to_string(),
+                fault: format!(
                     "the frame says that its memory has {} bytes, and its writer {}; the writer is broken",
                     place.memory_bytes, memory.n_bytes
                 ),
-            ));
+            });
         }
         Ok(())
     }
