@@ -52,6 +52,7 @@ class ResultHeader(NamedTuple):
     origin_mono_nanos: int
     taken_mono_nanos: int
     published_mono_nanos: int
+    payload_place: int
 
     @classmethod
     def from_bytes(cls, data: Any) -> ResultHeader:
