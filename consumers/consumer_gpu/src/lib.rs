@@ -1,10 +1,10 @@
-//! Frames on the GPU on which they were made: the simulator's memory imported into CUDA, or, of a
-//! software adapter, mapped. Nothing is copied, and a frame's slot stays the reader's until the
-//! work that it gave to the GPU is done.
+//! Frames and results on the GPU on which they were made: the writer's memory imported into CUDA,
+//! or, of a software adapter, mapped. Nothing is copied, and a sample's slot stays the reader's until
+//! the work that it gave to the GPU is done. [`GpuPublisher`] is the writing end of results.
 //!
-//! CUDA's driver is looked for when it is first used; programs start without it. Where the
-//! simulator draws on another GPU than CUDA computes on, [`GpuTopic`] reads the topic from shared
-//! memory and uploads it through page-locked memory, and [`GpuTopic::fallback`] says why.
+//! CUDA's driver is looked for when it is first used; programs start without it. Where the writer
+//! is on another GPU than CUDA computes on, [`GpuTopic`] and [`GpuResults`] read the topic from
+//! shared memory and upload it through page-locked memory, and [`Topic::fallback`] says why.
 //!
 //! | Modules, in reading order | What they hold |
 //! |---|---|
@@ -12,8 +12,10 @@
 //! | `cuda`, `mapping` | memory of another process in CUDA, and as bytes |
 //! | `device` | which GPU, and whether it is the simulator's |
 //! | `release` | slots that go back once the GPU is done with them |
+//! | `shared`, `stream` | memory of CUDA that processes share, and copies within the device |
 //! | `upload` | the way over page-locked memory |
-//! | `topic` | a topic's frames, whichever way they come |
+//! | `kinds`, `topic` | a topic's frames or results, whichever way they come |
+//! | `publisher` | results that are written on the device |
 //!
 //! ```no_run
 //! use consumer_gpu::{Device, GpuTopic};
@@ -36,11 +38,18 @@
 mod cuda;
 mod device;
 mod error;
+mod kinds;
 mod mapping;
+mod publisher;
 mod release;
+mod shared;
+mod stream;
 mod topic;
 mod upload;
 
+pub use cuda::device_of;
 pub use device::Device;
 pub use error::GpuError;
-pub use topic::{FrameOnGpu, GpuTopic};
+pub use kinds::{Frames, Kind, Results};
+pub use publisher::{Body, GpuLoan, GpuPublisher, SlotMemory};
+pub use topic::{FrameOnGpu, GpuResults, GpuTopic, OnGpu, ResultOnGpu, Topic};

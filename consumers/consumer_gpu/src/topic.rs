@@ -1,53 +1,70 @@
-//! A topic's frames on a GPU, whichever way they come there.
+//! A topic's samples on a GPU, whichever way they come there.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 use schema_bus::{
-    Answerable, Answered, Bus, BusError, Frame, FrameReader, GpuFrame, GpuFrameReader, Listener,
+    Answerable, Answered, Bus, BusError, GpuFrame, GpuResult, GpuSample as _, Listener,
     ReaderCounts, names,
 };
-use schema_frames::{FrameHeader, Modality};
+use schema_frames::{FrameHeader, GpuAnswer, InputRecord, Modality, ResultHeader, ResultType};
+use schema_types::MonoTime;
 
 use crate::cuda::{Cuda, Imported, Staged};
 use crate::device::{Device, Way, find_way};
 use crate::error::GpuError;
+use crate::kinds::{Frames, Kind, Results, Which};
 use crate::mapping::Mapping;
 use crate::release::Releases;
+use crate::shared::{self, SharedRange};
 use crate::upload::Uploads;
 
 /// Memories of the writer that stay imported: the one in use, and that of the writer before it,
-/// whose frames may still be held.
+/// whose samples may still be held.
 const MAX_KEPT: usize = 2;
 
 /// The reading end of a topic on a GPU.
 #[derive(Debug)]
-pub struct GpuTopic {
-    port: Port,
+pub struct Topic<K: Kind> {
+    port: Port<K>,
     device: Option<Arc<Cuda>>,
     fallback: Option<String>,
     listener: Listener,
     event: String,
 }
 
+/// The reading end of a topic of frames on a GPU.
+pub type GpuTopic = Topic<Frames>;
+/// The reading end of a topic of results on a GPU.
+pub type GpuResults = Topic<Results>;
+
 #[derive(Debug)]
-enum Port {
+enum Port<K: Kind> {
     OnGpu {
-        reader: GpuFrameReader,
+        reader: K::GpuReader,
         memories: Vec<(u64, Arc<Memory>)>,
-        releases: Arc<Releases<GpuFrame>>,
+        releases: Arc<Releases<Slot<K>>>,
     },
     Uploaded {
-        reader: FrameReader,
+        reader: K::HostReader,
         uploads: Arc<Uploads>,
         releases: Arc<Releases<GivesBack>>,
     },
+}
+
+/// A sample, and the memory that it is in.
+#[derive(Debug)]
+struct Slot<K: Kind> {
+    sample: K::OnGpu,
+    _memory: Arc<Memory>,
 }
 
 /// Memory of the writer as this process has it.
 #[derive(Debug)]
 enum Memory {
     Imported(Imported),
+    Shared(SharedRange),
     Mapped(Mapping),
 }
 
@@ -55,6 +72,7 @@ impl Memory {
     fn address(&self) -> u64 {
         match self {
             Memory::Imported(imported) => imported.address,
+            Memory::Shared(range) => range.address,
             Memory::Mapped(mapping) => mapping.address(),
         }
     }
@@ -75,29 +93,29 @@ impl Drop for GivesBack {
     }
 }
 
-impl GpuTopic {
-    /// Opens `topic` (`ego/front/rgb`) on a device. Where its frames are not made on that device,
-    /// they are uploaded to it, and [`GpuTopic::fallback`] says why.
+impl<K: Kind> Topic<K> {
+    /// Opens `topic` (`ego/front/rgb`) on a device. Where its samples are not made on that device,
+    /// they are uploaded to it, and [`Topic::fallback`] says why.
     ///
     /// # Errors
     /// [`GpuError::NoCuda`], [`GpuError::Memory`] if the device cannot be used, those of
-    /// [`Bus::frame_reader`].
-    pub fn open(bus: &Bus, topic: &str, device: Device) -> Result<GpuTopic, GpuError> {
+    /// [`Bus::frame_reader`] or [`Bus::result_reader`].
+    pub fn open(bus: &Bus, topic: &str, device: Device) -> Result<Topic<K>, GpuError> {
         let topic = names::host_topic(topic);
-        let offered = bus.gpu_offer(topic);
         // Without the topic there is nothing to fall back to.
-        if offered.is_err() && !bus.exists(topic) {
-            bus.frame_reader(topic)?;
+        if !bus.exists(topic) {
+            K::open_host(bus, topic)?;
         }
+        let offered = bus.gpu_offer(topic);
         let offer = offered.as_ref().map_err(ToString::to_string);
         let way = find_way(topic, device, offer)?;
-        let on_gpu = |device| -> Result<(Port, String, Option<Arc<Cuda>>), GpuError> {
+        let on_gpu = |device| -> Result<(Port<K>, String, Option<Arc<Cuda>>), GpuError> {
             let offer = offered.as_ref().map_err(|error| GpuError::Memory {
                 topic: topic.into(),
                 fault: error.to_string(),
             })?;
             let port = Port::OnGpu {
-                reader: bus.gpu_reader(topic, offer)?,
+                reader: K::open_gpu(bus, topic, offer)?,
                 memories: Vec::new(),
                 releases: Releases::new(),
             };
@@ -110,14 +128,14 @@ impl GpuTopic {
             Way::Uploaded(cuda, why) => {
                 fallback = Some(why);
                 let port = Port::Uploaded {
-                    reader: bus.frame_reader(topic)?,
+                    reader: K::open_host(bus, topic)?,
                     uploads: Uploads::new(cuda.clone()),
                     releases: Releases::new(),
                 };
                 (port, topic.to_owned(), Some(cuda))
             }
         };
-        Ok(GpuTopic {
+        Ok(Topic {
             port,
             device,
             fallback,
@@ -126,47 +144,47 @@ impl GpuTopic {
         })
     }
 
-    /// Why frames are uploaded instead of staying on the GPU; `None` if they stay.
+    /// Why samples are uploaded instead of staying on the GPU; `None` if they stay.
     pub fn fallback(&self) -> Option<&str> {
         self.fallback.as_deref()
     }
 
-    /// Number of CUDA's device; `None` if frames are mapped.
+    /// Number of CUDA's device; `None` if samples are mapped.
     pub fn device(&self) -> Option<i32> {
         self.device.as_ref().map(|device| device.ordinal)
     }
 
-    /// Name of the event that announces its frames.
+    /// Name of the event that announces its samples.
     pub fn event(&self) -> &str {
         &self.event
     }
 
-    /// Takes the oldest frame that waits, if any.
+    /// Takes the oldest sample that waits, if any.
     ///
     /// # Errors
-    /// As [`FrameReader::next`], [`GpuError::Cuda`].
-    pub fn next(&mut self, bus: &Bus) -> Result<Option<FrameOnGpu>, GpuError> {
-        self.take(bus, false)
+    /// As [`schema_bus::FrameReader::next`], [`GpuError::Cuda`].
+    pub fn next(&mut self, bus: &Bus) -> Result<Option<OnGpu<K>>, GpuError> {
+        self.take(bus, Which::Oldest)
     }
 
-    /// Takes the newest frame that waits, if any.
+    /// Takes the newest sample that waits, if any.
     ///
     /// # Errors
-    /// As [`GpuTopic::next`].
-    pub fn latest(&mut self, bus: &Bus) -> Result<Option<FrameOnGpu>, GpuError> {
-        self.take(bus, true)
+    /// As [`Topic::next`].
+    pub fn latest(&mut self, bus: &Bus) -> Result<Option<OnGpu<K>>, GpuError> {
+        self.take(bus, Which::Newest)
     }
 
-    /// Waits for the newest frame, at most `timeout`.
+    /// Waits for the newest sample, at most `timeout`.
     ///
     /// # Errors
-    /// As [`GpuTopic::next`].
-    pub fn wait(&mut self, bus: &Bus, timeout: Duration) -> Result<Option<FrameOnGpu>, GpuError> {
+    /// As [`Topic::next`].
+    pub fn wait(&mut self, bus: &Bus, timeout: Duration) -> Result<Option<OnGpu<K>>, GpuError> {
         let deadline = Instant::now() + timeout;
         loop {
             self.listener.drain()?;
-            if let Some(frame) = self.latest(bus)? {
-                return Ok(Some(frame));
+            if let Some(sample) = self.latest(bus)? {
+                return Ok(Some(sample));
             }
             let rest = deadline.saturating_duration_since(Instant::now());
             if rest.is_zero() {
@@ -178,79 +196,72 @@ impl GpuTopic {
 
     /// Counters since it was opened.
     pub fn counts(&self) -> ReaderCounts {
-        match &self.port {
-            Port::OnGpu { reader, .. } => reader.counts(),
-            Port::Uploaded { reader, .. } => reader.counts(),
-        }
+        self.state().0
     }
 
     /// Whether a process writes it now.
     pub fn has_writer(&self) -> bool {
+        self.state().1
+    }
+
+    fn state(&self) -> (ReaderCounts, bool) {
         match &self.port {
-            Port::OnGpu { reader, .. } => reader.has_writer(),
-            Port::Uploaded { reader, .. } => reader.has_writer(),
+            Port::OnGpu { reader, .. } => K::state_gpu(reader),
+            Port::Uploaded { reader, .. } => K::state_host(reader),
         }
     }
 
-    fn take(&mut self, bus: &Bus, newest: bool) -> Result<Option<FrameOnGpu>, GpuError> {
+    fn take(&mut self, bus: &Bus, which: Which) -> Result<Option<OnGpu<K>>, GpuError> {
         match &mut self.port {
             Port::OnGpu {
                 reader,
                 memories,
                 releases,
-            } => {
-                releases.sweep();
-                loop {
-                    let taken = if newest {
-                        reader.latest()
-                    } else {
-                        reader.next()
-                    };
-                    let frame = match taken {
-                        // Frames that only wait for the GPU make room.
-                        Err(BusError::BorrowLimit { .. }) if releases.wait_for_one() => continue,
-                        taken => taken?,
-                    };
-                    let Some(frame) = frame else {
-                        return Ok(None);
-                    };
-                    let Some(memory) = memory_of(bus, &frame, memories, self.device.as_ref())?
-                    else {
-                        continue;
-                    };
-                    return Ok(Some(FrameOnGpu {
-                        address: memory.address() + frame.place().offset_bytes,
-                        device: self.device.clone(),
-                        stream: std::sync::atomic::AtomicU64::new(0),
-                        held: Held::Slot {
-                            frame: Some(frame),
+            } => loop {
+                let sample = match K::take_gpu(reader, which) {
+                    // Samples that only wait for the GPU make room.
+                    Err(BusError::BorrowLimit { .. }) if releases.make_room() => continue,
+                    taken => taken?,
+                };
+                let Some(sample) = sample else {
+                    // Between two samples, where nobody waits for it.
+                    releases.sweep();
+                    return Ok(None);
+                };
+                let Some(memory) = memory_of::<K>(bus, &sample, memories, self.device.as_ref())?
+                else {
+                    continue;
+                };
+                return Ok(Some(OnGpu {
+                    address: memory.address() + sample.place().offset_bytes,
+                    device: self.device.clone(),
+                    stream: AtomicU64::new(0),
+                    held: Held::Slot {
+                        slot: Some(Slot {
+                            sample,
                             _memory: memory,
-                            releases: releases.clone(),
-                        },
-                    }));
-                }
-            }
+                        }),
+                        releases: releases.clone(),
+                    },
+                }));
+            },
             Port::Uploaded {
                 reader,
                 uploads,
                 releases,
             } => {
-                releases.sweep();
-                let frame = if newest {
-                    reader.latest()?
-                } else {
-                    reader.next()?
-                };
-                let Some(frame) = frame else {
+                let Some(sample) = K::take_host(reader, which)? else {
+                    releases.sweep();
                     return Ok(None);
                 };
-                let staged = uploads.upload(&frame)?;
-                Ok(Some(FrameOnGpu {
+                releases.sweep();
+                let staged = uploads.upload(&sample)?;
+                Ok(Some(OnGpu {
                     address: staged.address,
                     device: self.device.clone(),
-                    stream: std::sync::atomic::AtomicU64::new(0),
+                    stream: AtomicU64::new(0),
                     held: Held::Upload {
-                        about: Box::new(About::of(&frame)),
+                        about: Box::new(K::about(&sample)),
                         staged: Some(GivesBack {
                             staged: Some(staged),
                             uploads: uploads.clone(),
@@ -263,37 +274,58 @@ impl GpuTopic {
     }
 }
 
-/// The memory that a frame is in, which is asked for when it is first met; `None` if its writer has
-/// ended, so that the frame cannot be reached any more.
-fn memory_of(
+impl Topic<Results> {
+    /// Type of its results; `None` if they are on the GPU and the topic is gone.
+    pub fn kind(&self) -> ResultType {
+        match &self.port {
+            Port::OnGpu { reader, .. } => reader.kind(),
+            Port::Uploaded { reader, .. } => reader.kind(),
+        }
+    }
+}
+
+/// The memory that a sample is in, which is asked for when it is first met; `None` if its writer has
+/// ended, so that the sample cannot be reached any more.
+fn memory_of<K: Kind>(
     bus: &Bus,
-    frame: &GpuFrame,
+    sample: &K::OnGpu,
     memories: &mut Vec<(u64, Arc<Memory>)>,
     device: Option<&Arc<Cuda>>,
 ) -> Result<Option<Arc<Memory>>, GpuError> {
-    let generation = frame.place().generation;
+    let generation = sample.place().generation;
     if let Some((_, memory)) = memories.iter().find(|(known, _)| *known == generation) {
         return Ok(Some(memory.clone()));
     }
-    let memory = match bus.gpu_memory(frame) {
+    let fault = |fault: String| GpuError::Memory {
+        topic: sample.topic().into(),
+        fault,
+    };
+    let memory = match bus.gpu_memory(sample) {
         Ok(memory) => memory,
         Err(BusError::GpuMemory { topic, fault }) => {
             return Err(GpuError::Memory { topic, fault });
         }
         Err(error) => {
-            tracing::debug!(topic = frame.topic(), %error, "a frame's memory is gone");
+            tracing::debug!(topic = sample.topic(), %error, "a sample's memory is gone");
             return Ok(None);
         }
     };
-    let memory = match device {
-        Some(cuda) => Memory::Imported(cuda.import(frame.topic(), memory)?),
-        None => {
-            let mapped = Mapping::new(&memory.descriptor, memory.n_bytes);
-            Memory::Mapped(mapped.map_err(|fault| GpuError::Memory {
-                topic: frame.topic().into(),
-                fault,
-            })?)
+    let n_bytes = memory.n_bytes;
+    let memory = match (device, memory.handle_kind) {
+        (Some(cuda), GpuAnswer::VULKAN) => Memory::Imported(cuda.import(memory)?),
+        (Some(cuda), GpuAnswer::CUDA) => Memory::Shared(shared::import(
+            cuda,
+            &memory.descriptor,
+            usize::try_from(n_bytes).map_err(|_| fault("it is too long".into()))?,
+        )?),
+        (Some(_), other) => {
+            return Err(fault(format!(
+                "its descriptor is of kind {other}, and this program imports kinds {} (Vulkan's) and {} (CUDA's)",
+                GpuAnswer::VULKAN,
+                GpuAnswer::CUDA
+            )));
         }
+        (None, _) => Memory::Mapped(Mapping::new(&memory.descriptor, n_bytes).map_err(fault)?),
     };
     let memory = Arc::new(memory);
     if memories.len() >= MAX_KEPT {
@@ -303,61 +335,43 @@ fn memory_of(
     Ok(Some(memory))
 }
 
-/// A frame on a GPU. Its memory stays as it is until this is dropped and the GPU has done what it
+/// A sample on a GPU. Its memory stays as it is until this is dropped and the GPU has done what it
 /// was given until then.
 #[derive(Debug)]
-pub struct FrameOnGpu {
+pub struct OnGpu<K: Kind> {
     address: u64,
     device: Option<Arc<Cuda>>,
     /// A stream that reads it, for drivers that cannot wait for all.
-    stream: std::sync::atomic::AtomicU64,
-    held: Held,
+    stream: AtomicU64,
+    held: Held<K>,
 }
+
+/// A frame on a GPU.
+pub type FrameOnGpu = OnGpu<Frames>;
+/// A result on a GPU.
+pub type ResultOnGpu = OnGpu<Results>;
 
 #[derive(Debug)]
 #[expect(
     clippy::large_enum_variant,
     reason = "nearly all are slots, and a box would be one more allocation after waking"
 )]
-enum Held {
+enum Held<K: Kind> {
     Slot {
-        frame: Option<GpuFrame>,
-        _memory: Arc<Memory>,
-        releases: Arc<Releases<GpuFrame>>,
+        slot: Option<Slot<K>>,
+        releases: Arc<Releases<Slot<K>>>,
     },
     Upload {
-        about: Box<About>,
+        about: Box<K::About>,
         staged: Option<GivesBack>,
         releases: Arc<Releases<GivesBack>>,
     },
 }
 
-/// What a frame says of itself.
-#[derive(Debug)]
-struct About {
-    header: FrameHeader,
-    modality: Modality,
-    topic: String,
-    taken: schema_types::MonoTime,
-    answered: Answered,
-}
-
-impl About {
-    fn of(frame: &Frame) -> About {
-        About {
-            header: *frame.header(),
-            modality: frame.modality(),
-            topic: frame.topic().to_owned(),
-            taken: frame.taken(),
-            answered: frame.answered(),
-        }
-    }
-}
-
-impl FrameOnGpu {
-    fn slot(&self) -> Result<&GpuFrame, &About> {
+impl<K: Kind> OnGpu<K> {
+    fn sample(&self) -> Result<&K::OnGpu, &K::About> {
         match &self.held {
-            Held::Slot { frame, .. } => Ok(frame.as_ref().expect("taken out by drop only")),
+            Held::Slot { slot, .. } => Ok(&slot.as_ref().expect("taken out by drop only").sample),
             Held::Upload { about, .. } => Err(about),
         }
     }
@@ -369,7 +383,7 @@ impl FrameOnGpu {
 
     /// Bytes of its payload.
     pub fn n_bytes(&self) -> usize {
-        self.header().payload_bytes as usize
+        K::n_bytes(self.sample()) as usize
     }
 
     /// Number of CUDA's device; `None` if it is mapped.
@@ -377,35 +391,15 @@ impl FrameOnGpu {
         self.device.as_ref().map(|device| device.ordinal)
     }
 
-    /// The header, checked.
-    pub fn header(&self) -> &FrameHeader {
-        self.slot()
-            .map_or_else(|about| &about.header, GpuFrame::header)
-    }
-
-    /// The modality of the payload.
-    pub fn modality(&self) -> Modality {
-        self.slot()
-            .map_or_else(|about| about.modality, GpuFrame::modality)
-    }
-
-    /// Its topic without the domain.
-    pub fn topic(&self) -> &str {
-        self.slot()
-            .map_or_else(|about| about.topic.as_str(), GpuFrame::topic)
-    }
-
-    /// When this reader took it.
-    pub fn taken(&self) -> schema_types::MonoTime {
-        self.slot()
-            .map_or_else(|about| about.taken, GpuFrame::taken)
-    }
-
     /// Says that a stream of CUDA, by its address, reads it. Needed for drivers before 12.5 only:
     /// later ones wait for all streams.
     pub fn is_read_by(&self, stream: u64) {
-        self.stream
-            .store(stream, std::sync::atomic::Ordering::Relaxed);
+        self.stream.store(stream, Relaxed);
+    }
+
+    /// Whether giving it back waits for the work of all streams, so that nobody has to name his.
+    pub fn waits_for_all_streams(&self) -> bool {
+        self.device.as_ref().is_none_or(|it| it.sees_all_streams())
     }
 
     /// A copy of its bytes.
@@ -415,9 +409,10 @@ impl FrameOnGpu {
     pub fn to_bytes(&self) -> Result<Vec<u8>, GpuError> {
         let mut bytes = vec![0; self.n_bytes()];
         match &self.device {
-            // SAFETY: the payload lies in memory that this value keeps (checked when it was taken).
+            // SAFETY: the payload, as long as the header says; this value keeps its memory.
             Some(cuda) => unsafe { cuda.read(self.address, &mut bytes)? },
-            // SAFETY: as above; it is mapped for reading.
+            // SAFETY: mapped for reading, and kept by this value; the header was checked, and its
+            // writer does not write to a slot that a reader holds.
             None => unsafe {
                 std::ptr::copy_nonoverlapping(
                     self.address as *const u8,
@@ -430,14 +425,71 @@ impl FrameOnGpu {
     }
 }
 
-impl Answerable for FrameOnGpu {
-    fn answered(&self) -> Answered {
-        self.slot()
-            .map_or_else(|about| about.answered, Answerable::answered)
+impl OnGpu<Frames> {
+    /// The header, checked.
+    pub fn header(&self) -> &FrameHeader {
+        self.sample()
+            .map_or_else(|about| &about.header, GpuFrame::header)
+    }
+
+    /// The modality of the payload.
+    pub fn modality(&self) -> Modality {
+        self.sample()
+            .map_or_else(|about| about.modality, GpuFrame::modality)
+    }
+
+    /// Its topic without the domain.
+    pub fn topic(&self) -> &str {
+        self.sample()
+            .map_or_else(|about| about.topic.as_str(), GpuFrame::topic)
+    }
+
+    /// When this reader took it.
+    pub fn taken(&self) -> MonoTime {
+        self.sample()
+            .map_or_else(|about| about.taken, GpuFrame::taken)
     }
 }
 
-impl Drop for FrameOnGpu {
+impl OnGpu<Results> {
+    /// The header, checked.
+    pub fn header(&self) -> &ResultHeader {
+        self.sample()
+            .map_or_else(|about| &about.header, GpuResult::header)
+    }
+
+    /// Type of the result.
+    pub fn kind(&self) -> ResultType {
+        self.sample()
+            .map_or_else(|about| about.kind, GpuResult::kind)
+    }
+
+    /// The frames and results that it answers.
+    pub fn inputs(&self) -> &[InputRecord] {
+        self.sample()
+            .map_or_else(|about| &about.inputs, GpuResult::inputs)
+    }
+
+    /// Its topic without the domain.
+    pub fn topic(&self) -> &str {
+        self.sample()
+            .map_or_else(|about| about.topic.as_str(), |sample| sample.topic())
+    }
+
+    /// When this reader took it.
+    pub fn taken(&self) -> MonoTime {
+        self.sample()
+            .map_or_else(|about| about.taken, GpuResult::taken)
+    }
+}
+
+impl<K: Kind> Answerable for OnGpu<K> {
+    fn answered(&self) -> Answered {
+        self.sample().map_or_else(K::answered, Answerable::answered)
+    }
+}
+
+impl<K: Kind> Drop for OnGpu<K> {
     fn drop(&mut self) {
         let Some(cuda) = &self.device else {
             return;
@@ -445,11 +497,9 @@ impl Drop for FrameOnGpu {
         let stream = *self.stream.get_mut();
         let event = cuda.now(stream);
         match &mut self.held {
-            Held::Slot {
-                frame, releases, ..
-            } => {
-                if let (Ok(event), Some(frame)) = (event, frame.take()) {
-                    releases.push(event, frame);
+            Held::Slot { slot, releases } => {
+                if let (Ok(event), Some(slot)) = (event, slot.take()) {
+                    releases.push(event, slot);
                 }
             }
             Held::Upload {
