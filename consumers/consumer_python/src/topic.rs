@@ -8,7 +8,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-use consumer_gpu::{Device, FrameOnGpu, GpuError, GpuTopic};
+use consumer_gpu::{Device, FrameOnGpu, GpuError, GpuResults, GpuTopic, ResultOnGpu};
 use schema_bus::{Bus, BusError, Frame, FrameReader, ReaderCounts, ResultReader, ResultSample};
 
 use crate::errors;
@@ -32,6 +32,7 @@ pub struct Reader {
     full_name: String,
     /// Why frames do not stay on the GPU.
     fallback: Option<String>,
+    are_frames_on_gpu: bool,
     place: Arc<Place>,
 }
 
@@ -40,6 +41,7 @@ enum Port {
     Frames(FrameReader),
     Results(ResultReader),
     OnGpu(Box<GpuTopic>),
+    ResultsOnGpu(Box<GpuResults>),
 }
 
 /// What was taken from it.
@@ -47,6 +49,7 @@ enum Found {
     Frame(Frame),
     Result(ResultSample),
     OnGpu(FrameOnGpu),
+    ResultOnGpu(ResultOnGpu),
 }
 
 /// Which sample to take if several wait.
@@ -70,10 +73,30 @@ impl Port {
         }
     }
 
+    fn open_on_gpu(bus: &Bus, topic: &str, device: Device) -> Result<Port, GpuError> {
+        Ok(match bus.result_kind(topic) {
+            Some(_) => Port::ResultsOnGpu(Box::new(GpuResults::open(bus, topic, device)?)),
+            None => Port::OnGpu(Box::new(GpuTopic::open(bus, topic, device)?)),
+        })
+    }
+
+    /// Name of the event that announces its samples on a GPU, and why they do not stay there.
+    fn on_gpu(&self) -> Option<(&str, Option<&str>)> {
+        match self {
+            Port::OnGpu(topic) => Some((topic.event(), topic.fallback())),
+            Port::ResultsOnGpu(topic) => Some((topic.event(), topic.fallback())),
+            _ => None,
+        }
+    }
+
     fn take(&mut self, bus: &Bus, which: Which) -> Result<Option<Found>, Failure> {
         Ok(match (self, which) {
             (Port::OnGpu(topic), Which::Oldest) => topic.next(bus)?.map(Found::OnGpu),
             (Port::OnGpu(topic), Which::Newest) => topic.latest(bus)?.map(Found::OnGpu),
+            (Port::ResultsOnGpu(topic), Which::Oldest) => topic.next(bus)?.map(Found::ResultOnGpu),
+            (Port::ResultsOnGpu(topic), Which::Newest) => {
+                topic.latest(bus)?.map(Found::ResultOnGpu)
+            }
             (Port::Frames(reader), Which::Oldest) => reader.next()?.map(Found::Frame),
             (Port::Frames(reader), Which::Newest) => reader.latest()?.map(Found::Frame),
             (Port::Results(reader), Which::Oldest) => reader.next()?.map(Found::Result),
@@ -86,6 +109,7 @@ impl Port {
             Port::Frames(reader) => reader.counts(),
             Port::Results(reader) => reader.counts(),
             Port::OnGpu(topic) => topic.counts(),
+            Port::ResultsOnGpu(topic) => topic.counts(),
         }
     }
 
@@ -94,6 +118,7 @@ impl Port {
             Port::Frames(reader) => reader.has_writer(),
             Port::Results(reader) => reader.has_writer(),
             Port::OnGpu(topic) => topic.has_writer(),
+            Port::ResultsOnGpu(topic) => topic.has_writer(),
         }
     }
 }
@@ -119,17 +144,26 @@ impl Reader {
         device: Device,
         place: Arc<Place>,
     ) -> PyResult<Self> {
-        let opened = py.detach(|| -> Result<(Waker, GpuTopic), GpuError> {
+        let opened = py.detach(|| -> Result<_, GpuError> {
             let bus = place.bus();
-            let topic = GpuTopic::open(bus, topic, device)?;
-            Ok((Waker::new(bus.listener(topic.event())?), topic))
+            let port = Port::open_on_gpu(bus, topic, device)?;
+            let (event, fallback) = port.on_gpu().unwrap_or((topic, None));
+            let waker = Waker::new(bus.listener(event)?);
+            let about = match &port {
+                Port::ResultsOnGpu(_) => Some(About::follow(&place, topic)?),
+                _ => None,
+            };
+            let fallback = fallback.map(str::to_owned);
+            Ok((waker, port, fallback, about))
         });
-        let (waker, port) = opened.map_err(|error| Failure::from(error).raise(topic))?;
+        let (waker, port, fallback, about) =
+            opened.map_err(|error| Failure::from(error).raise(topic))?;
         Ok(Reader {
-            fallback: port.fallback().map(str::to_owned),
-            port: Mutex::new(Some(Owned::new(Port::OnGpu(Box::new(port))))),
+            fallback,
+            are_frames_on_gpu: matches!(port, Port::OnGpu(_)),
+            port: Mutex::new(Some(Owned::new(port))),
             waker,
-            about: None,
+            about: about.map(|about| Py::new(py, about)).transpose()?,
             blank: Mutex::new(None),
             like: Mutex::new(None),
             topic: PyString::new(py, topic).unbind(),
@@ -155,18 +189,28 @@ impl Reader {
             Ok(Some(Found::OnGpu(frame))) => {
                 let blank = self.blank.lock().take();
                 let blank = blank.map_or_else(|| Blank::new(py, &self.topic, None), Ok)?;
-                blank.fill_on_gpu(py, frame, &self.place)
+                Ok(blank.fill_on_gpu(frame, &self.place))
             }
+            Ok(Some(Found::ResultOnGpu(result))) => Outcome::on_gpu(
+                py,
+                result,
+                &self.topic,
+                self.about_of_results(),
+                &self.place,
+            ),
             Ok(Some(Found::Result(result))) => {
-                let about = self
-                    .about
-                    .as_ref()
-                    .expect("a topic of results was opened with its description");
+                let about = self.about_of_results();
                 Outcome::shared(py, result, &self.topic, about, &self.place)
             }
             Err(failure) => Err(failure.raise(&format!("topic {:?}", self.full_name))),
         };
         object.map(Some)
+    }
+
+    fn about_of_results(&self) -> &Py<About> {
+        self.about
+            .as_ref()
+            .expect("a topic of results was opened with its description")
     }
 
     fn show(&self, py: Python<'_>, frame: Frame) -> PyResult<Py<PyAny>> {
@@ -180,7 +224,7 @@ impl Reader {
     /// Makes the objects of the next frame while there is time.
     fn prepare(&self, py: Python<'_>) -> PyResult<()> {
         let like = *self.like.lock();
-        if like.is_some() && self.blank.lock().is_none() {
+        if (like.is_some() || self.are_frames_on_gpu) && self.blank.lock().is_none() {
             let blank = Blank::new(py, &self.topic, like)?;
             let before = self.blank.lock().replace(blank);
             drop(before);
@@ -227,8 +271,8 @@ impl Reader {
             let waker = Waker::new(bus.listener(topic)?);
             let port = Port::open(bus, topic)?;
             let about = match &port {
-                Port::Frames(_) | Port::OnGpu(_) => None,
                 Port::Results(_) => Some(About::follow(&place, topic)?),
+                _ => None,
             };
             Ok((waker, port, about))
         });
@@ -242,6 +286,7 @@ impl Reader {
             topic: PyString::new(py, topic).unbind(),
             full_name: format!("{domain}/{topic}"),
             fallback: None,
+            are_frames_on_gpu: false,
             place,
         })
     }
@@ -302,6 +347,7 @@ impl Reader {
         match &**self.port.lock().as_ref()? {
             Port::Frames(_) | Port::OnGpu(_) => None,
             Port::Results(reader) => Some(reader.kind().name()),
+            Port::ResultsOnGpu(topic) => Some(topic.kind().name()),
         }
     }
 

@@ -143,7 +143,7 @@ def _fileno(topic: Topic[Any] | None) -> int:
 @overload
 def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: None = None, device: str | None = None) -> Topic[Frame]: ...
 @overload
-def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: str) -> Topic[Result]: ...
+def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: str, device: str | None = None) -> Topic[Result]: ...
 
 
 def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: str | None = None, device: str | None = None) -> Topic[Any]:
@@ -154,13 +154,12 @@ def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result:
     `NoSuchTopicError` if it does not appear, `TooManyReadersError` if it has no place left,
     `SchemaVersionError` if the simulator has another version, `GantryError` for another type.
 
-    With `device="cuda"` frames of cameras and lidars stay on the GPU that the simulator draws on:
-    `torch.from_dlpack(frame)` is a tensor there, and nothing is copied. Where CUDA computes on
-    another GPU, frames are uploaded to it through page-locked memory, with one warning that says
+    With `device="cuda"` frames of cameras and lidars stay on the GPU that the simulator draws on,
+    and results that were published with a device on that of their writer: `frame.torch()` is a
+    tensor there, and nothing is copied. Where CUDA computes on another GPU, or the writer publishes
+    in shared memory only, they are uploaded through page-locked memory, with one warning that says
     why. Raises `GantryError` where there is no CUDA.
     """
-    if device is not None and result is not None:
-        raise GantryError("results are in shared memory; leave device out, or result")
     deadline = time.monotonic() + timeout
     while True:
         try:
@@ -172,7 +171,7 @@ def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result:
             time.sleep(_LOOK_SECS)
     if opened.fallback is not None and not _SAID.get(opened.fallback):
         _SAID[opened.fallback] = True
-        warnings.warn(f"frames of {opened.name!r} are uploaded, they do not stay on the GPU: {opened.fallback}", RuntimeWarning, stacklevel=2)
+        warnings.warn(f"{opened.name!r} is uploaded, it does not stay on the GPU: {opened.fallback}", RuntimeWarning, stacklevel=2)
     if result is not None and opened.result != result:
         opened.close()
         raise GantryError(f"topic {opened.name!r} has {'results of type ' + repr(opened.result) if opened.result else 'frames'}, not results of type {result!r}")
