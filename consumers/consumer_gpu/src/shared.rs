@@ -104,8 +104,12 @@ pub fn make(cuda: &Arc<Cuda>, n_bytes: usize) -> Result<(SharedRange, OwnedFd), 
         let exported = check("cuMemExportToShareableHandle", unsafe {
             sys::cuMemExportToShareableHandle((&raw mut descriptor).cast(), handle, DESCRIPTOR, 0)
         });
-        // SAFETY: the driver has just made it for this process.
-        let exported = exported.map(|()| unsafe { OwnedFd::from_raw_fd(descriptor) });
+        let exported = exported.map(|()| {
+            // SAFETY: the driver has just made it for this process.
+            let made = unsafe { OwnedFd::from_raw_fd(descriptor) };
+            // Programs that this one starts do not inherit a clone.
+            made.try_clone().unwrap_or(made)
+        });
         let mapped = map(cuda, handle, n_bytes, Use::Write);
         release(handle);
         Ok((mapped?, exported?))

@@ -53,6 +53,9 @@ enum Port<K: Kind> {
     },
 }
 
+/// A port, the event that announces its samples, and the device that they are on.
+type Opened<K> = (Port<K>, String, Option<Arc<Cuda>>);
+
 /// A sample, and the memory that it is in.
 #[derive(Debug)]
 struct Slot<K: Kind> {
@@ -109,7 +112,7 @@ impl<K: Kind> Topic<K> {
         let offered = bus.gpu_offer(topic);
         let offer = offered.as_ref().map_err(ToString::to_string);
         let way = find_way(topic, device, offer)?;
-        let on_gpu = |device| -> Result<(Port<K>, String, Option<Arc<Cuda>>), GpuError> {
+        let on_gpu = |device| -> Result<Opened<K>, GpuError> {
             let offer = offered.as_ref().map_err(|error| GpuError::Memory {
                 topic: topic.into(),
                 fault: error.to_string(),
@@ -352,10 +355,6 @@ pub type FrameOnGpu = OnGpu<Frames>;
 pub type ResultOnGpu = OnGpu<Results>;
 
 #[derive(Debug)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "nearly all are slots, and a box would be one more allocation after waking"
-)]
 enum Held<K: Kind> {
     Slot {
         slot: Option<Slot<K>>,

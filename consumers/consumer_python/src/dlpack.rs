@@ -127,6 +127,9 @@ fn of_elements(of_type: ElementType) -> DataType {
     of(code, 8 * of_type.element_bytes() as u8)
 }
 
+/// What `__cuda_array_interface__` says: address, sizes, strides in bytes and numpy's type.
+pub type Interface = (u64, Vec<i64>, Vec<i64>, String);
+
 /// An array in memory of a device.
 #[derive(Clone, Copy)]
 pub struct Array {
@@ -232,7 +235,7 @@ impl Array {
 
     /// Address, sizes, strides in bytes and numpy's type, for `__cuda_array_interface__`; `None`
     /// if it is not on a device of CUDA.
-    pub fn interface(&self) -> Option<(u64, Vec<i64>, Vec<i64>, String)> {
+    pub fn interface(&self) -> Option<Interface> {
         let strides = &self.strides[..self.n_dimensions];
         let strides = strides.iter().map(|by| by * self.bytes()).collect();
         let is_there = self.device.kind == CUDA;

@@ -20,7 +20,7 @@ use consumer_gpu::FrameOnGpu;
 use schema_bus::{Answerable, Frame};
 use schema_frames::{FrameHeader, Modality};
 
-use crate::dlpack::{Array, stream_address, torch_from};
+use crate::dlpack::{Array, Interface, stream_address, torch_from};
 use crate::elements::element;
 use crate::errors;
 use crate::fork::Owned;
@@ -326,7 +326,7 @@ impl Sample {
     }
 
     /// Address, sizes, strides in bytes and numpy's type of a frame on a device of CUDA.
-    fn device_interface(&self) -> Option<(u64, Vec<i64>, Vec<i64>, String)> {
+    fn device_interface(&self) -> Option<Interface> {
         Array::of_frame(self.on_gpu()?).interface()
     }
 

@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use schema_bus::{GpuPlaces, ResultDraft};
 use schema_frames::ResultHeader;
 
-use crate::dlpack::{Array, Foreign};
+use crate::dlpack::{Array, Foreign, Interface};
 use crate::errors;
 use crate::fork::{self, Owned};
 use crate::place::Place;
@@ -260,7 +260,7 @@ impl GpuLoan {
     }
 
     /// Address, sizes, strides in bytes and numpy's type of the slot.
-    fn interface(&self) -> PyResult<Option<(u64, Vec<i64>, Vec<i64>, String)>> {
+    fn interface(&self) -> PyResult<Option<Interface>> {
         Ok(self.array()?.0.interface())
     }
 

@@ -16,7 +16,7 @@ use consumer_kit::FollowedDocument;
 use schema_bus::{Answerable, BusError, ResultSample, names};
 use schema_frames::{InputRecord, ResultHeader, ResultType};
 
-use crate::dlpack::{Array, stream_address};
+use crate::dlpack::{Array, Interface, stream_address};
 use crate::errors;
 use crate::fork::{self, Owned};
 use crate::frame::Sample;
@@ -240,7 +240,7 @@ impl Outcome {
     }
 
     /// Address, sizes, strides in bytes and numpy's type of a result on a device of CUDA.
-    fn device_interface(&self) -> Option<(u64, Vec<i64>, Vec<i64>, String)> {
+    fn device_interface(&self) -> Option<Interface> {
         Array::of_result(self.there()?).interface()
     }
 

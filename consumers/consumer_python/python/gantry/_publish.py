@@ -20,6 +20,8 @@ from ._records import RecordsAndTail
 from ._result import Result
 
 if TYPE_CHECKING:
+    from typing_extensions import Self
+
     from ._publish_gpu import GpuPublisher
 
 #: What a result can name as its input.
@@ -111,7 +113,7 @@ class Publisher:
     def _open(self, about: dict[str, Any], capacities: dict[str, int]) -> Any:
         return native.Publisher(self._domain, self.name, self.type, about=json.dumps(about), **capacities)
 
-    def __enter__(self) -> Publisher:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -226,11 +226,14 @@ def _numpy(dtype: Any) -> np.dtype[Any] | None:
     """Returns numpy's type of the same name as torch's."""
     if dtype is None:
         return None
+    found: np.dtype[Any]
     try:
-        return np.dtype(dtype)
+        found = np.dtype(dtype)
+        return found
     except TypeError:
         name = str(dtype).rpartition(".")[2]
     try:
-        return np.dtype(name)
+        found = np.dtype(name)
+        return found
     except TypeError:
         raise ValueError(f"a tensor of {name} cannot be sent; bool, int, uint and float of 8 to 64 bits can") from None
