@@ -236,7 +236,7 @@ fn what_is_not_there_or_does_not_fit_is_refused() {
         let opened = GpuTopic::open(&bus, topic, Device::Mapped);
         opened.expect_err("it is refused").to_string()
     };
-    assert!(sentence("ego/imu/imu").contains("no process of this domain keeps them on a GPU"));
+    assert!(sentence("ego/imu/imu").contains("no process of this domain keeps it on a GPU"));
     assert!(sentence("ego/nobody/rgb").contains("there is no topic"));
     let mut gpu = on_gpu(&bus, "ego/front/rgb");
     assert!(sentence("ego/front/rgb").contains("already has 1 readers"));

@@ -119,7 +119,7 @@ fn child_that_publishes() {
     println!("publishing");
     for tick in first.. {
         send(&features, tick, &SHAPE);
-        std::thread::sleep(Duration::from_millis(2));
+        std::thread::sleep(Duration::from_millis(10));
     }
 }
 
@@ -139,19 +139,17 @@ fn child_that_reads() {
     }
 }
 
-fn tick_of(line: &str) -> u64 {
-    let tick = line.rsplit("read tick ").next().unwrap();
-    tick.trim().parse().unwrap()
-}
-
-/// The next line of a reader about a tick after `tick`.
+/// The newest tick that a reader says it has read, once it is after `tick`.
 fn read_after(reader: &mut Process, tick: u64) -> u64 {
-    loop {
-        let found = tick_of(&reader.wait_line("read tick"));
-        if found > tick {
-            return found;
-        }
-    }
+    eventually("a later result", || {
+        let lines = reader.lines();
+        assert!(reader.is_running(), "{lines:?}");
+        let newest = lines.iter().rev().find_map(|line| {
+            let (_, tick) = line.rsplit_once("read tick ")?;
+            tick.trim().parse().ok()
+        });
+        newest.filter(|found| *found > tick)
+    })
 }
 
 #[test]
