@@ -218,7 +218,12 @@ fn kills_of_either_side_leave_the_other_whole() {
         tick = read_after(&mut reader, tick);
         counts.push(n_open(writer.pid()));
     }
-    assert!(counts.last() <= counts.first(), "{counts:?}");
+    // Sockets are open for moments; what leaks stays open, ten times.
+    bus.clean_dead_nodes();
+    let usual = counts[..3].iter().max().copied();
+    eventually("the descriptors of ten readers are closed", || {
+        (Some(n_open(writer.pid())) <= usual).then_some(())
+    });
     let mut epochs = BTreeSet::new();
     let mut descriptors = Vec::new();
     for turn in 1..=6u64 {
@@ -233,7 +238,11 @@ fn kills_of_either_side_leave_the_other_whole() {
         epochs.insert(std::fs::read_dir(folder).unwrap().count());
     }
     assert_eq!(epochs, BTreeSet::from([1]), "dead sockets are swept");
-    assert!(descriptors.last() <= descriptors.first(), "{descriptors:?}");
+    bus.clean_dead_nodes();
+    let usual = descriptors[..2].iter().max().copied();
+    eventually("the descriptors of six writers are closed", || {
+        (Some(n_open(reader.pid())) <= usual).then_some(())
+    });
     assert_eq!(stage.n_noted("child_that_reads", "take over"), 10 + 7);
     assert!(tick > 6_000_000);
     reader.kill9();
