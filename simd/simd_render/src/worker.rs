@@ -234,7 +234,10 @@ impl<'a> Worker<'a> {
     /// Brings the scenery up to date.
     fn load(&mut self, source: &mut Source<'_>) -> anyhow::Result<()> {
         if source.scenery(&mut self.scenery)? {
-            self.sensors.load_views(self.scenery.assets())?;
+            let assets = self.scenery.assets();
+            let n_shown = assets.meshes.iter().filter(|mesh| !mesh.indices.is_empty());
+            tracing::debug!(meshes = n_shown.count(), "other scenery");
+            self.sensors.load(assets)?;
         }
         Ok(())
     }
