@@ -14,6 +14,7 @@
 //! | `release` | slots that go back once the GPU is done with them |
 //! | `upload` | the way over page-locked memory |
 //! | `topic` | a topic's frames, whichever way they come |
+//! | `watch` | when to look whether they still come that way |
 //!
 //! ```no_run
 //! use consumer_gpu::{Device, GpuTopic};
@@ -40,6 +41,7 @@ mod mapping;
 mod release;
 mod topic;
 mod upload;
+mod watch;
 
 pub use device::Device;
 pub use error::GpuError;

@@ -4,8 +4,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use schema_bus::{
-    Answerable, Answered, Bus, BusError, Frame, FrameReader, GpuFrame, GpuFrameReader, Listener,
-    ReaderCounts, names,
+    Answerable, Answered, Bus, BusError, Frame, FrameReader, GpuFrame, GpuFrameReader, GpuOffer,
+    Listener, ReaderCounts, names,
 };
 use schema_frames::{FrameHeader, Modality};
 
@@ -15,19 +15,49 @@ use crate::error::GpuError;
 use crate::mapping::Mapping;
 use crate::release::Releases;
 use crate::upload::Uploads;
+use crate::watch::{LOOK, Watch};
 
 /// Memories of the writer that stay imported: the one in use, and that of the writer before it,
 /// whose frames may still be held.
 const MAX_KEPT: usize = 2;
 
-/// The reading end of a topic on a GPU.
+/// The reading end of a topic on a GPU. It follows the topic when another process writes it: frames
+/// stay on the GPU if that process draws on the same one, and are uploaded otherwise.
 #[derive(Debug)]
 pub struct GpuTopic {
+    topic: String,
+    /// The device, by its number once it is known: frames never change it.
+    wish: Device,
+    opened: Opened,
+    listener: Listener,
+    watch: Watch,
+    /// Port that wrote the last frame that was uploaded.
+    writer: Option<u128>,
+    /// Epoch, tick and number of the last frame.
+    last: Option<(u64, u64, u64)>,
+    /// Whether no frame came yet the way that they come now.
+    is_switched: bool,
+    has_moved: bool,
+    /// Counters of the ports before this one.
+    counts_before: ReaderCounts,
+}
+
+/// A way that frames come.
+#[derive(Debug)]
+struct Opened {
     port: Port,
     device: Option<Arc<Cuda>>,
-    fallback: Option<String>,
-    listener: Listener,
+    /// Name of the event that announces its frames.
     event: String,
+    fallback: Option<String>,
+}
+
+/// What a look at a port found.
+enum Taken {
+    Frame(FrameOnGpu),
+    Nothing,
+    /// A frame on another GPU.
+    Elsewhere,
 }
 
 #[derive(Debug)]
@@ -89,56 +119,43 @@ impl GpuTopic {
         if offered.is_err() && !bus.exists(topic) {
             bus.frame_reader(topic)?;
         }
-        let offer = offered.as_ref().map_err(ToString::to_string);
-        let way = find_way(topic, device, offer)?;
-        let on_gpu = |device| -> Result<(Port, String, Option<Arc<Cuda>>), GpuError> {
-            let offer = offered.as_ref().map_err(|error| GpuError::Memory {
-                topic: topic.into(),
-                fault: error.to_string(),
-            })?;
-            let port = Port::OnGpu {
-                reader: bus.gpu_reader(topic, offer)?,
-                memories: Vec::new(),
-                releases: Releases::new(),
-            };
-            Ok((port, names::gpu_topic(topic), device))
-        };
-        let mut fallback = None;
-        let (port, event, device) = match way {
-            Way::Imported(cuda) => on_gpu(Some(cuda))?,
-            Way::Mapped => on_gpu(None)?,
-            Way::Uploaded(cuda, why) => {
-                fallback = Some(why);
-                let port = Port::Uploaded {
-                    reader: bus.frame_reader(topic)?,
-                    uploads: Uploads::new(cuda.clone()),
-                    releases: Releases::new(),
-                };
-                (port, topic.to_owned(), Some(cuda))
-            }
-        };
+        let way = find_way(topic, device, told(&offered))?;
+        let opened = Opened::open(bus, topic, way, &offered)?;
+        let number = opened.device.as_ref().map(|device| device.ordinal);
         Ok(GpuTopic {
-            port,
-            device,
-            fallback,
-            listener: bus.listener(&event)?,
-            event,
+            topic: topic.to_owned(),
+            wish: number.map_or(device, Device::CudaNumber),
+            listener: bus.listener(&opened.event)?,
+            opened,
+            watch: Watch::new(),
+            writer: None,
+            last: None,
+            is_switched: false,
+            has_moved: false,
+            counts_before: ReaderCounts::default(),
         })
     }
 
-    /// Why frames are uploaded instead of staying on the GPU; `None` if they stay.
+    /// Why frames are uploaded instead of staying on the GPU; `None` if they stay. That changes when
+    /// a process on another GPU writes the topic.
     pub fn fallback(&self) -> Option<&str> {
-        self.fallback.as_deref()
+        self.opened.fallback.as_deref()
     }
 
     /// Number of CUDA's device; `None` if frames are mapped.
     pub fn device(&self) -> Option<i32> {
-        self.device.as_ref().map(|device| device.ordinal)
+        self.opened.device.as_ref().map(|device| device.ordinal)
     }
 
-    /// Name of the event that announces its frames.
+    /// Name of the event that announces its frames. Whoever waits for it looks at least twice a
+    /// second all the same, because a writer that ends announces nothing.
     pub fn event(&self) -> &str {
-        &self.event
+        &self.opened.event
+    }
+
+    /// Whether event and fallback may be others than at the last call.
+    pub fn has_moved(&mut self) -> bool {
+        std::mem::take(&mut self.has_moved)
     }
 
     /// Takes the oldest frame that waits, if any.
@@ -172,27 +189,200 @@ impl GpuTopic {
             if rest.is_zero() {
                 return Ok(None);
             }
-            self.listener.wait_pending(rest);
+            self.listener.wait_pending(rest.min(LOOK));
         }
     }
 
     /// Counters since it was opened.
     pub fn counts(&self) -> ReaderCounts {
-        match &self.port {
-            Port::OnGpu { reader, .. } => reader.counts(),
-            Port::Uploaded { reader, .. } => reader.counts(),
+        let (now, before) = (self.opened.port.counts(), self.counts_before);
+        ReaderCounts {
+            taken: now.taken + before.taken,
+            skipped: now.skipped + before.skipped,
+            lost: now.lost + before.lost,
+            refused: now.refused + before.refused,
+            restarts: now.restarts + before.restarts,
         }
     }
 
     /// Whether a process writes it now.
     pub fn has_writer(&self) -> bool {
-        match &self.port {
+        match &self.opened.port {
             Port::OnGpu { reader, .. } => reader.has_writer(),
             Port::Uploaded { reader, .. } => reader.has_writer(),
         }
     }
 
     fn take(&mut self, bus: &Bus, newest: bool) -> Result<Option<FrameOnGpu>, GpuError> {
+        loop {
+            match self.opened.take(bus, newest)? {
+                Taken::Frame(frame) => {
+                    self.follow_writer(bus, &frame);
+                    if self.is_next(frame.header()) {
+                        return Ok(Some(frame));
+                    }
+                }
+                Taken::Elsewhere => {
+                    let (way, offered) = self.find_way(bus)?;
+                    if matches!(way, Way::Uploaded(..)) {
+                        self.switch(bus, way, &offered)?;
+                    }
+                }
+                Taken::Nothing => {
+                    self.look_for_writer(bus)?;
+                    return Ok(None);
+                }
+            }
+        }
+    }
+
+    /// Whether a frame is not one that came another way already; takes note of it then.
+    fn is_next(&mut self, header: &FrameHeader) -> bool {
+        let FrameHeader {
+            epoch, tick, seq, ..
+        } = *header;
+        if self.is_switched
+            && let Some((_, last_tick, last_seq)) = self.last.filter(|last| last.0 == epoch)
+        {
+            if tick <= last_tick && seq <= last_seq {
+                return false;
+            }
+            self.counts_before.lost += seq.saturating_sub(last_seq + 1);
+        }
+        self.is_switched = false;
+        self.last = Some((epoch, tick, seq));
+        true
+    }
+
+    /// Finds the way that frames can come now.
+    fn find_way(&self, bus: &Bus) -> Result<(Way, Result<GpuOffer, BusError>), GpuError> {
+        let offered = bus.gpu_offer(&self.topic);
+        let way = find_way(&self.topic, self.wish, told(&offered))?;
+        Ok((way, offered))
+    }
+
+    /// Lets frames come another way.
+    fn switch(
+        &mut self,
+        bus: &Bus,
+        way: Way,
+        offered: &Result<GpuOffer, BusError>,
+    ) -> Result<(), GpuError> {
+        let opened = Opened::open(bus, &self.topic, way, offered)?;
+        self.listener = bus.listener(&opened.event)?;
+        self.counts_before = self.counts();
+        let topic = &self.topic;
+        match &opened.fallback {
+            Some(why) => tracing::warn!(topic, "frames are uploaded from now on: {why}"),
+            None => tracing::info!(topic, "frames stay on the GPU again"),
+        }
+        self.opened = opened;
+        self.watch = Watch::new();
+        self.writer = None;
+        (self.is_switched, self.has_moved) = (true, true);
+        Ok(())
+    }
+
+    /// Looks, when frames are uploaded that another process has written than those before, whether
+    /// they can stay on the GPU.
+    fn follow_writer(&mut self, bus: &Bus, frame: &FrameOnGpu) {
+        let Held::Upload { about, .. } = &frame.held else {
+            return;
+        };
+        if self.writer.replace(about.writer) == Some(about.writer) {
+            return;
+        }
+        match self.find_way(bus) {
+            Ok((Way::Uploaded(_, why), _)) => self.opened.fallback = Some(why),
+            Ok((way, offered)) => {
+                // All places of the GPU may be taken; frames are uploaded then as before.
+                if let Err(error) = self.switch(bus, way, &offered) {
+                    tracing::debug!(topic = self.topic, %error, "frames do not stay on the GPU");
+                }
+            }
+            Err(error) => tracing::debug!(topic = self.topic, %error, "no other way is found"),
+        }
+    }
+
+    /// Looks, when no frame waits, whether somebody still keeps the topic on the GPU.
+    fn look_for_writer(&mut self, bus: &Bus) -> Result<(), GpuError> {
+        if !matches!(self.opened.port, Port::OnGpu { .. }) || !self.watch.is_due() {
+            return Ok(());
+        }
+        // Without the topic there is nobody to write it, on whatever way.
+        if self.has_writer() || !bus.exists(&self.topic) {
+            self.watch.is_there();
+            return Ok(());
+        }
+        let offered = bus.gpu_offer(&self.topic);
+        if offered.is_err() && (self.wish == Device::Mapped || !self.watch.is_missing_for_long()) {
+            return Ok(());
+        }
+        let way = find_way(&self.topic, self.wish, told(&offered))?;
+        match way {
+            Way::Uploaded(..) => self.switch(bus, way, &offered),
+            Way::Imported(_) | Way::Mapped => {
+                self.watch.is_there();
+                Ok(())
+            }
+        }
+    }
+}
+
+/// An offer, or the sentence of why there is none.
+fn told(offered: &Result<GpuOffer, BusError>) -> Result<&GpuOffer, String> {
+    offered.as_ref().map_err(ToString::to_string)
+}
+
+impl Port {
+    fn counts(&self) -> ReaderCounts {
+        match self {
+            Port::OnGpu { reader, .. } => reader.counts(),
+            Port::Uploaded { reader, .. } => reader.counts(),
+        }
+    }
+}
+
+impl Opened {
+    fn open(
+        bus: &Bus,
+        topic: &str,
+        way: Way,
+        offered: &Result<GpuOffer, BusError>,
+    ) -> Result<Opened, GpuError> {
+        let on_gpu = |device| -> Result<Opened, GpuError> {
+            let offer = told(offered).map_err(|fault| GpuError::Memory {
+                topic: topic.into(),
+                fault,
+            })?;
+            Ok(Opened {
+                port: Port::OnGpu {
+                    reader: bus.gpu_reader(topic, offer)?,
+                    memories: Vec::new(),
+                    releases: Releases::new(),
+                },
+                device,
+                event: names::gpu_topic(topic),
+                fallback: None,
+            })
+        };
+        match way {
+            Way::Imported(cuda) => on_gpu(Some(cuda)),
+            Way::Mapped => on_gpu(None),
+            Way::Uploaded(cuda, why) => Ok(Opened {
+                port: Port::Uploaded {
+                    reader: bus.frame_reader(topic)?,
+                    uploads: Uploads::new(cuda.clone()),
+                    releases: Releases::new(),
+                },
+                device: Some(cuda),
+                event: topic.to_owned(),
+                fallback: Some(why),
+            }),
+        }
+    }
+
+    fn take(&mut self, bus: &Bus, newest: bool) -> Result<Taken, GpuError> {
         match &mut self.port {
             Port::OnGpu {
                 reader,
@@ -212,13 +402,17 @@ impl GpuTopic {
                         taken => taken?,
                     };
                     let Some(frame) = frame else {
-                        return Ok(None);
+                        return Ok(Taken::Nothing);
                     };
-                    let Some(memory) = memory_of(bus, &frame, memories, self.device.as_ref())?
-                    else {
-                        continue;
+                    let memory = match memory_of(bus, &frame, memories, self.device.as_ref())? {
+                        Found::Here(memory) => memory,
+                        Found::Elsewhere => return Ok(Taken::Elsewhere),
+                        Found::Gone => {
+                            reader.forget_last();
+                            continue;
+                        }
                     };
-                    return Ok(Some(FrameOnGpu {
+                    return Ok(Taken::Frame(FrameOnGpu {
                         address: memory.address() + frame.place().offset_bytes,
                         device: self.device.clone(),
                         stream: std::sync::atomic::AtomicU64::new(0),
@@ -242,10 +436,10 @@ impl GpuTopic {
                     reader.next()?
                 };
                 let Some(frame) = frame else {
-                    return Ok(None);
+                    return Ok(Taken::Nothing);
                 };
                 let staged = uploads.upload(&frame)?;
-                Ok(Some(FrameOnGpu {
+                Ok(Taken::Frame(FrameOnGpu {
                     address: staged.address,
                     device: self.device.clone(),
                     stream: std::sync::atomic::AtomicU64::new(0),
@@ -263,17 +457,25 @@ impl GpuTopic {
     }
 }
 
-/// The memory that a frame is in, which is asked for when it is first met; `None` if its writer has
-/// ended, so that the frame cannot be reached any more.
+/// Where the memory of a frame is.
+enum Found {
+    Here(Arc<Memory>),
+    /// On another GPU than the reader's.
+    Elsewhere,
+    /// Its writer has ended, so that the frame cannot be reached any more.
+    Gone,
+}
+
+/// The memory that a frame is in, which is asked for when it is first met.
 fn memory_of(
     bus: &Bus,
     frame: &GpuFrame,
     memories: &mut Vec<(u64, Arc<Memory>)>,
     device: Option<&Arc<Cuda>>,
-) -> Result<Option<Arc<Memory>>, GpuError> {
+) -> Result<Found, GpuError> {
     let generation = frame.place().generation;
     if let Some((_, memory)) = memories.iter().find(|(known, _)| *known == generation) {
-        return Ok(Some(memory.clone()));
+        return Ok(Found::Here(memory.clone()));
     }
     let memory = match bus.gpu_memory(frame) {
         Ok(memory) => memory,
@@ -282,9 +484,16 @@ fn memory_of(
         }
         Err(error) => {
             tracing::debug!(topic = frame.topic(), %error, "a frame's memory is gone");
-            return Ok(None);
+            return Ok(Found::Gone);
         }
     };
+    let is_here = match device {
+        Some(cuda) => cuda.uuid == memory.device_uuid,
+        None => memory.is_mappable,
+    };
+    if !is_here {
+        return Ok(Found::Elsewhere);
+    }
     let memory = match device {
         Some(cuda) => Memory::Imported(cuda.import(frame.topic(), memory)?),
         None => {
@@ -300,7 +509,7 @@ fn memory_of(
         memories.remove(0);
     }
     memories.push((generation, memory.clone()));
-    Ok(Some(memory))
+    Ok(Found::Here(memory))
 }
 
 /// A frame on a GPU. Its memory stays as it is until this is dropped and the GPU has done what it
@@ -340,6 +549,8 @@ struct About {
     topic: String,
     taken: schema_types::MonoTime,
     answered: Answered,
+    /// Port that wrote it.
+    writer: u128,
 }
 
 impl About {
@@ -350,6 +561,7 @@ impl About {
             topic: frame.topic().to_owned(),
             taken: frame.taken(),
             answered: frame.answered(),
+            writer: frame.writer(),
         }
     }
 }

@@ -30,8 +30,8 @@ pub struct Reader {
     like: Mutex<Option<Like>>,
     topic: Py<PyString>,
     full_name: String,
-    /// Why frames do not stay on the GPU.
-    fallback: Option<String>,
+    /// Why frames are uploaded since the last look, which is to be said.
+    new_fallback: Mutex<Option<String>>,
     place: Arc<Place>,
 }
 
@@ -126,7 +126,7 @@ impl Reader {
         });
         let (waker, port) = opened.map_err(|error| Failure::from(error).raise(topic))?;
         Ok(Reader {
-            fallback: port.fallback().map(str::to_owned),
+            new_fallback: Mutex::new(None),
             port: Mutex::new(Some(Owned::new(Port::OnGpu(Box::new(port))))),
             waker,
             about: None,
@@ -141,7 +141,27 @@ impl Reader {
     fn look(&self, which: Which) -> Result<Option<Found>, Failure> {
         let mut port = self.port.lock();
         let port: &mut Port = port.as_mut().ok_or(Failure::Closed)?;
-        port.take(self.place.bus(), which)
+        let found = port.take(self.place.bus(), which);
+        if let Port::OnGpu(topic) = port
+            && topic.has_moved()
+        {
+            // Frames come another way, which another event announces.
+            self.waker
+                .replace(self.place.bus().listener(topic.event())?);
+            *self.new_fallback.lock() = topic.fallback().map(str::to_owned);
+        }
+        found
+    }
+
+    /// Warns that frames are uploaded since another process writes them.
+    fn warn_of_fallback(&self, py: Python<'_>) -> PyResult<()> {
+        let Some(why) = self.new_fallback.lock().take() else {
+            return Ok(());
+        };
+        py.import("gantry._topic")?
+            .getattr("_say_fallback")?
+            .call1((&self.topic, why))?;
+        Ok(())
     }
 
     fn finish(
@@ -153,6 +173,7 @@ impl Reader {
             Ok(None) => return Ok(None),
             Ok(Some(Found::Frame(frame))) => self.show(py, frame),
             Ok(Some(Found::OnGpu(frame))) => {
+                self.warn_of_fallback(py)?;
                 let blank = self.blank.lock().take();
                 let blank = blank.map_or_else(|| Blank::new(py, &self.topic, None), Ok)?;
                 blank.fill_on_gpu(py, frame, &self.place)
@@ -241,16 +262,19 @@ impl Reader {
             like: Mutex::new(None),
             topic: PyString::new(py, topic).unbind(),
             full_name: format!("{domain}/{topic}"),
-            fallback: None,
+            new_fallback: Mutex::new(None),
             place,
         })
     }
 
     /// Why frames are uploaded to the device although they were asked for on it; None if they stay
-    /// on it, or were not.
+    /// on it, or were not. It changes when a process on another GPU writes them.
     #[getter]
     fn fallback(&self) -> Option<String> {
-        self.fallback.clone()
+        match &**self.port.lock().as_ref()? {
+            Port::OnGpu(topic) => topic.fallback().map(str::to_owned),
+            Port::Frames(_) | Port::Results(_) => None,
+        }
     }
 
     /// Name without the domain.

@@ -102,6 +102,41 @@ class OnGpu(LiveCase):
             assert (before == before).all()
         """)
 
+    def test_a_topic_goes_on_when_a_worker_takes_it_over(self):
+        reads = self.start("""
+            import asyncio
+            async def read():
+                with gantry.open("ego/front/rgb", device="mapped") as gpu:
+                    last = 0
+                    for what in ["by the simulator", "by a worker", "by the simulator again"]:
+                        for _ in range(10):
+                            frame = await gpu.anext(timeout=60)
+                            assert frame is not None and frame.tick > last, (frame, last)
+                            last = frame.tick
+                        assert gpu.fallback is None
+                        print(what, flush=True)
+                        await asyncio.to_thread(input)
+                    assert gpu.counts.refused == 0, gpu.counts
+            asyncio.run(read())
+        """)
+        worker = None
+        for what in ["by the simulator", "by a worker", "by the simulator again"]:
+            self.assertEqual(reads.stdout.readline(), what + "\n")
+            if what == "by the simulator":
+                arguments = [SIMD.with_name("gantry-render"), "--domain", "live"]
+                worker = subprocess.Popen(arguments, cwd=self.folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                self.script("""
+                    import time
+                    while gantry.command({"do": "counters"})[0]["counters"]["sent_by_workers"] < 5:
+                        time.sleep(0.05)
+                """)
+            elif what == "by a worker":
+                worker.kill()
+                worker.wait()
+            reads.stdin.write("\n")
+            reads.stdin.flush()
+        self.finish(reads)
+
     def test_what_cannot_be_is_said(self):
         self.script("""
             def sentence(*names, **options):

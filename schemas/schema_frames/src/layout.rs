@@ -176,7 +176,7 @@ layouts! {
     }
     SceneFiring {
         sensor_id: u32, worker: u32, seq: u64, window_nanos: u64, previous_nanos: u64, outputs: u32, parent_id: u32,
-        world_from_sensor: Pose,
+        world_from_sensor: Pose, world_from_sensor_start: Pose, turned_nanos: u64,
     }
     SceneInstance {
         world_from_mesh: Pose, velocity_in_world_mps: [f64; 3], actor_id: u32, mesh: u32, lamps: u32, part: u16, tint_rgb: [u8; 3],

@@ -1,10 +1,8 @@
 //! From settings to a running daemon.
 
-use std::sync::Arc;
-
 use launch_cli::wrong_usage;
 use launch_spec::Launch;
-use schema_bus::{Bus, FrameTopic, Gate, GpuDevice, GpuServer, mono_now};
+use schema_bus::{Bus, FrameTopic, Gate, mono_now};
 use schema_frames::JournalFile;
 use schema_types::time::TickClock;
 use schema_types::{SimTime, Tick};
@@ -30,7 +28,7 @@ use simd_frames::frames::Sensors;
 use simd_frames::sensor::{
     NoiseStream, OpenContext, Role, Sensor, SensorIdentity, schedule_of, shared_rig,
 };
-use simd_frames::topic::{MemoryLife, Transfer, limited};
+use simd_frames::topic::{MemoryLife, Transfer, gpu_server, limited};
 
 /// Brings everything up. Fails before anything is published if the domain is taken or memory is
 /// short.
@@ -60,8 +58,8 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         ),
         None => tracing::info!("no GPU is opened; render workers make the images"),
     }
-    check_gpu_memory(launch, gpu.as_ref(), settings.frames_in_flight)?;
-    let gpu_server = gpu.as_ref().and_then(|gpu| gpu_server(&bus, gpu));
+    check_gpu_memory(&settings, gpu.as_ref())?;
+    let gpu_server = gpu_server(&bus, gpu.as_ref());
     let frames = settings.frame_options(gpu.as_ref())?;
     let drawing = gpu.clone().map(|gpu| {
         let mut renderer = CameraRenderer::new(&gpu, quality);
@@ -204,23 +202,21 @@ fn check_memory(launch: &Launch, frames_in_flight: u32) -> anyhow::Result<()> {
 }
 
 /// Checks the GPU's memory for the topics that the launch file keeps there: their slots are
-/// committed memory.
-fn check_gpu_memory(
-    launch: &Launch,
-    gpu: Option<&Gpu>,
-    frames_in_flight: u32,
-) -> anyhow::Result<()> {
-    let kept: Vec<_> = launch
+/// committed memory. Where render workers make the frames, they do.
+fn check_gpu_memory(settings: &Settings, gpu: Option<&Gpu>) -> anyhow::Result<()> {
+    let awaits_workers = settings.run.n_awaited_workers > 0;
+    let kept: Vec<_> = settings
+        .launch
         .memory_budget()
         .into_iter()
         .filter(|topic| topic.limits.gpu)
         .collect();
-    if kept.is_empty() {
+    if kept.is_empty() || awaits_workers {
         return Ok(());
     }
     let Some(gpu) = gpu else {
         return Err(wrong_usage(format!(
-            "topic {:?} has gpu = true, but the simulator opens no GPU; remove gpu, or --no-gpu",
+            "topic {:?} has gpu = true, but the simulator opens no GPU; remove gpu, or --no-gpu, or let it wait for a render worker (--await-workers 1)",
             kept[0].topic
         )));
     };
@@ -232,7 +228,7 @@ fn check_gpu_memory(
         )));
     }
     let bytes_of = |topic: &launch_spec::TopicBudget| {
-        let usual = FrameTopic::on_gpu(frames_in_flight as usize);
+        let usual = FrameTopic::on_gpu(settings.frames_in_flight as usize);
         let spec = FrameTopic {
             max_readers: topic
                 .limits
@@ -255,28 +251,6 @@ fn check_gpu_memory(
         gpu.name(),
         mib(free_bytes)
     )))
-}
-
-/// Answers readers that ask for frames on the GPU; `None` where its memory cannot be exported, or
-/// the socket cannot be made.
-fn gpu_server(bus: &Bus, gpu: &Gpu) -> Option<Arc<GpuServer>> {
-    if !gpu.can_export() {
-        tracing::info!("frames do not stay on the GPU: its driver lacks VK_KHR_external_memory_fd");
-        return None;
-    }
-    let ids = gpu.ids();
-    let device = GpuDevice {
-        device_uuid: ids.device,
-        driver_uuid: ids.driver,
-        is_mappable: gpu.is_software(),
-    };
-    match bus.gpu_server(device) {
-        Ok(server) => Some(Arc::new(server)),
-        Err(error) => {
-            tracing::warn!(%error, "frames do not stay on the GPU: the socket of their readers cannot be made");
-            None
-        }
-    }
 }
 
 /// Opens the sensors of the launch file and makes their actors.

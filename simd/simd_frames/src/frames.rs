@@ -235,8 +235,8 @@ impl Sensors {
         self.fire_due(tick, &due, waking)
     }
 
-    /// Fires what another process says is due at a tick that has been started: cameras only. Views
-    /// may still be in flight when this returns.
+    /// Fires what another process says is due at a tick that has been started: cameras and lidars.
+    /// Views may still be in flight when this returns.
     pub fn fire_given(
         &mut self,
         tick: &TickView<'_>,
@@ -248,9 +248,10 @@ impl Sensors {
             let Some(given) = firings.iter().find(is_own) else {
                 continue;
             };
-            if !matches!(sensor.model, Model::View(_)) {
+            if !sensor.model.is_costly() {
                 continue;
             }
+            lidar::begin_turn(&mut sensor.model, given);
             for topic in &mut sensor.topics {
                 topic.ask(given.outputs & SceneFiring::output(topic.modality) != 0);
             }
@@ -348,7 +349,7 @@ impl Sensors {
         };
         if let Maker::Worker(worker) = sensor.maker {
             let audience = self.options.audience;
-            return Ok(Some(given_away(sensor, worker, &due, audience)));
+            return Ok(Some(given_away(sensor, worker, &due, tick.scene, audience)));
         }
         let (Some(gpu), Some(renderer)) = (&self.gpu, &mut self.renderer) else {
             return Ok(None);
@@ -389,7 +390,9 @@ impl Sensors {
             };
             match sensor.maker {
                 Maker::Here => due.push(fires),
-                Maker::Worker(worker) => away.push(given_away(sensor, worker, &fires, audience)),
+                Maker::Worker(worker) => {
+                    away.push(given_away(sensor, worker, &fires, scene, audience));
+                }
                 Maker::Nobody => {}
             }
         }
@@ -430,7 +433,13 @@ impl Sensors {
                 model if model.is_motion() => continue,
                 Model::Lidar { .. } if lidars_are_cast => continue,
                 Model::Lidar { .. } => {
-                    let is_cast = lidar::cast_on_cpu(&shot, sensor, &mut rays, self.gpu.as_ref())?;
+                    let is_cast = lidar::cast_on_cpu(
+                        &shot,
+                        sensor,
+                        &mut rays,
+                        self.gpu.as_ref(),
+                        &mut *self.may_send,
+                    )?;
                     self.n_lidar_turns += u64::from(is_cast);
                     is_cast
                 }
@@ -647,7 +656,15 @@ impl Sensors {
 }
 
 /// The firing of a sensor whose frames `worker` makes.
-fn given_away(sensor: &mut Sensor, worker: u32, due: &Due, audience: Audience) -> SceneFiring {
+fn given_away(
+    sensor: &mut Sensor,
+    worker: u32,
+    due: &Due,
+    scene: &Scene,
+    audience: Audience,
+) -> SceneFiring {
+    let world_from_sensor = due.carrier.world_from_sensor;
+    let turned = lidar::turn_head(sensor, world_from_sensor.isometry(), scene.period_nanos);
     let audience = sensor.audience(audience);
     let mut outputs = 0;
     for topic in &mut sensor.topics {
@@ -663,6 +680,8 @@ fn given_away(sensor: &mut Sensor, worker: u32, due: &Due, audience: Audience) -
         previous_nanos: due.firing.previous.map_or(u64::MAX, |time| time.0),
         outputs,
         parent_id: due.carrier.parent.0,
-        world_from_sensor: due.carrier.world_from_sensor,
+        world_from_sensor,
+        world_from_sensor_start: turned.map_or(world_from_sensor, |(start, _)| start.into()),
+        turned_nanos: turned.map_or(0, |(_, nanos)| nanos),
     }
 }

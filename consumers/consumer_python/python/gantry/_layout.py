@@ -417,7 +417,7 @@ STRUCTS: dict[str, tuple[str | None, int, list[tuple[str, str, tuple[int, ...], 
         ("published_mono_nanos", "<u8", (), 152),
         ("reserved1", "u1", (32,), 160),
     ]),
-    "SceneFiring": (None, 96, [
+    "SceneFiring": (None, 160, [
         ("sensor_id", "<u4", (), 0),
         ("worker", "<u4", (), 4),
         ("seq", "<u8", (), 8),
@@ -426,6 +426,8 @@ STRUCTS: dict[str, tuple[str | None, int, list[tuple[str, str, tuple[int, ...], 
         ("outputs", "<u4", (), 32),
         ("parent_id", "<u4", (), 36),
         ("world_from_sensor", "Pose", (), 40),
+        ("world_from_sensor_start", "Pose", (), 96),
+        ("turned_nanos", "<u8", (), 152),
     ]),
     "SceneInstance": (None, 104, [
         ("world_from_mesh", "Pose", (), 0),

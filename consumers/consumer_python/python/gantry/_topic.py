@@ -17,6 +17,8 @@ from ._result import Result, class_names
 
 #: Seconds between two looks for a topic that does not exist yet.
 _LOOK_SECS = 0.05
+#: Seconds between two looks of a task whether frames still come to the GPU the way they did.
+_LOOK_ON_GPU_SECS = 0.5
 #: What was warned of.
 _SAID: dict[str, bool] = {}
 
@@ -58,6 +60,7 @@ class Topic(native.Reader, Generic[S]):
         this = weakref.ref(self)
         self._readable = Readable(lambda: _fileno(this()))
         self._closed = False
+        self._look_secs = None if device is None else _LOOK_ON_GPU_SECS
         self._counts = Counts()
 
     if TYPE_CHECKING:
@@ -111,7 +114,8 @@ class Topic(native.Reader, Generic[S]):
             sample = self.next(0.0)
             if sample is not None:
                 return sample
-            await self._readable.wait()
+            # A writer that ends announces nothing.
+            await self._readable.wait(self._look_secs)
         return None
 
     def __iter__(self) -> Iterator[S]:
@@ -132,6 +136,12 @@ class Topic(native.Reader, Generic[S]):
             if sample is not None:
                 yield sample
             sample = None
+
+
+def _say_fallback(name: str, why: str, level: int = 2) -> None:
+    if not _SAID.get(why):
+        _SAID[why] = True
+        warnings.warn(f"frames of {name!r} are uploaded, they do not stay on the GPU: {why}", RuntimeWarning, stacklevel=level + 1)
 
 
 def _fileno(topic: Topic[Any] | None) -> int:
@@ -157,7 +167,8 @@ def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result:
     With `device="cuda"` frames of cameras and lidars stay on the GPU that the simulator draws on:
     `torch.from_dlpack(frame)` is a tensor there, and nothing is copied. Where CUDA computes on
     another GPU, frames are uploaded to it through page-locked memory, with one warning that says
-    why. Raises `GantryError` where there is no CUDA.
+    why. The same when another process takes the topic over, as render workers do: the topic goes on
+    by itself, and `fallback` tells. Raises `GantryError` where there is no CUDA.
     """
     if device is not None and result is not None:
         raise GantryError("results are in shared memory; leave device out, or result")
@@ -170,9 +181,8 @@ def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result:
             if time.monotonic() >= deadline:
                 raise
             time.sleep(_LOOK_SECS)
-    if opened.fallback is not None and not _SAID.get(opened.fallback):
-        _SAID[opened.fallback] = True
-        warnings.warn(f"frames of {opened.name!r} are uploaded, they do not stay on the GPU: {opened.fallback}", RuntimeWarning, stacklevel=2)
+    if opened.fallback is not None:
+        _say_fallback(opened.name, opened.fallback)
     if result is not None and opened.result != result:
         opened.close()
         raise GantryError(f"topic {opened.name!r} has {'results of type ' + repr(opened.result) if opened.result else 'frames'}, not results of type {result!r}")
