@@ -10,9 +10,10 @@ pub fn is_camera(sensor: &Sensor) -> bool {
     matches!(sensor.model, Model::View(_))
 }
 
-/// Whether the spectator's image is made here, where there is a GPU for it.
+/// Whether a camera's images are made here, where there is a GPU for them: the spectator's, and those
+/// of batches, whose images one process must make.
 pub fn stays_here(sensor: &Sensor, has_gpu: bool) -> bool {
-    sensor.role == Role::Spectator && has_gpu
+    (sensor.role == Role::Spectator || sensor.is_batched) && has_gpu
 }
 
 /// Whether all workers are there that the first tick waits for.
