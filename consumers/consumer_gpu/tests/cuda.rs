@@ -95,6 +95,44 @@ fn frames_are_imported_once_and_have_the_bytes_of_shared_memory() {
 }
 
 #[test]
+fn child_that_reads_a_batch() {
+    let Some(bus) = parents_bus() else { return };
+    let topic = "batch/pair/depth";
+    let mut host = reader(&bus, topic);
+    let mut gpu = GpuTopic::open(&bus, topic, Device::Cuda).unwrap();
+    let mut n_compared = 0;
+    while n_compared < 3 {
+        let frame = gpu.wait(&bus, Duration::from_secs(60)).unwrap().unwrap();
+        let header = frame.header();
+        assert_eq!(
+            (header.n_images, header.height, header.image_height()),
+            (2, 128, 64)
+        );
+        let bytes = frame.to_bytes().unwrap();
+        assert_eq!(bytes.len(), 2 * 96 * 64 * 4);
+        let same = eventually("the same tick", || {
+            let found = host.next().unwrap()?;
+            (found.header().tick >= header.tick).then_some(found)
+        });
+        if same.header().tick == header.tick {
+            assert!(*same == bytes[..]);
+            n_compared += 1;
+        }
+    }
+}
+
+#[test]
+fn a_batch_is_imported_once_for_all_of_its_images() {
+    let (_sandbox, noted) = run("cuda-batch", "child_that_reads_a_batch", None, &[]);
+    let n = |what: &str| noted.lines().filter(|line| line.starts_with(what)).count();
+    assert_eq!(
+        (n("import"), n("destroy"), n("upload")),
+        (1, 1, 0),
+        "{noted}"
+    );
+}
+
+#[test]
 fn child_that_drops_before_the_gpu_is_done() {
     let Some(bus) = parents_bus() else { return };
     let mut gpu = GpuTopic::open(&bus, TOPIC, Device::Cuda).unwrap();

@@ -98,8 +98,15 @@ pub fn shape(frame: &FrameOnGpu) -> (Vec<i64>, Vec<i64>) {
         strides.push(by_bytes / bytes);
     };
     let is_image = frame.modality().is_image();
+    let (rows, stride) = (
+        i64::from(header.image_height()),
+        i64::from(header.row_stride),
+    );
+    if header.is_batch() {
+        and(i64::from(header.n_images), rows * stride);
+    }
     if is_image {
-        and(i64::from(header.height), i64::from(header.row_stride));
+        and(rows, stride);
     }
     let width = if header.height == 0 { 0 } else { header.width };
     and(i64::from(width), i64::from(header.element_bytes));

@@ -4,6 +4,7 @@ use launch_cli::wrong_usage;
 use launch_spec::Launch;
 use schema_bus::{Bus, FrameTopic, Gate, mono_now};
 use schema_frames::JournalFile;
+use schema_frames::document::BATCH_RIG;
 use schema_types::time::TickClock;
 use schema_types::{SimTime, Tick};
 use sensor_camera::{CameraRenderer, Quality};
@@ -24,7 +25,9 @@ use crate::ports::Ports;
 use crate::settings::{Settings, adapter_of};
 use crate::spectator;
 use crate::workers::Workers;
+use simd_frames::batch::Batch;
 use simd_frames::frames::Sensors;
+use simd_frames::rig::Rig;
 use simd_frames::sensor::{
     NoiseStream, OpenContext, Role, Sensor, SensorIdentity, schedule_of, shared_rig,
 };
@@ -59,6 +62,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         None => tracing::info!("no GPU is opened; render workers make the images"),
     }
     check_gpu_memory(&settings, gpu.as_ref())?;
+    check_batches(launch, gpu.as_ref())?;
     let gpu_server = gpu_server(&bus, gpu.as_ref());
     let frames = settings.frame_options(gpu.as_ref())?;
     let drawing = gpu.clone().map(|gpu| {
@@ -119,7 +123,9 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     )?;
     // It has the least actor id, and sensors are in the order of theirs.
     sensors.insert(0, spectator::open(&context, &mut world, launch)?);
+    let batches = open_batches(&context, launch)?;
     let mut sensors = Sensors::new(drawing, sensors, frames);
+    sensors.batches = batches;
     sensors.check_fit()?;
     sensors.load(&episode.assets)?;
     let head = journal::head(&journal::Surroundings {
@@ -253,6 +259,34 @@ fn check_gpu_memory(settings: &Settings, gpu: Option<&Gpu>) -> anyhow::Result<()
     )))
 }
 
+/// Refuses batches where this process makes no images: workers have shares of the cameras, and one
+/// process must make all images of a batch.
+fn check_batches(launch: &Launch, gpu: Option<&Gpu>) -> anyhow::Result<()> {
+    match launch.batches.keys().next() {
+        Some(name) if gpu.is_none() => Err(wrong_usage(format!(
+            "[batch.{name}] cannot be made: the simulator itself draws the cameras of a batch, but opens no GPU; remove --no-gpu, or the batch"
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Opens the batches of the launch file.
+fn open_batches(context: &OpenContext<'_>, launch: &Launch) -> anyhow::Result<Vec<Batch>> {
+    if launch.batches.is_empty() {
+        return Ok(Vec::new());
+    }
+    let rig = Rig::open(context.bus, BATCH_RIG)?;
+    let budget = launch.batch_budget();
+    let open = |(name, batch): (&String, &launch_spec::Batch)| {
+        let topics = batch.modalities.iter().filter_map(|modality| {
+            let topic = launch_spec::Batch::topic(name, *modality);
+            budget.iter().find(|it| it.topic == topic).cloned()
+        });
+        Batch::open(context, &rig, name, &batch.cameras, topics.collect())
+    };
+    launch.batches.iter().map(open).collect()
+}
+
 /// Opens the sensors of the launch file and makes their actors.
 fn open_sensors(
     context: &OpenContext<'_>,
@@ -291,7 +325,15 @@ fn open_sensors(
             role: Role::Sensor,
         };
         let schedule = schedule_of(placed.spec, SimTime(0), context.period_nanos);
-        let sensor = Sensor::open(context, identity, placed.spec.clone(), schedule)?;
+        let name = placed.full_name();
+        let mut batches = launch.batches.values();
+        let is_batched = batches.any(|batch| batch.cameras.contains(&name));
+        let context = OpenContext {
+            cameras_are_away: context.cameras_are_away && !is_batched,
+            ..*context
+        };
+        let mut sensor = Sensor::open(&context, identity, placed.spec.clone(), schedule)?;
+        sensor.is_batched = is_batched;
         world.set_topics(actor, sensor.topic_infos())?;
         sensors.push(sensor);
     }

@@ -1,6 +1,7 @@
 //! From a scene to published frames: which sensors fire, loans, GPU submissions, sensors on the CPU,
 //! headers, sending, and wake-ups.
 
+mod batches;
 mod cpu;
 mod in_flight;
 mod lidar;
@@ -23,6 +24,7 @@ use sensor_gpu::Gpu;
 use sensor_ray::RayScene;
 use sensor_spec::SensorSpec;
 
+use crate::batch::Batch;
 use crate::carrier::Carrier;
 use crate::rig::Waking;
 use crate::sensor::{Maker, Model, Role, Sensor};
@@ -43,6 +45,8 @@ pub struct Sensors {
     in_flight: InFlight<PendingViews>,
     /// Sensors by rising actor id.
     pub sensors: Vec<Sensor>,
+    /// Cameras whose images come as one frame.
+    pub batches: Vec<Batch>,
     /// `None` in a process that renders nothing.
     gpu: Option<Gpu>,
     renderer: Option<CameraRenderer>,
@@ -76,6 +80,7 @@ impl Sensors {
         let (gpu, renderer) = drawing.unzip();
         Sensors {
             sensors,
+            batches: Vec::new(),
             rays: Rays::new(gpu.as_ref(), options.lidars_on),
             gpu,
             renderer,
@@ -112,9 +117,19 @@ impl Sensors {
             .fold(self.closed_counts, |sum, topic| sum.with(&topic.counts))
     }
 
-    /// All topics.
+    /// All topics, those of batches last.
     pub fn topics(&self) -> impl Iterator<Item = &Topic> {
-        self.sensors.iter().flat_map(|sensor| &sensor.topics)
+        let of_sensors = self.sensors.iter().flat_map(|sensor| &sensor.topics);
+        of_sensors.chain(self.batches.iter().flat_map(|batch| &batch.topics))
+    }
+
+    fn topics_mut(&mut self) -> impl Iterator<Item = &mut Topic> {
+        let of_sensors = self
+            .sensors
+            .iter_mut()
+            .flat_map(|sensor| &mut sensor.topics);
+        let batches = self.batches.iter_mut();
+        of_sensors.chain(batches.flat_map(|batch| &mut batch.topics))
     }
 
     /// The scene as rays see it.
@@ -295,7 +310,8 @@ impl Sensors {
         let lidars = lidar::submit(&mut self.sensors, &mut self.rays, tick, due, audience);
         let views = match (&self.gpu, &mut self.renderer) {
             (Some(gpu), Some(renderer)) => {
-                views::submit(&mut self.sensors, (gpu, renderer), tick, due, audience)?
+                let sources = (&mut self.sensors[..], &mut self.batches[..]);
+                views::submit(sources, (gpu, renderer), tick, due, audience)?
             }
             _ => None,
         };
@@ -355,7 +371,8 @@ impl Sensors {
             return Ok(None);
         };
         let (drawing, audience) = ((gpu, renderer), self.options.audience);
-        if let Some(views) = views::submit(&mut self.sensors, drawing, tick, &[due], audience)? {
+        let sources = (&mut self.sensors[..], &mut self.batches[..]);
+        if let Some(views) = views::submit(sources, drawing, tick, &[due], audience)? {
             self.in_flight.push(views);
         }
         self.finish_all()?;
@@ -455,7 +472,7 @@ impl Sensors {
     /// Waits for views and sends them.
     fn finish(&mut self, views: PendingViews, ticks_in_flight: u32) -> anyhow::Result<()> {
         views::finish(
-            (&mut self.sensors, self.gpu.as_ref()),
+            (&mut self.sensors, &mut self.batches, self.gpu.as_ref()),
             views,
             ticks_in_flight,
             self.options.audience,
@@ -565,21 +582,14 @@ impl Sensors {
                 .iter_mut()
                 .for_each(|sensor| sensor.fit_topics(period_nanos));
         }
-        let mut topics = self
-            .sensors
-            .iter_mut()
-            .flat_map(|sensor| &mut sensor.topics);
-        if !topics.any(|topic| topic.is_unsettled(now_nanos)) {
+        if !self.topics_mut().any(|topic| topic.is_unsettled(now_nanos)) {
             return Ok(());
         }
         self.finish_all()?;
-        for topic in self
-            .sensors
-            .iter_mut()
-            .flat_map(|sensor| &mut sensor.topics)
-        {
+        let gpu = self.gpu.clone();
+        for topic in self.topics_mut() {
             if topic.is_unsettled(now_nanos) {
-                topic.settle(bus, self.gpu.as_ref());
+                topic.settle(bus, gpu.as_ref());
             }
         }
         Ok(())
@@ -648,7 +658,9 @@ impl Sensors {
         while self.in_flight.pop().is_some() {}
         self.close_parting();
         drop(self.renderer);
-        for topic in self.sensors.into_iter().flat_map(|sensor| sensor.topics) {
+        let of_sensors = self.sensors.into_iter().flat_map(|sensor| sensor.topics);
+        let of_batches = self.batches.into_iter().flat_map(|batch| batch.topics);
+        for topic in of_sensors.chain(of_batches) {
             topic.close(self.gpu.as_ref());
         }
         finished

@@ -205,6 +205,18 @@ impl Topic {
         self.told != Some(false) && (audience == Audience::Hash || self.n_readers() > 0)
     }
 
+    /// Whether its frames may be made at all: a journal may say that they were not.
+    pub fn may_make(&self) -> bool {
+        self.told != Some(false)
+    }
+
+    /// Notes that the image of this firing is made for somebody who reads it elsewhere.
+    pub fn note_made(&mut self) {
+        if let Some(made) = &mut self.made {
+            made.is_made = true;
+        }
+    }
+
     /// Whether the frame of this firing is made, as the process decides that owns the world.
     pub fn ask(&mut self, is_made: bool) {
         self.asked = Some(is_made);
@@ -330,7 +342,8 @@ impl Topic {
         }
     }
 
-    fn drop_frame(&mut self, error: &dyn std::fmt::Display) {
+    /// Counts a frame that is not sent, and says why the first time.
+    pub fn drop_frame(&mut self, error: &dyn std::fmt::Display) {
         if self.counts.n_dropped == 0 {
             tracing::warn!(topic = self.name, %error, "frame dropped; further drops are only counted");
         }

@@ -14,6 +14,7 @@ from ._errors import GantryError, NoSuchTopicError
 from ._frame import Frame
 from ._load import native
 from ._result import Result, class_names
+from ._topics import BatchCamera, cameras_of
 
 #: Seconds between two looks for a topic that does not exist yet.
 _LOOK_SECS = 0.05
@@ -97,6 +98,15 @@ class Topic(native.Reader, Generic[S]):
     def classes(self) -> list[str]:
         """Names of the classes that the topic's results number; CARLA's if it names none."""
         return class_names(self.about)
+
+    @property
+    def cameras(self) -> list[BatchCamera]:
+        """Cameras of a batch (`batch/fleet/rgb`) in the order of its images; empty for any other topic.
+
+        The snapshot of a frame's tick has the poses of their actors. Raises `GantryError` if no simulator says what
+        the batch holds.
+        """
+        return cameras_of(self.name, self._domain)
 
     async def anext(self, timeout: float | None = None) -> S | None:
         """As `next`, in an event loop: other tasks run while it waits, and no thread is used."""

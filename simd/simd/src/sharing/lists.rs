@@ -11,14 +11,18 @@ pub fn is_shared(sensor: &Sensor) -> bool {
     sensor.model.is_costly()
 }
 
-/// Whether a sensor's frames are made here whatever workers there are: the spectator's where there is
-/// a GPU for it, and those of lidars that are not cast on the processor with the scenery of cameras.
+/// Whether a sensor's frames are made here whatever workers there are. Where there is a GPU for it, the
+/// spectator's are, and those of cameras of batches, whose images one process must make; and those of
+/// lidars that are not cast on the processor with the scenery of cameras.
 pub fn stays_here(daemon: &Daemon, sensor: &Sensor) -> bool {
     match sensor.model {
         Model::Lidar { .. } => {
             daemon.sensors.options().lidars_on == Writer::Gpu || daemon.episode.assets.streamed
         }
-        _ => sensor.role == Role::Spectator && daemon.sensors.gpu().is_some(),
+        _ => {
+            let is_kept = sensor.role == Role::Spectator || sensor.is_batched;
+            is_kept && daemon.sensors.gpu().is_some()
+        }
     }
 }
 
