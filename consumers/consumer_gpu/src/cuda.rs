@@ -4,13 +4,16 @@ use std::os::fd::{AsRawFd as _, IntoRawFd as _};
 use std::sync::{Arc, OnceLock};
 
 use cudarc::driver::sys;
+use parking_lot::Mutex;
 use schema_bus::GpuMemory;
-use schema_frames::GpuAnswer;
 
 use crate::error::GpuError;
 
 /// First driver that records an event behind all work of a context.
 const RECORDS_CONTEXTS: i32 = 12_050;
+
+/// Events that are kept for the next moments.
+const MAX_SPARE_EVENTS: usize = 16;
 
 /// A device of CUDA, in the context that torch and others use too.
 #[derive(Debug)]
@@ -21,7 +24,15 @@ pub struct Cuda {
     pub uuid: [u8; 16],
     context: sys::CUcontext,
     records_contexts: bool,
+    spare_events: Mutex<Vec<EventHandle>>,
 }
+
+/// An event that is over, or that nobody waits for any more.
+#[derive(Debug)]
+struct EventHandle(sys::CUevent);
+
+// SAFETY: events may be used by any thread.
+unsafe impl Send for EventHandle {}
 
 // SAFETY: CUDA's contexts may be used by any thread that makes them current, as `with` does.
 unsafe impl Send for Cuda {}
@@ -39,7 +50,8 @@ pub struct Found {
     pub name: String,
 }
 
-fn check(call: &'static str, result: sys::CUresult) -> Result<(), GpuError> {
+/// The result of a call as an error.
+pub(crate) fn check(call: &'static str, result: sys::CUresult) -> Result<(), GpuError> {
     if result == sys::CUresult::CUDA_SUCCESS {
         return Ok(());
     }
@@ -102,6 +114,22 @@ pub fn devices() -> Result<Vec<Found>, GpuError> {
     Ok(found)
 }
 
+/// Number of the device whose memory an address is in.
+///
+/// # Errors
+/// [`GpuError::NoCuda`], [`GpuError::Cuda`] for other memory.
+pub fn device_of(address: u64) -> Result<i32, GpuError> {
+    start()?;
+    let mut ordinal: i32 = -1;
+    let what = sys::CUpointer_attribute::CU_POINTER_ATTRIBUTE_DEVICE_ORDINAL;
+    // SAFETY: CUDA has started; for this attribute the call writes an `int`, and it refuses
+    // addresses that are not its own.
+    check("cuPointerGetAttribute", unsafe {
+        sys::cuPointerGetAttribute((&raw mut ordinal).cast(), what, address)
+    })?;
+    Ok(ordinal)
+}
+
 impl Cuda {
     /// Opens a device.
     ///
@@ -130,11 +158,12 @@ impl Cuda {
             uuid: uuid.bytes.map(|byte| byte as u8),
             context,
             records_contexts: version >= RECORDS_CONTEXTS,
+            spare_events: Mutex::new(Vec::new()),
         }))
     }
 
     /// Calls `act` with the device's context as this thread's.
-    fn with<T>(&self, act: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
+    pub(crate) fn with<T>(&self, act: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
         // SAFETY: the context is retained.
         check("cuCtxPushCurrent", unsafe {
             sys::cuCtxPushCurrent_v2(self.context)
@@ -148,21 +177,16 @@ impl Cuda {
         done
     }
 
-    /// Imports memory of another process.
+    /// Whether a moment is behind the work of all streams, whoever made them.
+    pub fn sees_all_streams(&self) -> bool {
+        self.records_contexts
+    }
+
+    /// Imports Vulkan's memory of another process.
     ///
     /// # Errors
-    /// [`GpuError::Memory`], [`GpuError::Cuda`].
-    pub fn import(self: &Arc<Self>, topic: &str, memory: GpuMemory) -> Result<Imported, GpuError> {
-        if memory.handle_kind != GpuAnswer::VULKAN {
-            return Err(GpuError::Memory {
-                topic: topic.into(),
-                fault: format!(
-                    "its descriptor is of kind {}, and this program imports kind {} (Vulkan's)",
-                    memory.handle_kind,
-                    GpuAnswer::VULKAN
-                ),
-            });
-        }
+    /// [`GpuError::Cuda`].
+    pub fn import(self: &Arc<Self>, memory: GpuMemory) -> Result<Imported, GpuError> {
         self.with(|| {
             let mut external = std::ptr::null_mut();
             let wanted = sys::CUDA_EXTERNAL_MEMORY_HANDLE_DESC {
@@ -211,16 +235,7 @@ impl Cuda {
     /// [`GpuError::Cuda`].
     pub fn now(self: &Arc<Self>, stream: u64) -> Result<Event, GpuError> {
         self.with(|| {
-            let mut event = std::ptr::null_mut();
-            let flags = sys::CUevent_flags::CU_EVENT_DISABLE_TIMING as u32;
-            // SAFETY: the context is current; the pointer is to this frame's own.
-            check("cuEventCreate", unsafe {
-                sys::cuEventCreate(&mut event, flags)
-            })?;
-            let event = Event {
-                cuda: self.clone(),
-                event,
-            };
+            let event = self.event()?;
             // SAFETY: event and context belong together.
             if self.records_contexts
                 && unsafe { sys::cuCtxRecordEvent(self.context, event.event) }
@@ -235,6 +250,39 @@ impl Cuda {
             })?;
             Ok(event)
         })
+    }
+
+    fn event(self: &Arc<Self>) -> Result<Event, GpuError> {
+        let spare = self.spare_events.lock().pop();
+        let event = match spare {
+            Some(EventHandle(event)) => event,
+            None => {
+                let mut event = std::ptr::null_mut();
+                let flags = sys::CUevent_flags::CU_EVENT_DISABLE_TIMING as u32;
+                // SAFETY: the context is current; the pointer is to this frame's own.
+                check("cuEventCreate", unsafe {
+                    sys::cuEventCreate(&mut event, flags)
+                })?;
+                event
+            }
+        };
+        Ok(Event {
+            cuda: self.clone(),
+            event,
+        })
+    }
+
+    /// Waits until the device has done all that this process gave it.
+    ///
+    /// # Errors
+    /// [`GpuError::Cuda`].
+    pub fn wait_for_all(self: &Arc<Self>) -> Result<(), GpuError> {
+        if self.records_contexts {
+            self.now(0)?.wait();
+            return Ok(());
+        }
+        // SAFETY: the context is current.
+        self.with(|| check("cuCtxSynchronize", unsafe { sys::cuCtxSynchronize() }))
     }
 
     /// Copies bytes of the device's memory to the processor, and waits.
@@ -321,7 +369,7 @@ impl Drop for Imported {
 #[derive(Debug)]
 pub struct Event {
     cuda: Arc<Cuda>,
-    event: sys::CUevent,
+    pub(crate) event: sys::CUevent,
 }
 
 // SAFETY: events may be asked by any thread.
@@ -353,7 +401,12 @@ impl Event {
 
 impl Drop for Event {
     fn drop(&mut self) {
-        // SAFETY: made by `now`; destroying one that is still recorded is allowed.
+        let mut spare = self.cuda.spare_events.lock();
+        if spare.len() < MAX_SPARE_EVENTS {
+            spare.push(EventHandle(self.event));
+            return;
+        }
+        // SAFETY: made by `event`; destroying one that is still recorded is allowed.
         let _ = unsafe { sys::cuEventDestroy_v2(self.event) };
     }
 }

@@ -1,4 +1,4 @@
-//! On which device frames are wanted, and whether the simulator draws on it.
+//! On which device samples are wanted, and whether their writer is on it.
 
 use std::sync::Arc;
 
@@ -29,6 +29,44 @@ pub enum Way {
     Uploaded(Arc<Cuda>, String),
 }
 
+/// The device on which a process publishes.
+///
+/// # Errors
+/// [`GpuError::NoCuda`], [`GpuError::Cuda`], [`GpuError::Memory`].
+pub fn writers_device(topic: &str, device: Device) -> Result<(Arc<Cuda>, Found), GpuError> {
+    let fault = |fault: String| GpuError::Memory {
+        topic: topic.into(),
+        fault,
+    };
+    let asked = match device {
+        Device::Cuda => None,
+        Device::CudaNumber(number) => Some(number),
+        Device::Mapped => {
+            return Err(fault(
+                "memory of a software adapter is the simulator's alone; publish on \"cuda\"".into(),
+            ));
+        }
+    };
+    let found = devices()?;
+    let first = named(&found, asked).map_err(fault)?;
+    Ok((Cuda::open(first.ordinal)?, first.clone()))
+}
+
+/// The device with this number, or the first.
+fn named(found: &[Found], asked: Option<i32>) -> Result<&Found, String> {
+    let first = match asked {
+        None => found.first(),
+        Some(number) => found.iter().find(|device| device.ordinal == number),
+    };
+    first.ok_or_else(|| match asked {
+        Some(number) => format!(
+            "CUDA has no device {number}; it has {} (CUDA_VISIBLE_DEVICES hides others)",
+            found.len()
+        ),
+        None => "CUDA has no device; CUDA_VISIBLE_DEVICES may hide them".into(),
+    })
+}
+
 /// Finds the way to `device` from what the simulator offers; `Err` in `offer` says why it offers
 /// nothing.
 ///
@@ -47,8 +85,7 @@ pub fn find_way(
         return match offer {
             Ok(offer) if offer.is_mappable => Ok(Way::Mapped),
             Ok(_) => Err(fault(
-                "the simulator draws on a GPU, whose memory cannot be mapped; ask for \"cuda\""
-                    .into(),
+                "it is on a GPU, whose memory cannot be mapped; ask for \"cuda\"".into(),
             )),
             Err(why) => Err(fault(why)),
         };
@@ -76,19 +113,7 @@ fn choose(
     asked: Option<i32>,
     offer: Result<&GpuOffer, String>,
 ) -> Result<(i32, Option<String>), String> {
-    let first = match asked {
-        None => found.first(),
-        Some(number) => found.iter().find(|device| device.ordinal == number),
-    };
-    let Some(first) = first else {
-        return Err(match asked {
-            Some(number) => format!(
-                "CUDA has no device {number}; it has {} (CUDA_VISIBLE_DEVICES hides others)",
-                found.len()
-            ),
-            None => "CUDA has no device; CUDA_VISIBLE_DEVICES may hide them".into(),
-        });
-    };
+    let first = named(found, asked)?;
     let offer = match offer {
         Ok(offer) => offer,
         Err(why) => return Ok((first.ordinal, Some(why))),
@@ -113,7 +138,7 @@ fn why_not_same(found: &[Found], used: &Found, offer: &GpuOffer) -> String {
         );
     }
     if offer.device_uuid == [0; 16] {
-        return "the simulator's driver says no UUID of its GPU, as in containers that hide it, so it cannot be seen whether that is the same".into();
+        return "the writer's driver says no UUID of its GPU, as in containers that hide it, so it cannot be seen whether that is the same".into();
     }
     if used.name.contains("MIG") {
         return format!(
@@ -126,7 +151,7 @@ fn why_not_same(found: &[Found], used: &Found, offer: &GpuOffer) -> String {
         .map(|device| format!("{} {}", device.name, hex(&device.uuid)))
         .collect();
     format!(
-        "the simulator draws on GPU {theirs}, and CUDA has {}; start it with `simd --adapter` and the UUID of one of these, or let CUDA see that GPU",
+        "its writer is on GPU {theirs}, and CUDA has {}; let CUDA see that GPU (CUDA_VISIBLE_DEVICES), or start the simulator with `simd --adapter` and the UUID of one of these",
         known.join(", ")
     )
 }

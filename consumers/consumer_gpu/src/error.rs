@@ -1,16 +1,38 @@
 //! What can go wrong, as sentences.
 
-use schema_bus::BusError;
+use schema_bus::{BusError, LoanError};
 
-/// Why frames cannot be had on a GPU.
+/// Why samples cannot be had or published on a GPU.
 #[derive(Debug, thiserror::Error)]
 pub enum GpuError {
     /// The bus failed.
     #[error(transparent)]
     Bus(#[from] BusError),
+    /// No slot can be loaned.
+    #[error(transparent)]
+    Loan(#[from] LoanError),
+    /// The device has too little memory.
+    #[error(
+        "no room on the GPU for {n_slots} results of {topic:?}, {need} MiB: {free} of {all} MiB are free; ask for fewer gpu_readers, buffered or borrowed results, or send smaller ones",
+        need = mebibytes((*.n_slots as u64).saturating_mul(*.slot_bytes)),
+        free = .free_bytes >> 20,
+        all = .all_bytes >> 20
+    )]
+    Room {
+        /// The topic.
+        topic: String,
+        /// Slots of it.
+        n_slots: usize,
+        /// Bytes of each.
+        slot_bytes: u64,
+        /// Bytes that are free.
+        free_bytes: u64,
+        /// All bytes that the device has.
+        all_bytes: u64,
+    },
     /// There is no CUDA on this machine.
     #[error(
-        "CUDA cannot be used here: {0}; read the topic without a device, or install NVIDIA's driver and give the container its GPU"
+        "CUDA cannot be used here: {0}; leave the device out, or install NVIDIA's driver and give the container its GPU"
     )]
     NoCuda(String),
     /// A call of CUDA failed.
@@ -29,4 +51,9 @@ pub enum GpuError {
         /// Why, as a clause.
         fault: String,
     },
+}
+
+/// `n` bytes as MiB, rounded up.
+fn mebibytes(n: u64) -> u64 {
+    n.div_ceil(1 << 20)
 }

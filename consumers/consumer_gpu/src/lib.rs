@@ -1,10 +1,10 @@
-//! Frames on the GPU on which they were made: the simulator's memory imported into CUDA, or, of a
-//! software adapter, mapped. Nothing is copied, and a frame's slot stays the reader's until the
-//! work that it gave to the GPU is done.
+//! Frames and results on the GPU on which they were made: the writer's memory imported into CUDA,
+//! or, of a software adapter, mapped. Nothing is copied, and a sample's slot stays the reader's until
+//! the work that it gave to the GPU is done. [`GpuPublisher`] is the writing end of results.
 //!
-//! CUDA's driver is looked for when it is first used; programs start without it. Where the
-//! simulator draws on another GPU than CUDA computes on, [`GpuTopic`] reads the topic from shared
-//! memory and uploads it through page-locked memory, and [`GpuTopic::fallback`] says why.
+//! CUDA's driver is looked for when it is first used; programs start without it. Where the writer
+//! is on another GPU than CUDA computes on, [`GpuTopic`] and [`GpuResults`] read the topic from
+//! shared memory and upload it through page-locked memory, and [`Topic::fallback`] says why.
 //!
 //! | Modules, in reading order | What they hold |
 //! |---|---|
@@ -12,9 +12,13 @@
 //! | `cuda`, `mapping` | memory of another process in CUDA, and as bytes |
 //! | `device` | which GPU, and whether it is the simulator's |
 //! | `release` | slots that go back once the GPU is done with them |
+//! | `shared`, `stream` | memory of CUDA that processes share, and copies within the device |
 //! | `upload` | the way over page-locked memory |
-//! | `topic` | a topic's frames, whichever way they come |
+//! | `memory` | memory of writers as this process has it |
+//! | `port`, `sample` | the ways that samples come, and a sample that came |
+//! | `kinds`, `topic` | a topic of frames or results, whichever way they come |
 //! | `watch` | when to look whether they still come that way |
+//! | `publisher` | results that are written on the device |
 //!
 //! ```no_run
 //! use consumer_gpu::{Device, GpuTopic};
@@ -37,12 +41,23 @@
 mod cuda;
 mod device;
 mod error;
+mod kinds;
 mod mapping;
+mod memory;
+mod port;
+mod publisher;
 mod release;
+mod sample;
+mod shared;
+mod stream;
 mod topic;
 mod upload;
 mod watch;
 
+pub use cuda::device_of;
 pub use device::Device;
 pub use error::GpuError;
-pub use topic::{FrameOnGpu, GpuTopic};
+pub use kinds::{Frames, Kind, Results};
+pub use publisher::{Body, GpuLoan, GpuPublisher, SlotMemory};
+pub use sample::{FrameOnGpu, OnGpu, ResultOnGpu};
+pub use topic::{GpuResults, GpuTopic, Topic};

@@ -23,8 +23,8 @@ impl<T> Releases<T> {
         self.0.lock().push_back((event, held));
     }
 
-    /// Drops what the GPU is done with.
-    pub fn sweep(&self) {
+    /// Drops what the GPU is done with; returns whether that was anything.
+    pub fn sweep(&self) -> bool {
         let mut over = Vec::new();
         let mut waiting = self.0.lock();
         while let Some((event, _)) = waiting.front() {
@@ -34,6 +34,12 @@ impl<T> Releases<T> {
             over.extend(waiting.pop_front());
         }
         drop(waiting);
+        !over.is_empty()
+    }
+
+    /// Drops what the GPU is done with, or waits for the oldest; `false` if nothing waits.
+    pub fn make_room(&self) -> bool {
+        self.sweep() || self.wait_for_one()
     }
 
     /// Waits for the oldest, and drops it; `false` if nothing waits.

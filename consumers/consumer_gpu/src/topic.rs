@@ -1,128 +1,61 @@
-//! A topic's frames on a GPU, whichever way they come there.
+//! A topic's samples on a GPU, whichever way they come there.
 
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use schema_bus::{
-    Answerable, Answered, Bus, BusError, Frame, FrameReader, GpuFrame, GpuFrameReader, GpuOffer,
-    Listener, ReaderCounts, names,
-};
-use schema_frames::{FrameHeader, Modality};
+use schema_bus::{Bus, BusError, GpuOffer, Listener, ReaderCounts, names};
+use schema_frames::ResultType;
 
-use crate::cuda::{Cuda, Imported, Staged};
 use crate::device::{Device, Way, find_way};
 use crate::error::GpuError;
-use crate::mapping::Mapping;
-use crate::release::Releases;
-use crate::upload::Uploads;
+use crate::kinds::{Frames, Kind, Results, Which};
+use crate::port::{Opened, Port, Taken, told};
+use crate::sample::{Held, OnGpu};
 use crate::watch::{LOOK, Watch};
 
-/// Memories of the writer that stay imported: the one in use, and that of the writer before it,
-/// whose frames may still be held.
-const MAX_KEPT: usize = 2;
-
-/// The reading end of a topic on a GPU. It follows the topic when another process writes it: frames
-/// stay on the GPU if that process draws on the same one, and are uploaded otherwise.
+/// The reading end of a topic on a GPU. It follows the topic when another process writes it: samples
+/// stay on the GPU if that process has them on the same one, and are uploaded otherwise.
 #[derive(Debug)]
-pub struct GpuTopic {
+pub struct Topic<K: Kind> {
     topic: String,
-    /// The device, by its number once it is known: frames never change it.
+    /// The device, by its number once it is known: samples never change it.
     wish: Device,
-    opened: Opened,
+    opened: Opened<K>,
     listener: Listener,
     watch: Watch,
-    /// Port that wrote the last frame that was uploaded.
+    /// Port that wrote the last sample that was uploaded.
     writer: Option<u128>,
-    /// Epoch, tick and number of the last frame.
+    /// Epoch, tick and number of the last sample.
     last: Option<(u64, u64, u64)>,
-    /// Whether no frame came yet the way that they come now.
+    /// Whether no sample came yet the way that they come now.
     is_switched: bool,
     has_moved: bool,
     /// Counters of the ports before this one.
     counts_before: ReaderCounts,
 }
 
-/// A way that frames come.
-#[derive(Debug)]
-struct Opened {
-    port: Port,
-    device: Option<Arc<Cuda>>,
-    /// Name of the event that announces its frames.
-    event: String,
-    fallback: Option<String>,
-}
+/// The reading end of a topic of frames on a GPU.
+pub type GpuTopic = Topic<Frames>;
+/// The reading end of a topic of results on a GPU.
+pub type GpuResults = Topic<Results>;
 
-/// What a look at a port found.
-enum Taken {
-    Frame(FrameOnGpu),
-    Nothing,
-    /// A frame on another GPU.
-    Elsewhere,
-}
-
-#[derive(Debug)]
-enum Port {
-    OnGpu {
-        reader: GpuFrameReader,
-        memories: Vec<(u64, Arc<Memory>)>,
-        releases: Arc<Releases<GpuFrame>>,
-    },
-    Uploaded {
-        reader: FrameReader,
-        uploads: Arc<Uploads>,
-        releases: Arc<Releases<GivesBack>>,
-    },
-}
-
-/// Memory of the writer as this process has it.
-#[derive(Debug)]
-enum Memory {
-    Imported(Imported),
-    Mapped(Mapping),
-}
-
-impl Memory {
-    fn address(&self) -> u64 {
-        match self {
-            Memory::Imported(imported) => imported.address,
-            Memory::Mapped(mapping) => mapping.address(),
-        }
-    }
-}
-
-/// Memory of an upload, which goes back when this is dropped.
-#[derive(Debug)]
-struct GivesBack {
-    staged: Option<Staged>,
-    uploads: Arc<Uploads>,
-}
-
-impl Drop for GivesBack {
-    fn drop(&mut self) {
-        if let Some(staged) = self.staged.take() {
-            self.uploads.give_back(staged);
-        }
-    }
-}
-
-impl GpuTopic {
-    /// Opens `topic` (`ego/front/rgb`) on a device. Where its frames are not made on that device,
-    /// they are uploaded to it, and [`GpuTopic::fallback`] says why.
+impl<K: Kind> Topic<K> {
+    /// Opens `topic` (`ego/front/rgb`) on a device. Where its samples are not made on that device,
+    /// they are uploaded to it, and [`Topic::fallback`] says why.
     ///
     /// # Errors
     /// [`GpuError::NoCuda`], [`GpuError::Memory`] if the device cannot be used, those of
-    /// [`Bus::frame_reader`].
-    pub fn open(bus: &Bus, topic: &str, device: Device) -> Result<GpuTopic, GpuError> {
+    /// [`Bus::frame_reader`] or [`Bus::result_reader`].
+    pub fn open(bus: &Bus, topic: &str, device: Device) -> Result<Topic<K>, GpuError> {
         let topic = names::host_topic(topic);
-        let offered = bus.gpu_offer(topic);
         // Without the topic there is nothing to fall back to.
-        if offered.is_err() && !bus.exists(topic) {
-            bus.frame_reader(topic)?;
+        if !bus.exists(topic) {
+            K::open_host(bus, topic)?;
         }
+        let offered = bus.gpu_offer(topic);
         let way = find_way(topic, device, told(&offered))?;
         let opened = Opened::open(bus, topic, way, &offered)?;
         let number = opened.device.as_ref().map(|device| device.ordinal);
-        Ok(GpuTopic {
+        Ok(Topic {
             topic: topic.to_owned(),
             wish: number.map_or(device, Device::CudaNumber),
             listener: bus.listener(&opened.event)?,
@@ -136,18 +69,18 @@ impl GpuTopic {
         })
     }
 
-    /// Why frames are uploaded instead of staying on the GPU; `None` if they stay. That changes when
-    /// a process on another GPU writes the topic.
+    /// Why samples are uploaded instead of staying on the GPU; `None` if they stay. That changes
+    /// when a process on another GPU writes the topic.
     pub fn fallback(&self) -> Option<&str> {
         self.opened.fallback.as_deref()
     }
 
-    /// Number of CUDA's device; `None` if frames are mapped.
+    /// Number of CUDA's device; `None` if samples are mapped.
     pub fn device(&self) -> Option<i32> {
         self.opened.device.as_ref().map(|device| device.ordinal)
     }
 
-    /// Name of the event that announces its frames. Whoever waits for it looks at least twice a
+    /// Name of the event that announces its samples. Whoever waits for it looks at least twice a
     /// second all the same, because a writer that ends announces nothing.
     pub fn event(&self) -> &str {
         &self.opened.event
@@ -158,32 +91,32 @@ impl GpuTopic {
         std::mem::take(&mut self.has_moved)
     }
 
-    /// Takes the oldest frame that waits, if any.
+    /// Takes the oldest sample that waits, if any.
     ///
     /// # Errors
-    /// As [`FrameReader::next`], [`GpuError::Cuda`].
-    pub fn next(&mut self, bus: &Bus) -> Result<Option<FrameOnGpu>, GpuError> {
-        self.take(bus, false)
+    /// As [`schema_bus::FrameReader::next`], [`GpuError::Cuda`].
+    pub fn next(&mut self, bus: &Bus) -> Result<Option<OnGpu<K>>, GpuError> {
+        self.take(bus, Which::Oldest)
     }
 
-    /// Takes the newest frame that waits, if any.
+    /// Takes the newest sample that waits, if any.
     ///
     /// # Errors
-    /// As [`GpuTopic::next`].
-    pub fn latest(&mut self, bus: &Bus) -> Result<Option<FrameOnGpu>, GpuError> {
-        self.take(bus, true)
+    /// As [`Topic::next`].
+    pub fn latest(&mut self, bus: &Bus) -> Result<Option<OnGpu<K>>, GpuError> {
+        self.take(bus, Which::Newest)
     }
 
-    /// Waits for the newest frame, at most `timeout`.
+    /// Waits for the newest sample, at most `timeout`.
     ///
     /// # Errors
-    /// As [`GpuTopic::next`].
-    pub fn wait(&mut self, bus: &Bus, timeout: Duration) -> Result<Option<FrameOnGpu>, GpuError> {
+    /// As [`Topic::next`].
+    pub fn wait(&mut self, bus: &Bus, timeout: Duration) -> Result<Option<OnGpu<K>>, GpuError> {
         let deadline = Instant::now() + timeout;
         loop {
             self.listener.drain()?;
-            if let Some(frame) = self.latest(bus)? {
-                return Ok(Some(frame));
+            if let Some(sample) = self.latest(bus)? {
+                return Ok(Some(sample));
             }
             let rest = deadline.saturating_duration_since(Instant::now());
             if rest.is_zero() {
@@ -195,7 +128,7 @@ impl GpuTopic {
 
     /// Counters since it was opened.
     pub fn counts(&self) -> ReaderCounts {
-        let (now, before) = (self.opened.port.counts(), self.counts_before);
+        let (now, before) = (self.opened.port.state().0, self.counts_before);
         ReaderCounts {
             taken: now.taken + before.taken,
             skipped: now.skipped + before.skipped,
@@ -207,19 +140,16 @@ impl GpuTopic {
 
     /// Whether a process writes it now.
     pub fn has_writer(&self) -> bool {
-        match &self.opened.port {
-            Port::OnGpu { reader, .. } => reader.has_writer(),
-            Port::Uploaded { reader, .. } => reader.has_writer(),
-        }
+        self.opened.port.state().1
     }
 
-    fn take(&mut self, bus: &Bus, newest: bool) -> Result<Option<FrameOnGpu>, GpuError> {
+    fn take(&mut self, bus: &Bus, which: Which) -> Result<Option<OnGpu<K>>, GpuError> {
         loop {
-            match self.opened.take(bus, newest)? {
-                Taken::Frame(frame) => {
-                    self.follow_writer(bus, &frame);
-                    if self.is_next(frame.header()) {
-                        return Ok(Some(frame));
+            match self.opened.take(bus, which)? {
+                Taken::Sample(sample) => {
+                    self.follow_writer(bus, &sample);
+                    if self.is_next(K::moment(sample.sample())) {
+                        return Ok(Some(sample));
                     }
                 }
                 Taken::Elsewhere => {
@@ -236,11 +166,8 @@ impl GpuTopic {
         }
     }
 
-    /// Whether a frame is not one that came another way already; takes note of it then.
-    fn is_next(&mut self, header: &FrameHeader) -> bool {
-        let FrameHeader {
-            epoch, tick, seq, ..
-        } = *header;
+    /// Whether a sample is not one that came another way already; takes note of it then.
+    fn is_next(&mut self, moment @ (epoch, tick, seq): (u64, u64, u64)) -> bool {
         if self.is_switched
             && let Some((_, last_tick, last_seq)) = self.last.filter(|last| last.0 == epoch)
         {
@@ -250,7 +177,7 @@ impl GpuTopic {
             self.counts_before.lost += seq.saturating_sub(last_seq + 1);
         }
         self.is_switched = false;
-        self.last = Some((epoch, tick, seq));
+        self.last = Some(moment);
         true
     }
 
@@ -283,13 +210,14 @@ impl GpuTopic {
         Ok(())
     }
 
-    /// Looks, when frames are uploaded that another process has written than those before, whether
+    /// Looks, when samples are uploaded that another process has written than those before, whether
     /// they can stay on the GPU.
-    fn follow_writer(&mut self, bus: &Bus, frame: &FrameOnGpu) {
-        let Held::Upload { about, .. } = &frame.held else {
+    fn follow_writer(&mut self, bus: &Bus, sample: &OnGpu<K>) {
+        let Held::Upload { about, .. } = &sample.held else {
             return;
         };
-        if self.writer.replace(about.writer) == Some(about.writer) {
+        let writer = K::writer(about);
+        if self.writer.replace(writer) == Some(writer) {
             return;
         }
         match self.find_way(bus) {
@@ -329,348 +257,12 @@ impl GpuTopic {
     }
 }
 
-/// An offer, or the sentence of why there is none.
-fn told(offered: &Result<GpuOffer, BusError>) -> Result<&GpuOffer, String> {
-    offered.as_ref().map_err(ToString::to_string)
-}
-
-impl Port {
-    fn counts(&self) -> ReaderCounts {
-        match self {
-            Port::OnGpu { reader, .. } => reader.counts(),
-            Port::Uploaded { reader, .. } => reader.counts(),
-        }
-    }
-}
-
-impl Opened {
-    fn open(
-        bus: &Bus,
-        topic: &str,
-        way: Way,
-        offered: &Result<GpuOffer, BusError>,
-    ) -> Result<Opened, GpuError> {
-        let on_gpu = |device| -> Result<Opened, GpuError> {
-            let offer = told(offered).map_err(|fault| GpuError::Memory {
-                topic: topic.into(),
-                fault,
-            })?;
-            Ok(Opened {
-                port: Port::OnGpu {
-                    reader: bus.gpu_reader(topic, offer)?,
-                    memories: Vec::new(),
-                    releases: Releases::new(),
-                },
-                device,
-                event: names::gpu_topic(topic),
-                fallback: None,
-            })
-        };
-        match way {
-            Way::Imported(cuda) => on_gpu(Some(cuda)),
-            Way::Mapped => on_gpu(None),
-            Way::Uploaded(cuda, why) => Ok(Opened {
-                port: Port::Uploaded {
-                    reader: bus.frame_reader(topic)?,
-                    uploads: Uploads::new(cuda.clone()),
-                    releases: Releases::new(),
-                },
-                device: Some(cuda),
-                event: topic.to_owned(),
-                fallback: Some(why),
-            }),
-        }
-    }
-
-    fn take(&mut self, bus: &Bus, newest: bool) -> Result<Taken, GpuError> {
-        match &mut self.port {
-            Port::OnGpu {
-                reader,
-                memories,
-                releases,
-            } => {
-                releases.sweep();
-                loop {
-                    let taken = if newest {
-                        reader.latest()
-                    } else {
-                        reader.next()
-                    };
-                    let frame = match taken {
-                        // Frames that only wait for the GPU make room.
-                        Err(BusError::BorrowLimit { .. }) if releases.wait_for_one() => continue,
-                        taken => taken?,
-                    };
-                    let Some(frame) = frame else {
-                        return Ok(Taken::Nothing);
-                    };
-                    let memory = match memory_of(bus, &frame, memories, self.device.as_ref())? {
-                        Found::Here(memory) => memory,
-                        Found::Elsewhere => return Ok(Taken::Elsewhere),
-                        Found::Gone => {
-                            reader.forget_last();
-                            continue;
-                        }
-                    };
-                    return Ok(Taken::Frame(FrameOnGpu {
-                        address: memory.address() + frame.place().offset_bytes,
-                        device: self.device.clone(),
-                        stream: std::sync::atomic::AtomicU64::new(0),
-                        held: Held::Slot {
-                            frame: Some(frame),
-                            _memory: memory,
-                            releases: releases.clone(),
-                        },
-                    }));
-                }
-            }
-            Port::Uploaded {
-                reader,
-                uploads,
-                releases,
-            } => {
-                releases.sweep();
-                let frame = if newest {
-                    reader.latest()?
-                } else {
-                    reader.next()?
-                };
-                let Some(frame) = frame else {
-                    return Ok(Taken::Nothing);
-                };
-                let staged = uploads.upload(&frame)?;
-                Ok(Taken::Frame(FrameOnGpu {
-                    address: staged.address,
-                    device: self.device.clone(),
-                    stream: std::sync::atomic::AtomicU64::new(0),
-                    held: Held::Upload {
-                        about: Box::new(About::of(&frame)),
-                        staged: Some(GivesBack {
-                            staged: Some(staged),
-                            uploads: uploads.clone(),
-                        }),
-                        releases: releases.clone(),
-                    },
-                }))
-            }
-        }
-    }
-}
-
-/// Where the memory of a frame is.
-enum Found {
-    Here(Arc<Memory>),
-    /// On another GPU than the reader's.
-    Elsewhere,
-    /// Its writer has ended, so that the frame cannot be reached any more.
-    Gone,
-}
-
-/// The memory that a frame is in, which is asked for when it is first met.
-fn memory_of(
-    bus: &Bus,
-    frame: &GpuFrame,
-    memories: &mut Vec<(u64, Arc<Memory>)>,
-    device: Option<&Arc<Cuda>>,
-) -> Result<Found, GpuError> {
-    let generation = frame.place().generation;
-    if let Some((_, memory)) = memories.iter().find(|(known, _)| *known == generation) {
-        return Ok(Found::Here(memory.clone()));
-    }
-    let memory = match bus.gpu_memory(frame) {
-        Ok(memory) => memory,
-        Err(BusError::GpuMemory { topic, fault }) => {
-            return Err(GpuError::Memory { topic, fault });
-        }
-        Err(error) => {
-            tracing::debug!(topic = frame.topic(), %error, "a frame's memory is gone");
-            return Ok(Found::Gone);
-        }
-    };
-    let is_here = match device {
-        Some(cuda) => cuda.uuid == memory.device_uuid,
-        None => memory.is_mappable,
-    };
-    if !is_here {
-        return Ok(Found::Elsewhere);
-    }
-    let memory = match device {
-        Some(cuda) => Memory::Imported(cuda.import(frame.topic(), memory)?),
-        None => {
-            let mapped = Mapping::new(&memory.descriptor, memory.n_bytes);
-            Memory::Mapped(mapped.map_err(|fault| GpuError::Memory {
-                topic: frame.topic().into(),
-                fault,
-            })?)
-        }
-    };
-    let memory = Arc::new(memory);
-    if memories.len() >= MAX_KEPT {
-        memories.remove(0);
-    }
-    memories.push((generation, memory.clone()));
-    Ok(Found::Here(memory))
-}
-
-/// A frame on a GPU. Its memory stays as it is until this is dropped and the GPU has done what it
-/// was given until then.
-#[derive(Debug)]
-pub struct FrameOnGpu {
-    address: u64,
-    device: Option<Arc<Cuda>>,
-    /// A stream that reads it, for drivers that cannot wait for all.
-    stream: std::sync::atomic::AtomicU64,
-    held: Held,
-}
-
-#[derive(Debug)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "nearly all are slots, and a box would be one more allocation after waking"
-)]
-enum Held {
-    Slot {
-        frame: Option<GpuFrame>,
-        _memory: Arc<Memory>,
-        releases: Arc<Releases<GpuFrame>>,
-    },
-    Upload {
-        about: Box<About>,
-        staged: Option<GivesBack>,
-        releases: Arc<Releases<GivesBack>>,
-    },
-}
-
-/// What a frame says of itself.
-#[derive(Debug)]
-struct About {
-    header: FrameHeader,
-    modality: Modality,
-    topic: String,
-    taken: schema_types::MonoTime,
-    answered: Answered,
-    /// Port that wrote it.
-    writer: u128,
-}
-
-impl About {
-    fn of(frame: &Frame) -> About {
-        About {
-            header: *frame.header(),
-            modality: frame.modality(),
-            topic: frame.topic().to_owned(),
-            taken: frame.taken(),
-            answered: frame.answered(),
-            writer: frame.writer(),
-        }
-    }
-}
-
-impl FrameOnGpu {
-    fn slot(&self) -> Result<&GpuFrame, &About> {
-        match &self.held {
-            Held::Slot { frame, .. } => Ok(frame.as_ref().expect("taken out by drop only")),
-            Held::Upload { about, .. } => Err(about),
-        }
-    }
-
-    /// Address of its first byte: on the device, or, if it is mapped, in this process.
-    pub fn address(&self) -> u64 {
-        self.address
-    }
-
-    /// Bytes of its payload.
-    pub fn n_bytes(&self) -> usize {
-        self.header().payload_bytes as usize
-    }
-
-    /// Number of CUDA's device; `None` if it is mapped.
-    pub fn device(&self) -> Option<i32> {
-        self.device.as_ref().map(|device| device.ordinal)
-    }
-
-    /// The header, checked.
-    pub fn header(&self) -> &FrameHeader {
-        self.slot()
-            .map_or_else(|about| &about.header, GpuFrame::header)
-    }
-
-    /// The modality of the payload.
-    pub fn modality(&self) -> Modality {
-        self.slot()
-            .map_or_else(|about| about.modality, GpuFrame::modality)
-    }
-
-    /// Its topic without the domain.
-    pub fn topic(&self) -> &str {
-        self.slot()
-            .map_or_else(|about| about.topic.as_str(), GpuFrame::topic)
-    }
-
-    /// When this reader took it.
-    pub fn taken(&self) -> schema_types::MonoTime {
-        self.slot()
-            .map_or_else(|about| about.taken, GpuFrame::taken)
-    }
-
-    /// Says that a stream of CUDA, by its address, reads it. Needed for drivers before 12.5 only:
-    /// later ones wait for all streams.
-    pub fn is_read_by(&self, stream: u64) {
-        self.stream
-            .store(stream, std::sync::atomic::Ordering::Relaxed);
-    }
-
-    /// A copy of its bytes.
-    ///
-    /// # Errors
-    /// [`GpuError::Cuda`].
-    pub fn to_bytes(&self) -> Result<Vec<u8>, GpuError> {
-        let mut bytes = vec![0; self.n_bytes()];
-        match &self.device {
-            // SAFETY: the payload lies in memory that this value keeps (checked when it was taken).
-            Some(cuda) => unsafe { cuda.read(self.address, &mut bytes)? },
-            // SAFETY: as above; it is mapped for reading.
-            None => unsafe {
-                std::ptr::copy_nonoverlapping(
-                    self.address as *const u8,
-                    bytes.as_mut_ptr(),
-                    bytes.len(),
-                );
-            },
-        }
-        Ok(bytes)
-    }
-}
-
-impl Answerable for FrameOnGpu {
-    fn answered(&self) -> Answered {
-        self.slot()
-            .map_or_else(|about| about.answered, Answerable::answered)
-    }
-}
-
-impl Drop for FrameOnGpu {
-    fn drop(&mut self) {
-        let Some(cuda) = &self.device else {
-            return;
-        };
-        let stream = *self.stream.get_mut();
-        let event = cuda.now(stream);
-        match &mut self.held {
-            Held::Slot {
-                frame, releases, ..
-            } => {
-                if let (Ok(event), Some(frame)) = (event, frame.take()) {
-                    releases.push(event, frame);
-                }
-            }
-            Held::Upload {
-                staged, releases, ..
-            } => {
-                if let (Ok(event), Some(staged)) = (event, staged.take()) {
-                    releases.push(event, staged);
-                }
-            }
+impl Topic<Results> {
+    /// Type of its results.
+    pub fn kind(&self) -> ResultType {
+        match &self.opened.port {
+            Port::OnGpu { reader, .. } => reader.kind(),
+            Port::Uploaded { reader, .. } => reader.kind(),
         }
     }
 }

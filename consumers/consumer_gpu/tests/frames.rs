@@ -9,7 +9,7 @@ use std::path::Path;
 
 use common::{RIG, on_gpu, start, take};
 use consumer_gpu::{Device, GpuTopic};
-use schema_bus::{Bus, Frame, FrameReader};
+use schema_bus::{Bus, Frame, FrameReader, GpuSample as _};
 use schema_frames::{FrameHeader, GpuAnswer, Modality};
 use test_kit::client::{assert_nothing_left, counter, join_bus, reader, step};
 use test_kit::{Sandbox, eventually};

@@ -65,9 +65,32 @@ def ways(arguments):
 
     print(f"\n{arguments.topic}, {arguments.frames} frames, p50 / p99 in µs since published\n")
     print(f"| {'way':34} | {'taken':16} | {'tensor in hand':16} | {'first result':16} |\n|---|---|---|---|")
-    measure("on the GPU", arguments, "cuda", torch.from_dlpack)
+    measure("on the GPU, frame.torch()", arguments, "cuda", lambda frame: frame.torch())
+    measure("on the GPU, torch.from_dlpack", arguments, "cuda", torch.from_dlpack)
     measure("shared memory, .to(cuda)", arguments, None, lambda frame: torch.from_dlpack(frame).to(device))
     measure("shared memory, pinned, .to(cuda)", arguments, None, through_pinned)
+
+
+def parts(arguments):
+    """Where the time between publishing and a tensor goes, and what giving the frame back costs."""
+    import torch
+
+    for name, to_tensor in (("frame.torch()", lambda frame: frame.torch()), ("torch.from_dlpack", torch.from_dlpack)):
+        times = []
+        with gantry.open(arguments.topic, domain=arguments.domain, device="cuda") as topic:
+            for n in range(arguments.frames + 20):
+                frame = topic.latest(timeout=10)
+                back = time.monotonic_ns()
+                published, taken = frame.published_mono_nanos, frame.taken_mono_nanos
+                begin = time.monotonic_ns()
+                tensor = to_tensor(frame)
+                in_hand = time.monotonic_ns()
+                del tensor, frame
+                released = time.monotonic_ns()
+                if n >= 20:
+                    times.append((taken - published, back - taken, in_hand - begin, released - in_hand))
+        wake, back, tensor, release = (statistics.median(part) / 1e3 for part in zip(*times))
+        print(f"p50 µs: wake {wake:.0f}, back in Python {back:.0f}, {name} {tensor:.0f}, release {release:.0f}", flush=True)
 
 
 def network(arguments):
@@ -120,6 +143,7 @@ def main():
     parser.add_argument("--kills", type=int, default=0)
     arguments = parser.parse_args()
     ways(arguments)
+    parts(arguments)
     if arguments.cameras:
         network(arguments)
     if arguments.kills:

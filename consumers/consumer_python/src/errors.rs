@@ -1,5 +1,6 @@
 //! Errors of the bus as the exceptions of `gantry._errors`, in Python's words.
 
+use consumer_gpu::GpuError;
 use consumer_kit::LockstepError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -143,6 +144,15 @@ pub fn command(cause: CommandError) -> PyErr {
 pub fn lockstep(cause: LockstepError) -> PyErr {
     match cause {
         LockstepError::Bus(cause) => bus(cause),
+        other => gantry(other.to_string()),
+    }
+}
+
+/// An error of a GPU.
+pub fn gpu(cause: GpuError) -> PyErr {
+    match cause {
+        GpuError::Bus(cause) => bus(cause),
+        GpuError::Loan(cause) => loan(cause),
         other => gantry(other.to_string()),
     }
 }

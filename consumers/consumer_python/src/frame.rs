@@ -20,7 +20,7 @@ use consumer_gpu::FrameOnGpu;
 use schema_bus::{Answerable, Frame};
 use schema_frames::{FrameHeader, Modality};
 
-use crate::dlpack;
+use crate::dlpack::{Array, stream_address, torch_from};
 use crate::elements::element;
 use crate::errors;
 use crate::fork::Owned;
@@ -151,12 +151,7 @@ impl Blank {
     }
 
     /// Makes it a frame on a GPU.
-    pub fn fill_on_gpu(
-        self,
-        py: Python<'_>,
-        frame: FrameOnGpu,
-        place: &Arc<Place>,
-    ) -> PyResult<Py<PyAny>> {
+    pub fn fill_on_gpu(self, frame: FrameOnGpu, place: &Arc<Place>) -> Py<PyAny> {
         let facts = Facts {
             header: *frame.header(),
             taken: frame.taken().0,
@@ -171,8 +166,7 @@ impl Blank {
         let is_new =
             self.keeper.get().held.set(held).is_ok() && self.frame.get().facts.set(facts).is_ok();
         assert!(is_new, "a blank is filled once, because that consumes it");
-        let _ = py;
-        Ok(self.frame.into_any())
+        self.frame.into_any()
     }
 
     fn finish(self, py: Python<'_>, facts: Facts, held: Held) -> PyResult<(Py<PyAny>, Like)> {
@@ -295,7 +289,10 @@ impl Sample {
     /// of its elements and 1.
     #[getter]
     fn size(&self) -> (u32, u32) {
-        (self.facts().header.width, self.facts().header.image_height())
+        (
+            self.facts().header.width,
+            self.facts().header.image_height(),
+        )
     }
 
     /// Number of images of a frame of a batch of cameras; 0 for a frame of a single sensor.
@@ -317,7 +314,7 @@ impl Sample {
 
     /// Sizes of the tensor of a frame on a GPU, slowest dimension first; None in shared memory.
     fn device_shape(&self) -> Option<Vec<i64>> {
-        Some(dlpack::shape(self.on_gpu()?).0)
+        Some(Array::of_frame(self.on_gpu()?).sizes().to_vec())
     }
 
     /// A DLPack capsule of a frame on a GPU; None in shared memory.
@@ -326,24 +323,35 @@ impl Sample {
         py: Python<'py>,
         stream: Option<i64>,
     ) -> PyResult<Option<Bound<'py, PyAny>>> {
-        let capsule = |frame| dlpack::capsule(py, frame, stream);
-        self.on_gpu().map(capsule).transpose()
+        let Some(frame) = self.on_gpu() else {
+            return Ok(None);
+        };
+        frame.is_read_by(stream_address(stream)?);
+        Array::of_frame(frame).capsule(py, frame.clone()).map(Some)
     }
 
     /// DLPack's kind and number of the device; None in shared memory.
     fn device_number(&self) -> Option<(i32, i32)> {
-        self.on_gpu().map(|frame| dlpack::device(frame))
+        self.on_gpu().map(|frame| Array::of_frame(frame).device())
     }
 
     /// Address, sizes, strides in bytes and numpy's type of a frame on a device of CUDA.
-    fn device_interface(&self) -> Option<(u64, Vec<i64>, Vec<i64>, &'static str)> {
-        let frame = self.on_gpu().filter(|frame| frame.device().is_some())?;
-        Some((
-            frame.address(),
-            dlpack::shape(frame).0,
-            dlpack::byte_strides(frame),
-            dlpack::type_text(frame.modality()),
-        ))
+    fn device_interface(&self) -> Option<(u64, Vec<i64>, Vec<i64>, String)> {
+        Array::of_frame(self.on_gpu()?).interface()
+    }
+
+    /// Returns the frame as a tensor of torch, without a copy.
+    ///
+    /// On a GPU it is in hand much sooner than by `torch.from_dlpack`: the bytes were complete
+    /// before the frame was sent, so torch need not look for streams that it would have to wait for.
+    /// Lists are bytes (n, element bytes). The tensor keeps the frame's memory; do not write to it.
+    fn torch(slf: &Bound<'_, Self>) -> PyResult<Py<PyAny>> {
+        match slf.get().on_gpu() {
+            Some(frame) if frame.waits_for_all_streams() => {
+                Array::of_frame(frame).torch(slf.py(), frame.clone())
+            }
+            _ => torch_from(slf.py(), slf),
+        }
     }
 
     /// A copy of the bytes of a frame on a GPU; None in shared memory.
@@ -352,7 +360,7 @@ impl Sample {
             return Ok(None);
         };
         let bytes = py.detach(|| frame.to_bytes());
-        let bytes = bytes.map_err(|error| errors::gantry(error.to_string()))?;
+        let bytes = bytes.map_err(errors::gpu)?;
         Ok(Some(PyBytes::new(py, &bytes)))
     }
 
@@ -373,7 +381,7 @@ impl Sample {
     fn array(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         if self.on_gpu().is_some() {
             return Err(PyTypeError::new_err(
-                "this frame is on the GPU: use torch.from_dlpack(frame), cupy.from_dlpack(frame) or jax.dlpack.from_dlpack(frame), or frame.copy() for numpy",
+                "this frame is on the GPU: use frame.torch(), cupy.from_dlpack(frame) or jax.dlpack.from_dlpack(frame), or frame.copy() for numpy",
             ));
         }
         let array = self.array.get_or_try_init(py, || {

@@ -10,7 +10,8 @@
 //! child uses nothing and drops nothing of its parent's.
 //!
 //! Modules in reading order: `fork`, `errors`, `place` (a domain), `wait`, `view` (arrays),
-//! `elements`, `dlpack`, `frame`, `topic`, `world`, `lockstep`, `control`, `publish`, `result` and `recording`.
+//! `elements`, `dlpack`, `frame`, `topic`, `world`, `lockstep`, `control`, `result`, `publish`,
+//! `publish_gpu` and `recording`.
 
 #![warn(missing_docs)]
 
@@ -23,6 +24,7 @@ mod frame;
 mod lockstep;
 mod place;
 mod publish;
+mod publish_gpu;
 mod recording;
 mod result;
 mod topic;
@@ -38,6 +40,8 @@ mod _native {
     #[pymodule_export]
     use crate::control::Controls;
     #[pymodule_export]
+    use crate::dlpack::{Foreign, take_capsule, take_interface};
+    #[pymodule_export]
     use crate::elements::set_elements;
     #[pymodule_export]
     use crate::frame::{Sample, sample_from_bytes, set_frame_class};
@@ -51,6 +55,8 @@ mod _native {
     #[pymodule_export]
     use crate::publish::{Loan, Publisher};
     #[pymodule_export]
+    use crate::publish_gpu::{GpuLoan, GpuPublisher};
+    #[pymodule_export]
     use crate::recording::{Cursor, Recording};
     #[pymodule_export]
     use crate::result::{About, Outcome, outcome_from_bytes, set_result_class};
@@ -61,7 +67,7 @@ mod _native {
 
     /// Number of this interface, which the Python half compares with its own.
     #[pymodule_export]
-    const INTERFACE: u32 = 5;
+    const INTERFACE: u32 = 6;
     /// Version of the layouts that this module reads and writes.
     #[pymodule_export]
     const SCHEMA_VERSION: u16 = schema_frames::SCHEMA_VERSION;

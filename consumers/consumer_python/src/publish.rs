@@ -15,7 +15,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use schema_bus::{ResultLoan, ResultPublisher, ResultTopic};
-use schema_frames::{About, ElementType, PixelFormat, ResultType, Space};
+use schema_frames::{About, ElementType, PixelFormat, ResultHeader, ResultType, Space};
 use schema_types::Pose;
 
 use crate::errors;
@@ -84,22 +84,10 @@ impl Publisher {
         borrowed: usize,
     ) -> PyResult<Self> {
         let place = Place::of(domain)?;
-        let kind = ResultType::from_name(kind).ok_or_else(|| {
-            PyValueError::new_err(format!(
-                "{kind:?} is no type of results; it must be one of {}",
-                ResultType::names()
-            ))
-        })?;
-        let about: About = serde_json::from_str(about)
-            .map_err(|error| PyValueError::new_err(format!("the description is wrong: {error}")))?;
-        let usual = ResultTopic::new(kind);
+        let mut spec = spec_of(kind, about)?;
         let or = |wish: usize, usual: usize| if wish == 0 { usual } else { wish };
-        let mut spec = ResultTopic {
-            body_bytes: or(body_bytes, usual.body_bytes),
-            max_loans: or(loans, usual.max_loans) + SPARE_LOANS,
-            about,
-            ..usual
-        };
+        spec.body_bytes = or(body_bytes, spec.body_bytes);
+        spec.max_loans = or(loans, spec.max_loans) + SPARE_LOANS;
         spec.qos.readers = or(readers, spec.qos.readers);
         spec.qos.buffer = or(buffer, spec.qos.buffer);
         spec.qos.borrowed = or(borrowed, spec.qos.borrowed);
@@ -188,6 +176,69 @@ impl Slots {
     }
 }
 
+/// A topic of the named type with its usual capacities; `about` is its description as JSON.
+pub fn spec_of(kind: &str, about: &str) -> PyResult<ResultTopic> {
+    let kind = ResultType::from_name(kind).ok_or_else(|| {
+        PyValueError::new_err(format!(
+            "{kind:?} is no type of results; it must be one of {}",
+            ResultType::names()
+        ))
+    })?;
+    let about: About = serde_json::from_str(about)
+        .map_err(|error| PyValueError::new_err(format!("the description is wrong: {error}")))?;
+    Ok(ResultTopic {
+        about,
+        ..ResultTopic::new(kind)
+    })
+}
+
+/// What a result says besides what its inputs do.
+#[derive(Debug)]
+pub struct Said<'a> {
+    pub tick: Option<u64>,
+    pub sim_nanos: Option<u64>,
+    pub size_px: Option<(u32, u32)>,
+    pub space: Option<&'a str>,
+    pub pose: Option<([f64; 3], [f64; 4])>,
+    pub intrinsics_px: Option<[f64; 4]>,
+}
+
+impl Said<'_> {
+    /// Writes it into a header; what is `None` stays.
+    pub fn put(self, header: &mut ResultHeader) -> PyResult<()> {
+        let names: Vec<&str> = Space::ALL.iter().map(|it| it.name()).collect();
+        let space = self
+            .space
+            .map(|name| named("space", name, Space::from_name(name), &names))
+            .transpose()?;
+        header.tick = self.tick.unwrap_or(header.tick);
+        header.sim_nanos = self.sim_nanos.unwrap_or(header.sim_nanos);
+        (header.width, header.height) = self.size_px.unwrap_or((header.width, header.height));
+        header.space = space.map_or(header.space, |space| space as u32);
+        header.intrinsics_px = self.intrinsics_px.unwrap_or(header.intrinsics_px);
+        if let Some((translation_m, rotation_xyzw)) = self.pose {
+            header.world_from_space = Pose {
+                translation_m,
+                rotation_xyzw,
+            };
+        }
+        Ok(())
+    }
+}
+
+/// The pixel format of this name.
+pub fn format_of(name: &str) -> PyResult<PixelFormat> {
+    let names: Vec<&str> = PixelFormat::ALL.iter().map(|it| it.name()).collect();
+    named("pixel format", name, PixelFormat::from_name(name), &names)
+}
+
+/// The type of elements of this name.
+pub fn element_of(name: &str) -> PyResult<ElementType> {
+    let names: Vec<&str> = ElementType::ALL.iter().map(|it| it.name()).collect();
+    let found = ElementType::from_name(name);
+    named("type of elements", name, found, &names)
+}
+
 impl Loan {
     fn with<T>(&self, act: impl FnOnce(&mut ResultLoan) -> PyResult<T>) -> PyResult<T> {
         fork::check()?;
@@ -209,7 +260,8 @@ fn named<T>(what: &str, name: &str, found: Option<T>, all: &[&str]) -> PyResult<
     })
 }
 
-fn sizes_u32(sizes: &[usize]) -> PyResult<Vec<u32>> {
+/// Sizes as a header has them.
+pub fn sizes_u32(sizes: &[usize]) -> PyResult<Vec<u32>> {
     sizes
         .iter()
         .map(|size| {
@@ -260,9 +312,7 @@ impl Loan {
 
     /// Says that the body is an image in the named format.
     fn set_image(&self, width_px: u32, height_px: u32, format: &str) -> PyResult<()> {
-        let names: Vec<&str> = PixelFormat::ALL.iter().map(|it| it.name()).collect();
-        let found = PixelFormat::from_name(format);
-        let format = named("pixel format", format, found, &names)?;
+        let format = format_of(format)?;
         self.with(|loan| {
             loan.set_image(width_px, height_px, format)
                 .map_err(errors::bus)
@@ -271,9 +321,7 @@ impl Loan {
 
     /// Says that the body is a tensor of the named elements.
     fn set_tensor(&self, element: &str, sizes: Vec<usize>) -> PyResult<()> {
-        let names: Vec<&str> = ElementType::ALL.iter().map(|it| it.name()).collect();
-        let found = ElementType::from_name(element);
-        let element = named("type of elements", element, found, &names)?;
+        let element = element_of(element)?;
         let sizes = sizes_u32(&sizes)?;
         self.with(|loan| loan.set_tensor(element, &sizes).map_err(errors::bus))
     }
@@ -294,25 +342,15 @@ impl Loan {
         pose: Option<([f64; 3], [f64; 4])>,
         intrinsics_px: Option<[f64; 4]>,
     ) -> PyResult<()> {
-        let names: Vec<&str> = Space::ALL.iter().map(|it| it.name()).collect();
-        let space = space
-            .map(|name| named("space", name, Space::from_name(name), &names))
-            .transpose()?;
-        self.with(|loan| {
-            let header = loan.header_mut();
-            header.tick = tick.unwrap_or(header.tick);
-            header.sim_nanos = sim_nanos.unwrap_or(header.sim_nanos);
-            (header.width, header.height) = size_px.unwrap_or((header.width, header.height));
-            header.space = space.map_or(header.space, |space| space as u32);
-            header.intrinsics_px = intrinsics_px.unwrap_or(header.intrinsics_px);
-            if let Some((translation_m, rotation_xyzw)) = pose {
-                header.world_from_space = Pose {
-                    translation_m,
-                    rotation_xyzw,
-                };
-            }
-            Ok(())
-        })
+        let said = Said {
+            tick,
+            sim_nanos,
+            size_px,
+            space,
+            pose,
+            intrinsics_px,
+        };
+        self.with(|loan| said.put(loan.header_mut()))
     }
 
     /// Sends the result. Returns the number of readers that received it.

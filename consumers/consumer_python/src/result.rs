@@ -6,15 +6,17 @@ use std::sync::Arc;
 
 use numpy::{PyArrayDescr, PyArrayDescrMethods as _};
 use parking_lot::Mutex;
-use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBytes, PyString, PyType};
 
+use consumer_gpu::ResultOnGpu;
 use consumer_kit::FollowedDocument;
 use schema_bus::{Answerable, BusError, ResultSample, names};
 use schema_frames::{InputRecord, ResultHeader, ResultType};
 
+use crate::dlpack::{Array, stream_address};
 use crate::errors;
 use crate::fork::{self, Owned};
 use crate::frame::Sample;
@@ -31,6 +33,8 @@ enum Keeper {
     Shared(Mutex<Owned<ResultSample>>, Arc<Place>),
     /// Bytes, for example of a recording.
     Bytes(Py<PyBytes>),
+    /// On a GPU; its port's node must outlive it.
+    OnGpu(Arc<Owned<ResultOnGpu>>, Arc<Place>),
 }
 
 /// The description of a topic of results.
@@ -108,11 +112,45 @@ impl Outcome {
             inputs: sample.inputs().to_vec(),
             keeper: Keeper::Shared(Mutex::new(Owned::new(sample)), place.clone()),
         };
+        outcome.shown(py, topic, about)
+    }
+
+    /// The same for a result on a GPU.
+    pub fn on_gpu(
+        py: Python<'_>,
+        result: ResultOnGpu,
+        topic: &Py<PyString>,
+        about: &Py<About>,
+        place: &Arc<Place>,
+    ) -> PyResult<Py<PyAny>> {
+        let outcome = Outcome {
+            header: *result.header(),
+            kind: result.kind(),
+            // No array shows it.
+            body: Memory {
+                start: std::ptr::null_mut(),
+                len: 0,
+            },
+            inputs: result.inputs().to_vec(),
+            keeper: Keeper::OnGpu(Arc::new(Owned::new(result)), place.clone()),
+        };
+        outcome.shown(py, topic, about)
+    }
+
+    fn shown(self, py: Python<'_>, topic: &Py<PyString>, about: &Py<About>) -> PyResult<Py<PyAny>> {
         let class = CLASS
             .get(py)
             .ok_or_else(|| PyRuntimeError::new_err("import gantry, not gantry._native"))?;
-        let made = class.bind(py).call1((outcome, topic, about))?;
+        let made = class.bind(py).call1((self, topic, about))?;
         Ok(made.unbind())
+    }
+
+    /// The result, if it is on a GPU.
+    fn there(&self) -> Option<&Arc<Owned<ResultOnGpu>>> {
+        match &self.keeper {
+            Keeper::OnGpu(result, _place) => Some(result),
+            _ => None,
+        }
     }
 
     /// Shows the sample as something that can be answered; `false` if it comes from bytes.
@@ -120,6 +158,10 @@ impl Outcome {
         match &self.keeper {
             Keeper::Shared(sample, _place) => {
                 act(&**sample.lock());
+                true
+            }
+            Keeper::OnGpu(result, _place) => {
+                act(&***result);
                 true
             }
             Keeper::Bytes(_bytes) => false,
@@ -162,7 +204,64 @@ impl Outcome {
     /// Bytes of the body.
     #[getter]
     fn body_bytes(&self) -> usize {
-        self.body.len
+        self.header.body_bytes as usize
+    }
+
+    /// Device of the body: `cuda:0` and so on; None for shared memory and bytes.
+    #[getter]
+    fn device(&self) -> Option<String> {
+        let number = self.there()?.device()?;
+        Some(format!("cuda:{number}"))
+    }
+
+    /// Sizes of the array of a result on a GPU, slowest dimension first; None in shared memory.
+    fn device_shape(&self) -> Option<Vec<i64>> {
+        Some(Array::of_result(self.there()?).sizes().to_vec())
+    }
+
+    /// A DLPack capsule of a result on a GPU; None in shared memory.
+    fn device_capsule<'py>(
+        &self,
+        py: Python<'py>,
+        stream: Option<i64>,
+    ) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let Some(result) = self.there() else {
+            return Ok(None);
+        };
+        result.is_read_by(stream_address(stream)?);
+        Array::of_result(result)
+            .capsule(py, result.clone())
+            .map(Some)
+    }
+
+    /// DLPack's kind and number of the device; None in shared memory.
+    fn device_number(&self) -> Option<(i32, i32)> {
+        Some(Array::of_result(self.there()?).device())
+    }
+
+    /// Address, sizes, strides in bytes and numpy's type of a result on a device of CUDA.
+    fn device_interface(&self) -> Option<(u64, Vec<i64>, Vec<i64>, String)> {
+        Array::of_result(self.there()?).interface()
+    }
+
+    /// A copy of the body of a result on a GPU; None in shared memory.
+    fn device_bytes<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
+        let Some(result) = self.there() else {
+            return Ok(None);
+        };
+        let bytes = py.detach(|| result.to_bytes()).map_err(errors::gpu)?;
+        Ok(Some(PyBytes::new(py, &bytes)))
+    }
+
+    /// The result on a GPU as a tensor of torch; None in shared memory, and where torch has to look
+    /// for streams itself.
+    fn device_torch(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
+        match self.there() {
+            Some(result) if result.waits_for_all_streams() => {
+                Array::of_result(result).torch(py, result.clone()).map(Some)
+            }
+            _ => Ok(None),
+        }
     }
 
     /// A copy of the header's bytes.
@@ -183,6 +282,11 @@ impl Outcome {
         strides: Vec<usize>,
         offset: usize,
     ) -> PyResult<Bound<'py, PyAny>> {
+        if slf.get().there().is_some() {
+            return Err(PyTypeError::new_err(
+                "this result is on the GPU: use result.torch(), cupy.from_dlpack(result) or jax.dlpack.from_dlpack(result), or result.copy() for numpy",
+            ));
+        }
         let shape = Shape::of(&sizes, &strides)?;
         let memory = slf.get().body.part(offset, shape.span(dtype.itemsize()))?;
         // SAFETY: the keeper in this result, which becomes the array's base, keeps the body mapped

@@ -8,7 +8,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-use consumer_gpu::{Device, FrameOnGpu, GpuError, GpuTopic};
+use consumer_gpu::{Device, FrameOnGpu, GpuError, GpuResults, GpuTopic, ResultOnGpu};
 use schema_bus::{Bus, BusError, Frame, FrameReader, ReaderCounts, ResultReader, ResultSample};
 
 use crate::errors;
@@ -30,8 +30,9 @@ pub struct Reader {
     like: Mutex<Option<Like>>,
     topic: Py<PyString>,
     full_name: String,
-    /// Why frames are uploaded since the last look, which is to be said.
+    /// Why samples are uploaded since the last look, which is to be said.
     new_fallback: Mutex<Option<String>>,
+    are_frames_on_gpu: bool,
     place: Arc<Place>,
 }
 
@@ -40,6 +41,7 @@ enum Port {
     Frames(FrameReader),
     Results(ResultReader),
     OnGpu(Box<GpuTopic>),
+    ResultsOnGpu(Box<GpuResults>),
 }
 
 /// What was taken from it.
@@ -47,6 +49,7 @@ enum Found {
     Frame(Frame),
     Result(ResultSample),
     OnGpu(FrameOnGpu),
+    ResultOnGpu(ResultOnGpu),
 }
 
 /// Which sample to take if several wait.
@@ -70,10 +73,39 @@ impl Port {
         }
     }
 
+    fn open_on_gpu(bus: &Bus, topic: &str, device: Device) -> Result<Port, GpuError> {
+        Ok(match bus.result_kind(topic) {
+            Some(_) => Port::ResultsOnGpu(Box::new(GpuResults::open(bus, topic, device)?)),
+            None => Port::OnGpu(Box::new(GpuTopic::open(bus, topic, device)?)),
+        })
+    }
+
+    /// Name of the event that announces its samples on a GPU, and why they do not stay there.
+    fn on_gpu(&self) -> Option<(&str, Option<&str>)> {
+        match self {
+            Port::OnGpu(topic) => Some((topic.event(), topic.fallback())),
+            Port::ResultsOnGpu(topic) => Some((topic.event(), topic.fallback())),
+            _ => None,
+        }
+    }
+
+    /// Whether that may have changed since the last call.
+    fn has_moved(&mut self) -> bool {
+        match self {
+            Port::OnGpu(topic) => topic.has_moved(),
+            Port::ResultsOnGpu(topic) => topic.has_moved(),
+            Port::Frames(_) | Port::Results(_) => false,
+        }
+    }
+
     fn take(&mut self, bus: &Bus, which: Which) -> Result<Option<Found>, Failure> {
         Ok(match (self, which) {
             (Port::OnGpu(topic), Which::Oldest) => topic.next(bus)?.map(Found::OnGpu),
             (Port::OnGpu(topic), Which::Newest) => topic.latest(bus)?.map(Found::OnGpu),
+            (Port::ResultsOnGpu(topic), Which::Oldest) => topic.next(bus)?.map(Found::ResultOnGpu),
+            (Port::ResultsOnGpu(topic), Which::Newest) => {
+                topic.latest(bus)?.map(Found::ResultOnGpu)
+            }
             (Port::Frames(reader), Which::Oldest) => reader.next()?.map(Found::Frame),
             (Port::Frames(reader), Which::Newest) => reader.latest()?.map(Found::Frame),
             (Port::Results(reader), Which::Oldest) => reader.next()?.map(Found::Result),
@@ -86,6 +118,7 @@ impl Port {
             Port::Frames(reader) => reader.counts(),
             Port::Results(reader) => reader.counts(),
             Port::OnGpu(topic) => topic.counts(),
+            Port::ResultsOnGpu(topic) => topic.counts(),
         }
     }
 
@@ -94,6 +127,7 @@ impl Port {
             Port::Frames(reader) => reader.has_writer(),
             Port::Results(reader) => reader.has_writer(),
             Port::OnGpu(topic) => topic.has_writer(),
+            Port::ResultsOnGpu(topic) => topic.has_writer(),
         }
     }
 }
@@ -119,17 +153,24 @@ impl Reader {
         device: Device,
         place: Arc<Place>,
     ) -> PyResult<Self> {
-        let opened = py.detach(|| -> Result<(Waker, GpuTopic), GpuError> {
+        let opened = py.detach(|| -> Result<_, GpuError> {
             let bus = place.bus();
-            let topic = GpuTopic::open(bus, topic, device)?;
-            Ok((Waker::new(bus.listener(topic.event())?), topic))
+            let port = Port::open_on_gpu(bus, topic, device)?;
+            let (event, _) = port.on_gpu().unwrap_or((topic, None));
+            let waker = Waker::new(bus.listener(event)?);
+            let about = match &port {
+                Port::ResultsOnGpu(_) => Some(About::follow(&place, topic)?),
+                _ => None,
+            };
+            Ok((waker, port, about))
         });
-        let (waker, port) = opened.map_err(|error| Failure::from(error).raise(topic))?;
+        let (waker, port, about) = opened.map_err(|error| Failure::from(error).raise(topic))?;
         Ok(Reader {
             new_fallback: Mutex::new(None),
-            port: Mutex::new(Some(Owned::new(Port::OnGpu(Box::new(port))))),
+            are_frames_on_gpu: matches!(port, Port::OnGpu(_)),
+            port: Mutex::new(Some(Owned::new(port))),
             waker,
-            about: None,
+            about: about.map(|about| Py::new(py, about)).transpose()?,
             blank: Mutex::new(None),
             like: Mutex::new(None),
             topic: PyString::new(py, topic).unbind(),
@@ -142,18 +183,17 @@ impl Reader {
         let mut port = self.port.lock();
         let port: &mut Port = port.as_mut().ok_or(Failure::Closed)?;
         let found = port.take(self.place.bus(), which);
-        if let Port::OnGpu(topic) = port
-            && topic.has_moved()
+        if port.has_moved()
+            && let Some((event, fallback)) = port.on_gpu()
         {
-            // Frames come another way, which another event announces.
-            self.waker
-                .replace(self.place.bus().listener(topic.event())?);
-            *self.new_fallback.lock() = topic.fallback().map(str::to_owned);
+            // Samples come another way, which another event announces.
+            self.waker.replace(self.place.bus().listener(event)?);
+            *self.new_fallback.lock() = fallback.map(str::to_owned);
         }
         found
     }
 
-    /// Warns that frames are uploaded since another process writes them.
+    /// Warns that samples are uploaded since another process writes them.
     fn warn_of_fallback(&self, py: Python<'_>) -> PyResult<()> {
         let Some(why) = self.new_fallback.lock().take() else {
             return Ok(());
@@ -176,18 +216,26 @@ impl Reader {
                 self.warn_of_fallback(py)?;
                 let blank = self.blank.lock().take();
                 let blank = blank.map_or_else(|| Blank::new(py, &self.topic, None), Ok)?;
-                blank.fill_on_gpu(py, frame, &self.place)
+                Ok(blank.fill_on_gpu(frame, &self.place))
+            }
+            Ok(Some(Found::ResultOnGpu(result))) => {
+                self.warn_of_fallback(py)?;
+                let about = self.about_of_results();
+                Outcome::on_gpu(py, result, &self.topic, about, &self.place)
             }
             Ok(Some(Found::Result(result))) => {
-                let about = self
-                    .about
-                    .as_ref()
-                    .expect("a topic of results was opened with its description");
+                let about = self.about_of_results();
                 Outcome::shared(py, result, &self.topic, about, &self.place)
             }
             Err(failure) => Err(failure.raise(&format!("topic {:?}", self.full_name))),
         };
         object.map(Some)
+    }
+
+    fn about_of_results(&self) -> &Py<About> {
+        self.about
+            .as_ref()
+            .expect("a topic of results was opened with its description")
     }
 
     fn show(&self, py: Python<'_>, frame: Frame) -> PyResult<Py<PyAny>> {
@@ -201,7 +249,7 @@ impl Reader {
     /// Makes the objects of the next frame while there is time.
     fn prepare(&self, py: Python<'_>) -> PyResult<()> {
         let like = *self.like.lock();
-        if like.is_some() && self.blank.lock().is_none() {
+        if (like.is_some() || self.are_frames_on_gpu) && self.blank.lock().is_none() {
             let blank = Blank::new(py, &self.topic, like)?;
             let before = self.blank.lock().replace(blank);
             drop(before);
@@ -248,8 +296,8 @@ impl Reader {
             let waker = Waker::new(bus.listener(topic)?);
             let port = Port::open(bus, topic)?;
             let about = match &port {
-                Port::Frames(_) | Port::OnGpu(_) => None,
                 Port::Results(_) => Some(About::follow(&place, topic)?),
+                _ => None,
             };
             Ok((waker, port, about))
         });
@@ -263,6 +311,7 @@ impl Reader {
             topic: PyString::new(py, topic).unbind(),
             full_name: format!("{domain}/{topic}"),
             new_fallback: Mutex::new(None),
+            are_frames_on_gpu: false,
             place,
         })
     }
@@ -271,10 +320,9 @@ impl Reader {
     /// on it, or were not. It changes when a process on another GPU writes them.
     #[getter]
     fn fallback(&self) -> Option<String> {
-        match &**self.port.lock().as_ref()? {
-            Port::OnGpu(topic) => topic.fallback().map(str::to_owned),
-            Port::Frames(_) | Port::Results(_) => None,
-        }
+        let port = self.port.lock();
+        let (_, fallback) = port.as_ref()?.on_gpu()?;
+        fallback.map(str::to_owned)
     }
 
     /// Name without the domain.
@@ -326,6 +374,7 @@ impl Reader {
         match &**self.port.lock().as_ref()? {
             Port::Frames(_) | Port::OnGpu(_) => None,
             Port::Results(reader) => Some(reader.kind().name()),
+            Port::ResultsOnGpu(topic) => Some(topic.kind().name()),
         }
     }
 

@@ -90,7 +90,7 @@ impl Failure {
         match self {
             Failure::Closed => errors::gantry(format!("{name} is closed")),
             Failure::Bus(error) => errors::bus(error),
-            Failure::Gpu(error) => errors::gantry(error.to_string()),
+            Failure::Gpu(error) => errors::gpu(error),
         }
     }
 }

@@ -1,6 +1,11 @@
-"""Frames on a GPU in Python, on the software adapter: its exported memory is mapped in the place of CUDA."""
+"""Frames and results on a GPU in Python.
+
+Frames are those of the software adapter, whose exported memory is mapped in the place of CUDA; results are on a
+driver for tests in the place of NVIDIA's, whose device memory any process can look at.
+"""
 
 import pathlib
+import signal
 import subprocess
 import sys
 import unittest
@@ -194,6 +199,27 @@ class OnGpu(LiveCase):
                 row = rows.next(timeout=120)
                 ids = set(row.snapshot.actors["id"])
                 assert {camera.sensor_id for camera in cameras} <= ids
+
+    def test_torch_is_handed_a_capsule(self):
+        (self.folder / "torch").mkdir()
+        (self.folder / "torch" / "__init__.py").write_text("import numpy\ndef from_dlpack(sample):\n    return 'asked', numpy.asarray(sample)\n")
+        (self.folder / "torch" / "utils").mkdir()
+        (self.folder / "torch" / "utils" / "__init__.py").write_text("")
+        (self.folder / "torch" / "utils" / "dlpack.py").write_text(
+            "import numpy\nclass Held:\n    def __init__(self, capsule): self.capsule = capsule\n    def __dlpack__(self, **_): return self.capsule\n"
+            "    def __dlpack_device__(self): return 1, 0\ndef from_dlpack(capsule):\n    return 'given', numpy.from_dlpack(Held(capsule))\n"
+        )
+        self.script("""
+            with gantry.open("ego/front/rgb", device="mapped") as gpu, gantry.open("ego/front/rgb") as host:
+                frame = gpu.next(timeout=60)
+                how, tensor = frame.torch()
+                assert how == "given" and (tensor == frame.copy()).all()
+                how, tensor = host.next(timeout=60).torch()
+                assert how == "asked" and tensor.shape == (64, 96, 4)
+                before = tensor.copy()
+                del frame
+                for _ in range(10):
+                    assert gpu.next(timeout=60) is not None
         """)
 
     def test_what_cannot_be_is_said(self):
@@ -207,13 +233,12 @@ class OnGpu(LiveCase):
 
             assert "it must be \\"cuda\\"" in sentence("ego/front/rgb", device="gpu")
             assert "no process of this domain" in sentence("world/nothing/imu", device="mapped") or "there is no topic" in sentence("world/nothing/imu", device="mapped")
-            assert "leave device out" in sentence("ego/front/rgb", device="cuda", result="boxes2d")
             import os
             if not os.path.exists("/dev/nvidia0"):
                 assert "CUDA cannot be used here" in sentence("ego/front/rgb", device="cuda")
             with gantry.open("ego/front/rgb", device="mapped") as gpu:
                 frame = gpu.next(timeout=60)
-                for act, words in [(lambda: frame.array, "torch.from_dlpack"), (lambda: frame.__dlpack__(stream=0), "ambiguous")]:
+                for act, words in [(lambda: frame.array, "frame.torch()"), (lambda: frame.__dlpack__(stream=0), "ambiguous")]:
                     try:
                         act()
                     except (TypeError, BufferError) as error:
@@ -224,6 +249,252 @@ class OnGpu(LiveCase):
                 assert frame.__dlpack_device__() == (1, 0)
             assert [t.name for t in gantry.topics() if t.name.endswith("/gpu")] == []
         """)
+
+
+#: What every script about results begins with: a tensor of another library on the device of the driver for tests,
+#: whose memory is that of the process.
+TENSORS = """
+import ctypes
+
+pointer_of = ctypes.pythonapi.PyCapsule_GetPointer
+pointer_of.restype, pointer_of.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+
+class Tensor:
+    def __init__(self, array, number=0):
+        self.array, self.number, self.streams = array, number, []
+    def __dlpack_device__(self):
+        return 2, self.number
+    def __dlpack__(self, stream=None):
+        self.streams.append(stream)
+        capsule = self.array.__dlpack__()
+        device = (ctypes.c_int32 * 2).from_address(pointer_of(capsule, b"dltensor") + 8)
+        device[:] = 2, self.number
+        return capsule
+    def contiguous(self):
+        return Tensor(np.ascontiguousarray(self.array), self.number)
+
+class Shown:
+    def __init__(self, array, **more):
+        self.array = array
+        self.__cuda_array_interface__ = {**array.__array_interface__, "version": 2, **more}
+
+def seen(gpu):
+    address = gpu.__cuda_array_interface__["data"][0]
+    dtype = np.dtype(gpu.__cuda_array_interface__["typestr"])
+    n = int(np.prod(gpu.shape))
+    return np.frombuffer((ctypes.c_uint8 * (n * dtype.itemsize)).from_address(address), dtype).reshape(gpu.shape)
+
+def sentence(act, error=ValueError):
+    try:
+        act()
+    except error as found:
+        return str(found)
+    raise AssertionError("it was taken")
+"""
+
+
+class ResultsOnGpu(LiveCase):
+    """Writers and readers of results on a driver for tests."""
+
+    def setUp(self):
+        super().setUp()
+        source = pathlib.Path(__file__).resolve().parents[2] / "consumer_gpu" / "tests" / "fake_cuda" / "fake_cuda.c"
+        driver = self.folder / "driver"
+        driver.mkdir()
+        subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-o", driver / "libcuda.so", source], check=True)
+        self.driver = {"LD_LIBRARY_PATH": str(driver), "FAKE_CUDA_UUID": "00" * 15 + "07", "FAKE_CUDA_LOG": str(self.folder / "cuda.log")}
+
+    def start(self, text, **environment):
+        import textwrap
+
+        return super().start(TENSORS + textwrap.dedent(text), **{**self.driver, **environment})
+
+    def noted(self, what):
+        """Lines of work on the device that begin so."""
+        log = self.folder / "cuda.log"
+        return [line for line in (log.read_text().splitlines() if log.exists() else []) if line.startswith(what)]
+
+    def test_tensors_of_every_kind_arrive_as_they_were_sent(self):
+        self.script("""
+            kinds = ["u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8", "?"]
+            with gantry.publish("net/features", "tensor", device="cuda") as topic:
+                assert topic.device == "cuda:0" and topic.n_readers == 0
+                # Nobody reads: nothing is made or copied.
+                assert topic.send(Tensor(np.ones((2, 3)))) == 0 and topic.device_bytes == 0
+                with gantry.open("net/features", device="cuda", result="tensor") as gpu, gantry.open("net/features", result="tensor") as host:
+                    assert topic.n_readers == 2
+                    for n, kind in enumerate(kinds):
+                        array = (np.arange(24).reshape(2, 3, 4) % 5).astype(kind)
+                        for tensor in (Tensor(array), Shown(array), Shown(array, version=3, stream=None), Shown(array, version=3, stream=1), array):
+                            if kind == "?" and isinstance(tensor, Tensor):
+                                continue  # numpy gives no capsules of bool in its oldest form
+                            assert topic.send(tensor, tick=n) == 2
+                            result, same = gpu.next(timeout=10), host.next(timeout=10)
+                            assert result.device == "cuda:0" and same.device is None and result.__dlpack_device__() == (2, 0)
+                            assert (result.tick, result.seq, result.shape, len(result), result.format) == (n, same.seq, (2, 3, 4), 2, same.format)
+                            assert seen(result).dtype == array.dtype and (seen(result) == array).all() and (same.array == array).all()
+                            assert (result.copy() == array).all() and result.copy().dtype == array.dtype
+                            if isinstance(tensor, Tensor):
+                                assert tensor.streams == [topic._native.stream()]
+                            del result, same
+                    # One number, nothing at all, and something that does not lie in one piece.
+                    for array in (np.array(3, np.float32), np.zeros((0, 4), np.float32), np.arange(24.0).reshape(4, 6)[:, ::2].T):
+                        topic.send(Tensor(array))
+                        result, same = gpu.next(timeout=10), host.next(timeout=10)
+                        assert result.shape == array.shape and (same.array == array).all() and (result.copy() == array).all()
+                        del result, same
+                    assert topic.device_bytes == 2 << 20
+            with gantry.publish("net/picture", "image", device="cuda:0") as topic, gantry.open("net/picture", device="cuda") as gpu:
+                picture = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+                topic.send(Tensor(picture))
+                result = gpu.next(timeout=10)
+                assert result.type == "image" and result.format == "rgb8" and (seen(result) == picture).all()
+        """)
+        self.assertEqual(len(self.noted("create")), 2)
+
+    def test_a_reader_in_another_process_and_one_in_shared_memory_get_the_same_bytes(self):
+        writer = self.start("""
+            import time
+            with gantry.publish("net/features", "tensor", device="cuda", note="of the test") as topic:
+                print("publishing", flush=True)
+                n = 0
+                while True:
+                    n += 1
+                    topic.send(Tensor(np.arange(1000, dtype=np.uint32) * n), tick=n)
+                    time.sleep(0.002)
+        """)
+        self.assertEqual(writer.stdout.readline(), "publishing\n")
+        reader = """
+            with gantry.open("net/features", device="cuda") as gpu:
+                held = []
+                for _ in range(30):
+                    result = gpu.next(timeout=60)
+                    assert (seen(result) == np.arange(1000, dtype=np.uint32) * result.tick).all() and result.inputs == []
+                print("read", flush=True)
+                for result in gpu:
+                    held = [*held[-1:], result]
+        """
+        first = self.start(reader)
+        self.assertEqual(first.stdout.readline(), "read\n")
+        self.assertEqual(self.noted("to host"), [], "nobody reads in shared memory")
+        for _ in range(3):
+            other = self.start(reader)
+            self.assertEqual(other.stdout.readline(), "read\n")
+            other.send_signal(signal.SIGKILL)
+            self.finish(other, -signal.SIGKILL)
+        self.script("""
+            with gantry.open("net/features") as host:
+                for _ in range(10):
+                    result = host.next(timeout=60)
+                    assert (result.array == np.arange(1000, dtype=np.uint32) * result.tick).all()
+        """)
+        self.assertGreaterEqual(len(self.noted("to host 4000")), 10)
+        self.assertIsNone(first.poll())
+        for process in (writer, first):
+            process.send_signal(signal.SIGKILL)
+            self.finish(process, -signal.SIGKILL)
+        # The next one removes what they left.
+        self.script("""
+            with gantry.publish("net/features", "tensor", device="cuda") as topic:
+                topic.send(Tensor(np.ones(3)))
+            gantry._native.leave("live")
+        """)
+
+    def test_a_loan_is_a_slot_of_the_gpu(self):
+        self.script("""
+            with gantry.publish("net/features", "tensor", device="cuda", max_bytes=4096) as topic, gantry.open("net/features", device="cuda") as gpu:
+                assert topic.device_bytes == 2 << 20
+                with (loan := topic.loan((4, 8), "float16", tick=7)) as slot:
+                    assert slot.shape == (4, 8) and slot.dtype == np.float16 and slot.__dlpack_device__() == (2, 0)
+                    assert slot.__cuda_array_interface__["data"][1] is False
+                    capsule = slot.__dlpack__(stream=1)
+                    seen(slot)[:] = np.arange(32).reshape(4, 8)
+                assert loan.n_received == 1
+                result = gpu.next(timeout=10)
+                assert result.tick == 7 and (seen(result) == np.arange(32).reshape(4, 8)).all()
+                assert "sent or dropped" in sentence(lambda: slot.__dlpack__(), gantry.GantryError)
+                del capsule
+                # A result on the GPU is a tensor like any other: a chain without a copy over the bus.
+                with gantry.publish("net/more", "tensor", device="cuda") as more, gantry.open("net/more", device="cuda") as last:
+                    more.send(result, answers=result)
+                    found = last.next(timeout=10)
+                    assert [one.topic for one in found.inputs] == ["net/features"] and found.tick == 7 and (found.copy() == result.copy()).all()
+                # An exception gives the slot back, and the torch of a type has the name of numpy's.
+                class dtype:
+                    def __str__(self):
+                        return "torch.int32"
+                try:
+                    with topic.loan(3, dtype()) as slot:
+                        assert slot.dtype == np.int32
+                        raise KeyError("mine")
+                except KeyError:
+                    pass
+                assert gpu.next(timeout=0.05) is None
+                loans = [topic.loan(3) for _ in range(3)]
+                assert "all its loans are open" in sentence(lambda: topic.loan(3), gantry.BorrowLimitError)
+                del loans
+                topic.loan(3).give_back()
+        """)
+
+    def test_what_cannot_be_sent_is_said(self):
+        self.script("""
+            with gantry.publish("net/features", "tensor", device="cuda") as topic, gantry.publish("net/picture", "image", device="cuda") as picture:
+                class Half(Tensor):
+                    def __dlpack__(self, stream=None):
+                        capsule = super().__dlpack__(stream)
+                        # DLPack's number of bfloat16.
+                        ctypes.c_uint8.from_address(pointer_of(capsule, b"dltensor") + 20).value = 4
+                        return capsule
+                class Named:
+                    def __str__(self):
+                        return "torch.bfloat16"
+                class Elsewhere(Tensor):
+                    def __dlpack_device__(self):
+                        return 10, 0
+                class Pieces(Tensor):
+                    contiguous = None
+                assert "bfloat16 cannot be sent" in sentence(lambda: topic.send(Half(np.zeros(3, np.uint16))))
+                assert "bfloat16 cannot be sent" in sentence(lambda: topic.loan(3, Named()))
+                assert "is on cuda:1, and the topic on cuda:0" in sentence(lambda: topic.send(Tensor(np.zeros(3), 1)))
+                assert "of DLPack's kind 10" in sentence(lambda: topic.send(Elsewhere(np.zeros(3))))
+                assert "do not lie one behind the other" in sentence(lambda: topic.send(Pieces(np.zeros((4, 4)).T[1:])))
+                assert "complex128 with 1 dimensions cannot be sent" in sentence(lambda: topic.send(Tensor(np.zeros(3, complex))))
+                assert "with 9 dimensions cannot be sent" in sentence(lambda: topic.send(Tensor(np.zeros(9 * (1,)))))
+                assert "no usual pixel format" in sentence(lambda: picture.send(Tensor(np.zeros((2, 2, 2), np.uint8))))
+                assert "answers frames and results" in sentence(lambda: topic.send(Tensor(np.zeros(3)), answers=[3]))
+                assert "boxes2d are no arrays" in sentence(lambda: gantry.publish("a", "boxes2d", device="cuda"), gantry.GantryError)
+                assert "must be \\"cuda\\"" in sentence(lambda: gantry.publish("a", "tensor", device="gpu"))
+                assert "CUDA has no device 3" in sentence(lambda: gantry.publish("a", "tensor", device="cuda:3"), gantry.GantryError)
+                assert "a topic has one writer" in sentence(lambda: gantry.publish("net/features", "tensor", device="cuda"), gantry.TopicTakenError)
+                with gantry.open("net/features", device="cuda") as gpu:
+                    topic.send(np.ones(3))
+                    result = gpu.next(timeout=10)
+                    assert "result.torch()" in sentence(lambda: result.array, TypeError)
+                    assert "ambiguous" in sentence(lambda: result.__dlpack__(stream=0), BufferError)
+            assert "is closed" in sentence(lambda: topic.send(np.ones(3)), gantry.GantryError)
+            with gantry.publish("log", "text") as log:
+                assert "of type text" in sentence(lambda: gantry.open("log", device="cuda"), gantry.GantryError)
+        """)
+        self.script(
+            """
+            room = sentence(lambda: gantry.publish("a", "tensor", device="cuda", max_bytes=1 << 30, gpu_readers=1), gantry.GantryError)
+            assert "no room on the GPU for 8 results" in room and "8192 MiB: 1024 of" in room, room
+        """,
+            FAKE_CUDA_FREE=str(1 << 30),
+        )
+
+    def test_results_in_shared_memory_are_uploaded_with_one_warning(self):
+        self.script("""
+            import warnings
+            with gantry.publish("net/features", "tensor") as topic, warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always")
+                with gantry.open("net/features", device="cuda") as gpu, gantry.open("net/features", device="cuda") as second:
+                    topic.send(np.arange(6.0).reshape(2, 3))
+                    result = gpu.next(timeout=10)
+                    assert result.device == "cuda:0" and (seen(result) == np.arange(6.0).reshape(2, 3)).all()
+                assert [str(one.message) for one in said if "does not stay on the GPU" in str(one.message)] != [] and len(said) == 1, said
+        """)
+        self.assertEqual(len(self.noted("upload 48")), 1)
 
 
 if __name__ == "__main__":

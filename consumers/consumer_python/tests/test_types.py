@@ -27,6 +27,8 @@ with gantry.open("ego/front/rgb") as camera, gantry.open("mine/boxes", result="b
 with gantry.publish("mine/tensor", "tensor") as topic, gantry.lockstep("mine") as lockstep:
     with topic.loan((2, 3), "f4") as a:
         assert_type(a, npt.NDArray[Any])
+    with gantry.publish("mine/features", "tensor", device="cuda") as features, features.loan((2, 3)) as slot:
+        assert_type(slot, gantry.GpuArray)
     for tick in lockstep:
         assert_type(tick.snapshot, gantry.Snapshot)
         gantry.vehicle(3).control(throttle=0.5)

@@ -1,6 +1,6 @@
 //! The bus: all that a process can open and ask, on one page.
 
-use schema_frames::DocumentHeader;
+use schema_frames::{DocumentHeader, ResultType};
 
 use crate::any_reader::AnyReader;
 use crate::claim::Claim;
@@ -11,7 +11,8 @@ use crate::error::BusError;
 use crate::event::{Listener, Notifier};
 use crate::frame::{FramePublisher, FrameService};
 use crate::gpu::{
-    GpuDevice, GpuFrame, GpuFrameReader, GpuMemory, GpuOffer, GpuServer, fetch, offer,
+    GpuDevice, GpuFrameReader, GpuMemory, GpuOffer, GpuPlaces, GpuResultPublisher, GpuResultReader,
+    GpuSample, GpuServer, fetch, offer,
 };
 use crate::introspect::{ServicePorts, services};
 use crate::memory::{FrameTopic, ResultTopic};
@@ -224,17 +225,55 @@ impl Bus {
         self.guarded(topic, || GpuFrameReader::open(&self.node, topic, offer))
     }
 
-    /// The memory that a frame is in, from the process that wrote it; see
-    /// [`GpuFrame::check_memory`].
+    /// The memory that a sample is in, from the process that wrote it; see
+    /// [`GpuSample::check_memory`].
     ///
     /// # Errors
     /// [`BusError::Gpu`] if the process has ended or has given the memory back,
     /// [`BusError::GpuMemory`] if it is not what the frame says.
-    pub fn gpu_memory(&self, frame: &GpuFrame) -> Result<GpuMemory, BusError> {
-        let place = frame.place();
-        let memory = fetch(&self.node, frame.topic(), place.producer, place.generation)?;
-        frame.check_memory(&memory)?;
+    pub fn gpu_memory(&self, sample: &impl GpuSample) -> Result<GpuMemory, BusError> {
+        let place = sample.place();
+        let memory = fetch(&self.node, sample.topic(), place.producer, place.generation)?;
+        sample.check_memory(&memory)?;
         Ok(memory)
+    }
+
+    /// Opens a topic of results for writing them on a GPU, and in shared memory while somebody
+    /// reads them there.
+    ///
+    /// # Errors
+    /// As [`Bus::result_publisher`], [`BusError::Description`] for a type that is no array,
+    /// [`BusError::Gpu`] if the socket cannot be made.
+    pub fn gpu_result_publisher(
+        &self,
+        topic: &str,
+        spec: &ResultTopic,
+        places: GpuPlaces,
+        device: GpuDevice,
+    ) -> Result<GpuResultPublisher, BusError> {
+        self.guarded(topic, || {
+            GpuResultPublisher::open(&self.node, topic, spec, places, device)
+        })
+    }
+
+    /// Opens results that are kept on a GPU for reading.
+    ///
+    /// # Errors
+    /// As [`Bus::result_reader`].
+    pub fn gpu_result_reader(
+        &self,
+        topic: &str,
+        kind: ResultType,
+        offer: &GpuOffer,
+    ) -> Result<GpuResultReader, BusError> {
+        self.guarded(topic, || {
+            GpuResultReader::open(&self.node, topic, kind, offer)
+        })
+    }
+
+    /// Type of the results of a topic; `None` if it does not exist or carries something else.
+    pub fn result_kind(&self, topic: &str) -> Option<ResultType> {
+        ResultService::kind_of(&self.node, topic)
     }
 
     /// Makes a topic of results without a writer, or joins it with the capacities that it has, and

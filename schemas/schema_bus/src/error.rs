@@ -98,7 +98,7 @@ pub enum BusError {
     },
     /// A name that users' programs may not take.
     #[error(
-        "topic {topic:?} cannot be published: names that begin with \"world/\" or \"control/\" are the simulator's, those that end in \"/about\" are descriptions, and \"/gpu\" behind a modality is the GPU's; choose another"
+        "topic {topic:?} cannot be published: names that begin with \"world/\" or \"control/\" are the simulator's, those that end in \"/about\" or \"/gpu\" are descriptions or results on a GPU; choose another"
     )]
     Reserved {
         /// What was given.
@@ -190,16 +190,16 @@ pub enum BusError {
         /// The broken rule.
         source: FrameError,
     },
-    /// Frames cannot be had on a GPU.
-    #[error("frames of {topic:?} do not come over the GPU: {fault}")]
+    /// Frames or results cannot be had on a GPU.
+    #[error("{topic:?} does not come over the GPU: {fault}")]
     Gpu {
         /// The topic.
         topic: String,
         /// Why, as a clause.
         fault: String,
     },
-    /// The memory of a frame on a GPU is not what the frame says.
-    #[error("frames of {topic:?} cannot be read on the GPU: {fault}")]
+    /// The memory of a sample on a GPU is not what the sample says.
+    #[error("{topic:?} cannot be read on the GPU: {fault}")]
     GpuMemory {
         /// The topic.
         topic: String,

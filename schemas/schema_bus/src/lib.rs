@@ -71,13 +71,14 @@ mod reader;
 mod reserve;
 mod segment;
 
-// Sensor frames that stay on a GPU.
-mod gpu;
-
 // Results of users' programs.
+mod result_draft;
 mod result_reader;
 mod result_service;
 mod result_writer;
+
+// Frames and results that stay on a GPU.
+mod gpu;
 
 // Everything else that is sent.
 mod claim;
@@ -106,7 +107,9 @@ pub use error::{BusError, LoanError};
 pub use event::{Listener, Notifier, Token, WaitSet};
 pub use frame::{DeviceLoan, FrameLoan, FramePublisher, FrameService};
 pub use gpu::{
-    GpuDevice, GpuFrame, GpuFrameReader, GpuMemory, GpuOffer, GpuServer, GpuTopic, SharedMemory,
+    GpuDevice, GpuFrame, GpuFrameReader, GpuMemory, GpuOffer, GpuPlaces, GpuResult,
+    GpuResultPublisher, GpuResultReader, GpuResultSlot, GpuSample, GpuServer, GpuTopic,
+    SharedMemory,
 };
 pub use intake::ReaderCounts;
 pub use introspect::{Exchange, Port, ServicePorts};
@@ -120,9 +123,10 @@ pub use node::{BusOptions, write_private_config};
 pub use origin::{Life, Origin};
 pub use reader::{Frame, FrameReader};
 pub use render::{RenderClient, RenderQuestion, RenderServer};
+pub use result_draft::{Answerable, Answered, ResultDraft};
 pub use result_reader::{ResultReader, ResultSample};
 pub use result_service::ResultService;
-pub use result_writer::{Answerable, Answered, ResultLoan, ResultPublisher};
+pub use result_writer::{ResultLoan, ResultPublisher};
 pub use scene::{
     Rendered, RenderedReader, RenderedWriter, SceneMessage, ScenePublisher, SceneReader,
 };

@@ -72,26 +72,22 @@ pub fn about(topic: &str) -> String {
     format!("{topic}/{ABOUT}")
 }
 
-/// Last segment of the service on which a topic's frames on a GPU are sent.
+/// Last segment of the service on which a topic's samples on a GPU are sent.
 const GPU: &str = "gpu";
 
-/// Name of the service of a topic's frames on a GPU: `ego/front/rgb/gpu` of `ego/front/rgb`.
+/// Name of the service of a topic's samples on a GPU: `ego/front/rgb/gpu` of `ego/front/rgb`.
 pub fn gpu_topic(topic: &str) -> String {
     format!("{}/{GPU}", host_topic(topic))
 }
 
-/// The topic whose frames on a GPU are sent on this service; any other name as it is.
+/// The topic whose samples on a GPU are sent on this service; any other name as it is.
 pub fn host_topic(topic: &str) -> &str {
-    match topic
-        .strip_suffix(GPU)
-        .and_then(|rest| rest.strip_suffix('/'))
-    {
-        Some(rest) if last_is_modality(rest) => rest,
-        _ => topic,
-    }
+    let host = topic.strip_suffix(GPU);
+    host.and_then(|rest| rest.strip_suffix('/'))
+        .unwrap_or(topic)
 }
 
-/// Whether this is the service of a topic's frames on a GPU.
+/// Whether this is the service of a topic's samples on a GPU.
 pub fn is_gpu_topic(topic: &str) -> bool {
     host_topic(topic).len() < topic.len()
 }
@@ -101,17 +97,8 @@ pub fn modality_of(topic: &str) -> Option<Modality> {
     Modality::from_name(host_topic(topic).rsplit('/').next()?)
 }
 
-fn last_is_modality(topic: &str) -> bool {
-    topic
-        .rsplit('/')
-        .next()
-        .and_then(Modality::from_name)
-        .is_some()
-}
-
 /// Whether users' programs may not publish on `topic`: `world/`, `control/` and the spectator are
-/// the simulator's, a last segment `about` is a description's, and `gpu` behind a modality is the
-/// GPU's.
+/// the simulator's, a last segment `about` is a description's, and a last segment `gpu` is the GPU's.
 pub fn is_reserved(topic: &str) -> bool {
     ["world", "control"].contains(&rig_of(topic))
         || topic == SPECTATOR_RGB
@@ -144,13 +131,15 @@ mod tests {
 
     #[test]
     fn the_gpus_service_of_a_topic_is_told_from_a_sensor_called_gpu() {
+        assert_eq!(host_topic("detector/features/gpu"), "detector/features");
         assert_eq!(gpu_topic("ego/front/rgb"), "ego/front/rgb/gpu");
         assert_eq!(gpu_topic("ego/front/rgb/gpu"), "ego/front/rgb/gpu");
         assert_eq!(host_topic("ego/front/rgb/gpu"), "ego/front/rgb");
         assert_eq!(modality_of("ego/front/rgb/gpu"), Some(Modality::Rgb));
         assert!(is_gpu_topic("ego/front/rgb/gpu"));
-        assert!(!is_gpu_topic("ego/gpu/rgb") && !is_gpu_topic("detector/gpu"));
+        assert!(!is_gpu_topic("ego/gpu/rgb") && is_reserved("detector/gpu"));
         assert!(!is_gpu_topic("gpu") && !is_gpu_topic("ego/front/rgb"));
+        assert!(!is_gpu_topic("ego/mygpu"));
     }
 
     #[test]

@@ -40,40 +40,26 @@ impl ResultService {
             fault,
         };
         spec.about.check(spec.kind).map_err(fault)?;
-        let wanted = spec.kind.name();
-        let advice = "publish under another name, or stop all processes that have it open";
-        let slices = settle(node, || {
-            if let Some(declared) = declared(node, &full, &name)? {
-                declared.expect_result(&full, wanted, advice)?;
-                return open(node, &full, &name);
-            }
-            let qos = &spec.qos;
-            node.iceoryx()
-                .service_builder(&name)
-                .publish_subscribe::<[u8]>()
-                .user_header::<Wire<ResultHeader>>()
-                .max_publishers(qos.publishers)
-                .max_subscribers(qos.readers)
-                .max_nodes(MAX_NODES)
-                .subscriber_max_buffer_size(qos.buffer)
-                .subscriber_max_borrowed_samples(qos.borrowed)
-                .history_size(qos.history)
-                .enable_safe_overflow(true)
-                .open_or_create_with_attributes(&attributes(spec.kind))
-                .map_err(|e| match service_error("open", &full, &e) {
-                    // Somebody else made it in between; the next turn joins it as it is.
-                    BusError::Capacity { service, cause } => BusError::Service {
-                        action: "open",
-                        service,
-                        cause,
-                    },
-                    other => other,
-                })
-        })?;
+        let slices = make_or_join(node, &full, &name, spec.kind, &spec.qos)?;
         Ok(ResultService {
             slices,
             topic: topic.into(),
             kind: spec.kind,
+        })
+    }
+
+    /// Makes or joins the service of a topic's results on a GPU.
+    pub(crate) fn make_on_gpu(
+        node: &BusNode,
+        topic: &str,
+        kind: ResultType,
+        qos: &Qos,
+    ) -> Result<ResultService, BusError> {
+        let (full, name) = node.service_name(&names::gpu_topic(topic))?;
+        Ok(ResultService {
+            slices: make_or_join(node, &full, &name, kind, qos)?,
+            topic: topic.into(),
+            kind,
         })
     }
 
@@ -110,6 +96,13 @@ impl ResultService {
         self.kind
     }
 
+    /// Type of the results of a topic; `None` if it does not exist or has none.
+    pub(crate) fn kind_of(node: &BusNode, topic: &str) -> Option<ResultType> {
+        let (full, name) = node.service_name(topic).ok()?;
+        let declared = declared(node, &full, &name).ok()??;
+        ResultType::from_name(&declared.result).filter(|_| declared.header == ResultHeader::NAME)
+    }
+
     /// The capacity that the topic has, whoever made it.
     pub(crate) fn capacity(&self) -> Qos {
         let config = self.slices.static_config();
@@ -126,6 +119,45 @@ impl ResultService {
     pub fn n_readers(&self) -> usize {
         self.slices.dynamic_config().number_of_subscribers()
     }
+}
+
+/// Makes the service, or joins it with the capacities that it has.
+fn make_or_join(
+    node: &BusNode,
+    full: &str,
+    name: &ServiceName,
+    kind: ResultType,
+    qos: &Qos,
+) -> Result<Slices<ResultHeader>, BusError> {
+    let wanted = kind.name();
+    let advice = "publish under another name, or stop all processes that have it open";
+    settle(node, || {
+        if let Some(declared) = declared(node, full, name)? {
+            declared.expect_result(full, wanted, advice)?;
+            return open(node, full, name);
+        }
+        node.iceoryx()
+            .service_builder(name)
+            .publish_subscribe::<[u8]>()
+            .user_header::<Wire<ResultHeader>>()
+            .max_publishers(qos.publishers)
+            .max_subscribers(qos.readers)
+            .max_nodes(MAX_NODES)
+            .subscriber_max_buffer_size(qos.buffer)
+            .subscriber_max_borrowed_samples(qos.borrowed)
+            .history_size(qos.history)
+            .enable_safe_overflow(true)
+            .open_or_create_with_attributes(&attributes(kind))
+            .map_err(|e| match service_error("open", full, &e) {
+                // Somebody else made it in between; the next turn joins it as it is.
+                BusError::Capacity { service, cause } => BusError::Service {
+                    action: "open",
+                    service,
+                    cause,
+                },
+                other => other,
+            })
+    })
 }
 
 fn open(node: &BusNode, full: &str, name: &ServiceName) -> Result<Slices<ResultHeader>, BusError> {

@@ -9,12 +9,10 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::*;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 
-use schema_frames::result::MAX_INPUTS;
 use schema_frames::{
     About, DocumentHeader, ElementType, InputRecord, PixelFormat, ResultError, ResultHeader,
+    ResultType,
 };
-use schema_frames::{FrameHeader, ResultType, Space};
-use schema_types::{MonoTime, Pose};
 
 use crate::clock::mono_now;
 use crate::document::DocumentPublisher;
@@ -26,8 +24,7 @@ use crate::memory::{
 };
 use crate::names;
 use crate::node::{BusNode, Service};
-use crate::reader::Frame;
-use crate::result_reader::ResultSample;
+use crate::result_draft::{Answerable, ResultDraft};
 use crate::result_service::ResultService;
 use crate::service::Slices;
 use crate::shortage::backed;
@@ -59,6 +56,16 @@ struct WriterEnd {
     writer_epoch: u64,
     n_sent: AtomicU64,
     about: Option<DocumentPublisher>,
+}
+
+impl WriterEnd {
+    fn number(&self, header: &mut ResultHeader) {
+        header.seq = self.n_sent.fetch_add(1, Relaxed) + 1;
+        if header.seq == 1 {
+            header.flags |= ResultHeader::FIRST;
+        }
+        header.writer_epoch = self.writer_epoch;
+    }
 }
 
 impl ResultPublisher {
@@ -144,15 +151,21 @@ impl ResultPublisher {
             let limit = self.slot_bytes.load(Relaxed);
             loan_error(self.topic(), bytes, limit, self.max_loans, e)
         })?;
-        let mut loan = ResultLoan {
+        Ok(ResultLoan {
             sample,
             body_bytes,
-            inputs: Vec::new(),
-            answers_frame: false,
+            draft: ResultDraft::new(self.kind()),
             end: self.end.clone(),
-        };
-        *loan.header_mut() = ResultHeader::new(self.kind());
-        Ok(loan)
+        })
+    }
+
+    /// Gives a draft the next number: for results that are sent elsewhere, or in two places.
+    pub(crate) fn number(&self, draft: &mut ResultDraft) {
+        if let Some(about) = &self.end.about {
+            about.greet();
+        }
+        draft.count_inputs();
+        self.end.number(draft.header_mut());
     }
 
     /// Checks that there is room for slots of `bytes` before iceoryx2 makes them.
@@ -243,111 +256,18 @@ fn own_name(node: &BusNode) -> String {
     format!("{WRITER}{program} (process {})", std::process::id())
 }
 
-fn writer_name(node: &BusNode) -> PortName {
+pub(crate) fn writer_name(node: &BusNode) -> PortName {
     own_name(node)
         .as_str()
         .try_into()
         .expect("at most 32 ASCII characters, a few words and a number are shorter than 64")
 }
 
-/// What a result can answer: a frame, or another result.
-pub trait Answerable {
-    /// What a result that answers it takes over.
-    fn answered(&self) -> Answered;
-}
-
-/// What a result takes over from an input.
-#[derive(Clone, Copy, Debug)]
-pub struct Answered {
-    /// The record that names the input.
-    pub input: InputRecord,
-    /// Whether it is a sensor's frame.
-    pub is_frame: bool,
-    /// Its episode.
-    pub episode: u32,
-    /// The simulator's epoch; 0 without one.
-    pub epoch: u64,
-    /// `CLOCK_MONOTONIC` at which the oldest frame behind it was published; 0 without one.
-    pub origin_mono_nanos: u64,
-    /// [`Space`] number of a result; a frame leaves the space to the type of the result.
-    pub space: Option<u32>,
-    /// Pose of the sensor or of the result's space in the world.
-    pub world_from_space: Pose,
-    /// Intrinsics of the sensor's image, pixels.
-    pub intrinsics_px: [f64; 4],
-    /// Width and height of the image, pixels; 0 without one.
-    pub size_px: (u32, u32),
-}
-
-impl Answered {
-    /// What a result takes over from a frame of `topic`.
-    pub(crate) fn by_frame(header: &FrameHeader, topic: &str, taken: MonoTime) -> Answered {
-        Answered {
-            input: InputRecord {
-                tick: header.tick,
-                seq: header.seq,
-                sim_nanos: header.sim_nanos,
-                epoch: header.epoch,
-                published_mono_nanos: header.published_mono_nanos,
-                taken_mono_nanos: taken.0,
-                ..InputRecord::new(topic)
-            },
-            is_frame: true,
-            episode: header.episode,
-            epoch: header.epoch,
-            origin_mono_nanos: header.published_mono_nanos,
-            space: None,
-            world_from_space: header.world_from_sensor,
-            intrinsics_px: header.intrinsics_px,
-            size_px: (header.width, header.height),
-        }
-    }
-}
-
-impl Answerable for Frame {
-    fn answered(&self) -> Answered {
-        Answered::by_frame(self.header(), self.topic(), self.taken())
-    }
-}
-
-impl Answerable for ResultSample {
-    fn answered(&self) -> Answered {
-        let header = self.header();
-        Answered {
-            input: InputRecord {
-                tick: header.tick,
-                seq: header.seq,
-                sim_nanos: header.sim_nanos,
-                epoch: header.writer_epoch,
-                published_mono_nanos: header.published_mono_nanos,
-                taken_mono_nanos: self.taken().0,
-                ..InputRecord::new(self.topic())
-            },
-            is_frame: false,
-            episode: header.episode,
-            epoch: header.epoch,
-            origin_mono_nanos: header.origin_mono_nanos,
-            space: Some(header.space),
-            world_from_space: header.world_from_space,
-            intrinsics_px: header.intrinsics_px,
-            size_px: (header.width, header.height),
-        }
-    }
-}
-
-/// The earlier of two moments; 0 is none.
-fn oldest(kept: &mut u64, other: u64) {
-    if other != 0 && (*kept == 0 || other < *kept) {
-        *kept = other;
-    }
-}
-
 /// A slot of shared memory for one result. Send it, or drop it to give it back.
 pub struct ResultLoan {
     sample: SampleMutUninit<Service, [std::mem::MaybeUninit<u8>], Wire<ResultHeader>>,
     body_bytes: usize,
-    inputs: Vec<InputRecord>,
-    answers_frame: bool,
+    draft: ResultDraft,
     end: Arc<WriterEnd>,
 }
 
@@ -362,12 +282,12 @@ impl std::fmt::Debug for ResultLoan {
 impl ResultLoan {
     /// The header as it is so far.
     pub fn header(&self) -> &ResultHeader {
-        &self.sample.user_header().0
+        self.draft.header()
     }
 
     /// The header, for space, pose and whatever the inputs do not say.
     pub fn header_mut(&mut self) -> &mut ResultHeader {
-        &mut self.sample.user_header_mut().0
+        self.draft.header_mut()
     }
 
     /// The whole room for the body, to be filled in place. It holds the bytes of an earlier result.
@@ -454,44 +374,14 @@ impl ResultLoan {
         Ok(())
     }
 
-    /// Names a frame or a result that this one was computed from, and takes over its tick, times
-    /// and, for results in image or sensor space, the sensor's pose and intrinsics. Inputs beyond
-    /// the eighth are not named.
+    /// As [`ResultDraft::answers`].
     pub fn answers(&mut self, input: &dyn Answerable) {
-        let of = input.answered();
-        // The first frame says where the sensor stood; without a frame, the first result does.
-        let describes = match of.is_frame {
-            true => !self.answers_frame,
-            false => self.inputs.is_empty(),
-        };
-        self.answers_frame |= of.is_frame;
-        let header = self.header_mut();
-        if of.input.tick >= header.tick {
-            (header.tick, header.sim_nanos) = (of.input.tick, of.input.sim_nanos);
-            (header.episode, header.epoch) = (of.episode, of.epoch);
-        }
-        oldest(&mut header.origin_mono_nanos, of.origin_mono_nanos);
-        oldest(&mut header.taken_mono_nanos, of.input.taken_mono_nanos);
-        if describes && matches!(header.space(), Some(Space::Image | Space::Sensor)) {
-            header.space = of.space.unwrap_or(header.space);
-            header.world_from_space = of.world_from_space;
-            header.intrinsics_px = of.intrinsics_px;
-        }
-        let has_image_size = matches!(
-            header.kind(),
-            Some(ResultType::Masks | ResultType::Keypoints)
-        );
-        if describes && has_image_size && of.size_px != (0, 0) {
-            (header.width, header.height) = of.size_px;
-        }
-        self.add_input(of.input);
+        self.draft.answers(input);
     }
 
-    /// Names an input by its record alone, for one that is no longer in hand.
+    /// As [`ResultDraft::add_input`].
     pub fn add_input(&mut self, input: InputRecord) {
-        if self.inputs.len() < MAX_INPUTS {
-            self.inputs.push(input);
-        }
+        self.draft.add_input(input);
     }
 
     /// Sends the result to all readers, and wakes those that wait for this topic. Returns the
@@ -501,18 +391,20 @@ impl ResultLoan {
     /// [`BusError::BadResult`] if the header contradicts the type or the loan,
     /// [`BusError::Service`] if iceoryx2 fails.
     pub fn send(mut self) -> Result<usize, BusError> {
-        let end = self.end.clone();
         self.fits()?;
         self.put_inputs();
         // The number is used up even if sending fails, so that a gap shows the loss.
-        let seq = end.n_sent.fetch_add(1, Relaxed) + 1;
-        let header = self.header_mut();
-        header.seq = seq;
-        if seq == 1 {
-            header.flags |= ResultHeader::FIRST;
-        }
-        header.writer_epoch = end.writer_epoch;
+        self.end.number(self.draft.header_mut());
         self.send_as_it_is()
+    }
+
+    /// Sends the body with what a draft says, which has its number already.
+    ///
+    /// # Errors
+    /// As [`ResultLoan::send`].
+    pub fn send_as(mut self, draft: &ResultDraft) -> Result<usize, BusError> {
+        self.draft = draft.clone();
+        self.send_again()
     }
 
     /// Sends a result that was sent before: with its own number and clocks, which the caller has set
@@ -530,14 +422,12 @@ impl ResultLoan {
     fn put_inputs(&mut self) {
         let offset = self.header().inputs_offset() as usize;
         let body = self.header().body_bytes as usize;
-        let inputs = std::mem::take(&mut self.inputs);
-        let records: &[u8] = bytemuck::cast_slice(&inputs);
+        let draft = self.draft.clone();
+        let records: &[u8] = bytemuck::cast_slice(draft.inputs());
         let slot = self.slot();
         slot[body..offset].fill(0);
         slot[offset..offset + records.len()].copy_from_slice(records);
-        let header = self.header_mut();
-        header.n_inputs = inputs.len() as u32;
-        header.payload_bytes = ResultHeader::payload_for(header.body_bytes, inputs.len());
+        self.draft.count_inputs();
     }
 
     fn send_as_it_is(mut self) -> Result<usize, BusError> {
@@ -556,6 +446,7 @@ impl ResultLoan {
                 declared: end.kind.name(),
             }));
         }
+        self.sample.user_header_mut().0 = *self.draft.header();
         let payload = self.sample.payload();
         backed(&end.full, payload.as_ptr().cast(), payload.len())?;
         // SAFETY: every byte of the slot has a value, see `slot`.

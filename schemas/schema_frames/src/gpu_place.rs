@@ -1,14 +1,19 @@
-//! Where a frame lies whose payload stays on the GPU.
+//! Where a frame or a result lies whose payload stays on the GPU.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::header::{FrameError, FrameHeader};
+use crate::result::{InputRecord, MAX_INPUTS, ResultError, ResultHeader};
+use crate::result_type::ResultType;
 
 /// Bytes of every sample whose payload is on the GPU.
 pub const GPU_PLACE_BYTES: usize = size_of::<GpuPlace>();
 
-/// A frame's place in memory of a GPU: what a sample holds instead of the payload. 64 bytes,
-/// little-endian.
+/// Bytes of the sample of a result whose body is on the GPU: its place, and room for all inputs.
+pub const GPU_RESULT_BYTES: usize = GPU_PLACE_BYTES + MAX_INPUTS * size_of::<InputRecord>();
+
+/// The place of a frame or of a result's body in memory of a GPU: what a sample holds instead of it.
+/// 64 bytes, little-endian.
 #[repr(C, align(8))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 pub struct GpuPlace {
@@ -46,18 +51,47 @@ impl GpuPlace {
             });
         }
         let place: GpuPlace = bytemuck::pod_read_unaligned(&sample[..GPU_PLACE_BYTES]);
-        let broken = |rule| Err(FrameError::GpuPlace { rule });
-        if place.generation == 0 {
-            return broken("it names no memory");
-        }
-        let end = place.offset_bytes.checked_add(place.capacity_bytes);
-        if end.is_none_or(|end| end > place.memory_bytes) {
-            return broken("it leaves its memory");
-        }
-        if header.payload_bytes > place.capacity_bytes {
-            return broken("its payload is longer than its slot");
-        }
+        let rule = place.check(header.payload_bytes);
+        rule.map_err(|rule| FrameError::GpuPlace { rule })?;
         Ok(place)
+    }
+
+    /// Reads the place of a result's body, whose inputs lie behind it in the sample.
+    ///
+    /// # Errors
+    /// As [`GpuPlace::read`].
+    pub fn of_result(
+        header: &ResultHeader,
+        sample: &[u8],
+    ) -> Result<(ResultType, GpuPlace), ResultError> {
+        let kind = header.check_on_gpu()?;
+        let inputs = header.n_inputs as usize * size_of::<InputRecord>();
+        let claimed = GPU_PLACE_BYTES + inputs;
+        if sample.len() < claimed {
+            return Err(ResultError::Length {
+                claimed: claimed as u64,
+                sample: sample.len() as u64,
+            });
+        }
+        let place: GpuPlace = bytemuck::pod_read_unaligned(&sample[..GPU_PLACE_BYTES]);
+        let rule = place.check(header.body_bytes);
+        rule.map_err(|rule| ResultError::GpuPlace { rule })?;
+        Ok((kind, place))
+    }
+
+    /// The rule that it breaks for a payload of `n_bytes`.
+    fn check(&self, n_bytes: u64) -> Result<(), &'static str> {
+        if self.generation == 0 {
+            return Err("it names no memory");
+        }
+        let end = self.offset_bytes.checked_add(self.capacity_bytes);
+        if end.is_none_or(|end| end > self.memory_bytes) {
+            return Err("it leaves its memory");
+        }
+        if n_bytes > self.capacity_bytes {
+            return Err("its payload is longer than its slot");
+        }
+        Ok(())
     }
 }
 
@@ -101,6 +135,38 @@ mod tests {
     }
 
     #[test]
+    fn a_result_on_the_gpu_has_its_place_and_its_inputs_in_the_sample() {
+        let (_, place) = frame();
+        let mut header = ResultHeader::new(ResultType::Tensor);
+        header
+            .set_tensor(crate::ElementType::F32, &[4, 16])
+            .unwrap();
+        header.n_inputs = 2;
+        header.payload_bytes = ResultHeader::payload_for(header.body_bytes, 2);
+        assert!(header.check(4096).is_ok() && header.check_on_gpu().is_err());
+        header.payload_place = ResultHeader::ON_GPU;
+        assert!(
+            header
+                .check(4096)
+                .unwrap_err()
+                .to_string()
+                .contains("place 1")
+        );
+        let mut sample = bytemuck::bytes_of(&place).to_vec();
+        sample.resize(64 + 512, 0);
+        let found = GpuPlace::of_result(&header, &sample);
+        assert_eq!(found, Ok((ResultType::Tensor, place)));
+        assert!(GpuPlace::of_result(&header, &sample[..575]).is_err());
+        header
+            .set_tensor(crate::ElementType::F32, &[5, 16])
+            .unwrap();
+        header.payload_bytes = ResultHeader::payload_for(header.body_bytes, 2);
+        let broken = GpuPlace::of_result(&header, &sample).unwrap_err();
+        assert!(broken.to_string().contains("longer than its slot"));
+        assert_eq!(GPU_RESULT_BYTES, 64 + 8 * 256);
+    }
+
+    #[test]
     fn random_places_never_panic() {
         let mut rng = fastrand::Rng::with_seed(3);
         let (header, place) = frame();
@@ -113,6 +179,11 @@ mod tests {
             if let Ok(place) = GpuPlace::read(&header, &bytes) {
                 assert!(place.offset_bytes + header.payload_bytes <= place.memory_bytes);
             }
+            let mut result: ResultHeader = Zeroable::zeroed();
+            bytemuck::bytes_of_mut(&mut result)
+                .iter_mut()
+                .for_each(|byte| *byte = rng.u8(..));
+            let _ = GpuPlace::of_result(&result, &bytes);
         }
     }
 }

@@ -141,7 +141,7 @@ layouts! {
         seq: u64, episode: u32, n_inputs: u32, payload_bytes: u64, body_bytes: u64, width: u32, height: u32, row_stride: u32,
         element_bytes: u32, n_items: u32, n_dims: u32, shape: [u32; 8], world_from_space: Pose, intrinsics_px: [f64; 4], space: u32,
         reserved0: u32, epoch: u64, writer_epoch: u64, origin_mono_nanos: u64, taken_mono_nanos: u64, published_mono_nanos: u64,
-        reserved1: [u64; 8],
+        payload_place: u32, reserved1: [u8; 60],
     }
     InputRecord {
         topic: [u8; 200], tick: u64, seq: u64, sim_nanos: u64, epoch: u64, published_mono_nanos: u64, taken_mono_nanos: u64,

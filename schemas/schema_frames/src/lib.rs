@@ -75,7 +75,7 @@ pub use document::{
 };
 pub use dvs::DvsEvent;
 pub use events::{CollisionEvent, LaneCrossing, ObstacleEvent};
-pub use gpu_place::{GPU_PLACE_BYTES, GpuPlace};
+pub use gpu_place::{GPU_PLACE_BYTES, GPU_RESULT_BYTES, GpuPlace};
 pub use gpu_socket::{GPU_MAGIC, GpuAnswer, GpuAsk};
 pub use header::{FrameError, FrameHeader};
 pub use imu_gnss::{GnssSample, ImuSample};

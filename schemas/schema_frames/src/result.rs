@@ -91,8 +91,11 @@ pub struct ResultHeader {
     pub taken_mono_nanos: u64,
     /// `CLOCK_MONOTONIC` just before the result was sent.
     pub published_mono_nanos: u64,
+    /// 0: the payload is in this sample. 1: the body is on the GPU, and the sample holds a
+    /// [`crate::GpuPlace`] and the inputs.
+    pub payload_place: u32,
     /// Zero.
-    pub reserved1: [u64; 8],
+    pub reserved1: [u8; 60],
 }
 const _: () = assert!(size_of::<ResultHeader>() == 320 && align_of::<ResultHeader>() == 64);
 const _: () = assert!(std::mem::offset_of!(ResultHeader, epoch) == HASHED_RESULT_BYTES);
@@ -140,6 +143,10 @@ impl ResultHeader {
     pub const FIRST: u32 = 1;
     /// Flag: published by a replay.
     pub const REPLAYED: u32 = 2;
+    /// `payload_place` of a result whose payload is in its sample.
+    pub const IN_SAMPLE: u32 = 0;
+    /// `payload_place` of a result whose body is on the GPU.
+    pub const ON_GPU: u32 = 1;
 
     /// A header with magic, version, type and usual space filled in and everything else zero.
     pub fn new(result_type: ResultType) -> Self {
@@ -233,6 +240,28 @@ impl ResultHeader {
     /// # Errors
     /// [`ResultError`] names the first rule the header breaks. Any bit pattern is safe to pass.
     pub fn check(&self, sample_bytes: usize) -> Result<ResultType, ResultError> {
+        let kind = self.check_kind(ResultHeader::IN_SAMPLE)?;
+        if self.payload_bytes > sample_bytes as u64 {
+            return Err(ResultError::Length {
+                claimed: self.payload_bytes,
+                sample: sample_bytes as u64,
+            });
+        }
+        self.check_lengths(kind)?;
+        Ok(kind)
+    }
+
+    /// The same for a result whose body is on the GPU; `GpuPlace::of_result` also checks its sample.
+    ///
+    /// # Errors
+    /// As [`ResultHeader::check`].
+    pub fn check_on_gpu(&self) -> Result<ResultType, ResultError> {
+        let kind = self.check_kind(ResultHeader::ON_GPU)?;
+        self.check_lengths(kind)?;
+        Ok(kind)
+    }
+
+    fn check_kind(&self, place: u32) -> Result<ResultType, ResultError> {
         if self.magic != RESULT_MAGIC {
             return Err(ResultError::Magic { found: self.magic });
         }
@@ -246,12 +275,16 @@ impl ResultHeader {
         let kind = self.kind().ok_or(ResultError::Type {
             found: self.result_type,
         })?;
-        if self.payload_bytes > sample_bytes as u64 {
-            return Err(ResultError::Length {
-                claimed: self.payload_bytes,
-                sample: sample_bytes as u64,
+        if self.payload_place != place {
+            return Err(ResultError::Place {
+                found: self.payload_place,
+                wanted: place,
             });
         }
+        Ok(kind)
+    }
+
+    fn check_lengths(&self, kind: ResultType) -> Result<(), ResultError> {
         if self.n_inputs as usize > MAX_INPUTS
             || Self::payload_for(self.body_bytes, self.n_inputs as usize) != self.payload_bytes
         {
@@ -264,8 +297,7 @@ impl ResultHeader {
         if self.space().is_none() {
             return Err(ResultError::Space { found: self.space });
         }
-        self.check_body(kind)?;
-        Ok(kind)
+        self.check_body(kind)
     }
 
     fn check_body(&self, kind: ResultType) -> Result<(), ResultError> {
@@ -388,6 +420,22 @@ pub enum ResultError {
     Space {
         /// The result's space.
         found: u32,
+    },
+    /// The body lies elsewhere than where this reader reads.
+    #[error(
+        "result says that its body is in place {found} (0 in the sample, 1 on the GPU), this reader reads place {wanted}; the writer is broken, or newer than the reader"
+    )]
+    Place {
+        /// The result's place.
+        found: u32,
+        /// The reader's place.
+        wanted: u32,
+    },
+    /// A place on the GPU that contradicts itself or the header.
+    #[error("result's place on the GPU is not usable: {rule}; the writer is broken")]
+    GpuPlace {
+        /// The broken rule.
+        rule: &'static str,
     },
     /// More payload claimed than the sample holds.
     #[error(

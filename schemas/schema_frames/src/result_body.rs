@@ -92,4 +92,9 @@ impl ResultType {
             Body::Pixels | Body::Tensor | Body::Points | Body::Bytes
         ) && !matches!(self, ResultType::Text | ResultType::Json)
     }
+
+    /// Whether bodies can stay on a GPU: arrays whose shape the header tells.
+    pub const fn can_stay_on_gpu(self) -> bool {
+        matches!(self.body(), Body::Pixels | Body::Tensor)
+    }
 }

@@ -22,6 +22,8 @@ def definitions(folder):
     for file in sorted(folder.glob("*.py")):
         lines = file.read_text().splitlines()
         for node in ast.parse("\n".join(lines)).body:
+            if any(isinstance(by, ast.Name) and by.id == "overload" for by in getattr(node, "decorator_list", [])):
+                continue
             if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
                 found.setdefault(node.name, (node, lines))
             elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):

@@ -2,7 +2,8 @@
 
 #![allow(dead_code, reason = "each test uses a part")]
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use consumer_gpu::{Device, FrameOnGpu, GpuTopic};
 use schema_bus::Bus;
@@ -84,6 +85,21 @@ pub fn child(sandbox: &Sandbox, child: &str, env: &[(&str, &str)]) -> Process {
     let this = std::env::current_exe().expect("path of this test");
     let env = [env, &[("GPU_CHILD", place.as_str())]].concat();
     sandbox.spawn_program(child, &this, &["--exact", child, "--nocapture"], &env)
+}
+
+/// Builds the driver for tests in the sandbox; returns its folder.
+pub fn fake_driver(sandbox: &Sandbox) -> PathBuf {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fake_cuda/fake_cuda.c");
+    let folder = sandbox.path("fake");
+    std::fs::create_dir_all(&folder).expect("the sandbox is this test's own");
+    let built = Command::new("cc")
+        .args(["-shared", "-fPIC", "-O1", "-o"])
+        .arg(folder.join("libcuda.so"))
+        .arg(source)
+        .status()
+        .expect("the C compiler that links Rust programs");
+    assert!(built.success());
+    folder
 }
 
 /// The bus of the parent, in a child; `None` in the parent.

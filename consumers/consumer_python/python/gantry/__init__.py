@@ -61,6 +61,7 @@ from ._layout import SCHEMA_VERSION
 from ._lockstep import Lockstep, Tick, lockstep
 from ._play import pause, resume, seek, set_speed, step
 from ._publish import RESULT_TYPES, BytesSchema, Loan, Publisher, publish
+from ._publish_gpu import GpuArray, GpuLoan, GpuPublisher
 from ._query import cast_rays, clear_drawing, draw
 from ._records import RecordsAndTail, boxes2d, boxes3d, keypoints, masks, odometry, path, pose, scalars, tracks
 from ._recording import Message, RecordedTopic, Recording
@@ -73,7 +74,7 @@ from ._world import Document, Snapshot, document, snapshot, snapshot_at
 
 __all__ = [
     "ACTOR", "BOX2D", "BOX3D", "BatchCamera", "BorrowLimitError", "BytesSchema", "CLASS_COLOURS", "CLASS_NAMES", "COLLISION_EVENT", "Counts", "DVS_EVENT",
-    "Document", "Frame", "FrameFormatError", "GNSS_SAMPLE", "GantryError", "Header", "IMU_SAMPLE", "Input", "KEYPOINT", "KEYPOINT_SET",
+    "Document", "Frame", "FrameFormatError", "GNSS_SAMPLE", "GantryError", "GpuArray", "GpuLoan", "GpuPublisher", "Header", "IMU_SAMPLE", "Input", "KEYPOINT", "KEYPOINT_SET",
     "LANE_CROSSING", "LIDAR_POINT", "Loan", "Lockstep", "MASK", "Message", "NoSuchTopicError", "OBSTACLE_EVENT", "ODOMETRY", "PATH_POINT",
     "POSE_ESTIMATE", "Pose", "Publisher", "RADAR_DETECTION", "RESULT_TYPES", "RecordedTopic", "Recording", "RecordsAndTail", "Result", "ResultHeader", "Row", "SCALAR",
     "SCHEMA_VERSION", "SEMANTIC_LIDAR_POINT", "SchemaVersionError", "Snapshot", "Sync", "TRACK", "TRAFFIC_LIGHT_PART", "Tick",

@@ -100,10 +100,12 @@ class Header(NamedTuple):
 
 
 class Frame(native.Sample):
-    """A frame in shared memory.
+    """A frame in shared memory, or on the GPU if its topic was opened with `device="cuda"`.
 
     `array` and its slices keep the frame's memory borrowed, and a reader may hold only a few frames
-    (3 of images and clouds, 4 of small sensors). To keep the data, keep `copy()`.
+    (3 of images and clouds, 4 of small sensors). To keep the data, keep `copy()`. On the GPU there is
+    no `array`: `torch()` is the frame as a tensor of torch, sooner than by `torch.from_dlpack`, and
+    cupy and jax take it by `from_dlpack`.
     """
 
     __slots__ = ("_header",)
@@ -150,7 +152,7 @@ class Frame(native.Sample):
         return array
 
     def __dlpack__(self, **options: Any) -> Any:
-        """Hands `array` to another library without a copy: `torch.from_dlpack(frame)`.
+        """Hands `array` to another library without a copy: `cupy.from_dlpack(frame)`; see `torch()`.
 
         The memory is marked as read-only, which takes numpy 2.1 and DLPack 1. Raises `BufferError`
         for a library that cannot say that it reads only, and for structured arrays; hand over

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from dataclasses import dataclass
-from typing import Any, Iterable, Mapping, Sequence, Union
+from typing import TYPE_CHECKING, Any, Iterable, Mapping, Sequence, Union, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,9 @@ from ._frame import Frame, Pose
 from ._load import native
 from ._records import RecordsAndTail
 from ._result import Result
+
+if TYPE_CHECKING:
+    from ._publish_gpu import GpuPublisher
 
 #: What a result can name as its input.
 Answered = Union[Frame, Result, Mapping[str, Any], Iterable[Union[Frame, Result]], None]
@@ -51,9 +54,9 @@ class Loan:
     that the array must not be written; it is made read-only, its slices are not.
     """
 
-    def __init__(self, loan: native.Loan, array: npt.NDArray[Any], type_: str) -> None:
+    def __init__(self, loan: Any, array: Any, type_: str) -> None:
         #: The memory, writeable. Lists of records are zeros at first; other bytes are of an earlier result.
-        self.array = array
+        self.array: npt.NDArray[Any] = array
         #: Number of records, points or bytes that are sent, if they are fewer than were loaned.
         self.n_items: int | None = None
         #: Number of readers that received the result, once it is sent.
@@ -84,8 +87,8 @@ class Loan:
                 raise GantryError(f"n_items is {self.n_items}; it must be 0 to {len(self.array)}, the number that was loaned")
             self._loan.set_list(self.n_items, self.array.dtype.itemsize, 0)
         self.array.flags.writeable = False
-        self.n_received = self._loan.send()
-        return self.n_received
+        self.n_received = n_received = int(self._loan.send())
+        return n_received
 
     def give_back(self) -> None:
         """Gives the slot back unsent."""
@@ -101,7 +104,12 @@ class Publisher:
         #: Type of its results.
         self.type: str = type
         self._point = point
-        self._native = native.Publisher(self._domain, self.name, type, about=json.dumps(about), **capacities)
+        #: Device of its results: `cuda:0` and so on; None for shared memory.
+        self.device: str | None = None
+        self._native: Any = self._open(about, capacities)
+
+    def _open(self, about: dict[str, Any], capacities: dict[str, int]) -> Any:
+        return native.Publisher(self._domain, self.name, self.type, about=json.dumps(about), **capacities)
 
     def __enter__(self) -> Publisher:
         return self
@@ -119,7 +127,12 @@ class Publisher:
     @property
     def n_readers(self) -> int:
         """Number of readers now; without one a result need not be computed."""
-        return self._native.n_readers()
+        return int(self._native.n_readers())
+
+    @property
+    def device_bytes(self) -> int:
+        """Memory of the GPU that the topic has for its slots now, bytes; 0 without a device."""
+        return 0
 
     def loan(
         self,
@@ -230,7 +243,7 @@ class Publisher:
             _name_inputs(loan, answers)
             nanos = None if sim_time is None else round(sim_time * 1e9)
             loan.describe(tick=tick, sim_nanos=nanos, size_px=size_px, space=space, pose=pose, intrinsics_px=intrinsics_px)
-            return loan.send()
+            return int(loan.send())
         finally:
             loan.give_back()
 
@@ -281,7 +294,7 @@ class Publisher:
         return item, format
 
 
-def _name_inputs(loan: native.Loan, answers: Answered) -> None:
+def _name_inputs(loan: native.Loan | native.GpuLoan, answers: Answered) -> None:
     if answers is None:
         return
     if isinstance(answers, Frame):
@@ -295,6 +308,7 @@ def _name_inputs(loan: native.Loan, answers: Answered) -> None:
             _name_inputs(loan, one)
 
 
+@overload
 def publish(
     topic: str,
     type: str,
@@ -310,6 +324,45 @@ def publish(
     readers: int = 0,
     buffer: int = 0,
     borrowed: int = 0,
+    device: None = None,
+    gpu_readers: int = 0,
+) -> Publisher: ...
+@overload
+def publish(
+    topic: str,
+    type: str,
+    *,
+    domain: str | None = None,
+    classes: Sequence[str] = (),
+    fields: npt.DTypeLike | None = None,
+    bones: Sequence[tuple[int, int]] = (),
+    schema: BytesSchema | None = None,
+    note: str = "",
+    max_bytes: int = 0,
+    loans: int = 0,
+    readers: int = 0,
+    buffer: int = 0,
+    borrowed: int = 0,
+    device: str,
+    gpu_readers: int = 0,
+) -> GpuPublisher: ...
+def publish(
+    topic: str,
+    type: str,
+    *,
+    domain: str | None = None,
+    classes: Sequence[str] = (),
+    fields: npt.DTypeLike | None = None,
+    bones: Sequence[tuple[int, int]] = (),
+    schema: BytesSchema | None = None,
+    note: str = "",
+    max_bytes: int = 0,
+    loans: int = 0,
+    readers: int = 0,
+    buffer: int = 0,
+    borrowed: int = 0,
+    device: str | None = None,
+    gpu_readers: int = 0,
 ) -> Publisher:
     """Opens a topic of your own for results of one type; the process becomes its one writer.
 
@@ -319,9 +372,18 @@ def publish(
     is a sentence for people. `max_bytes` is the longest body expected; slots grow when a longer one
     comes. `loans` is how many may be open at a time (2), `readers`, `buffer` and `borrowed` are the
     topic's places, the samples that wait for a reader, and those that it may hold; 0 is the usual
-    number of the type, and who finds the topic there joins it as it is. Raises `TopicTakenError` if
+    number of the type, and who finds the topic there joins it as it is.
+
+    With `device="cuda"` (or `"cuda:N"`) a tensor or an image stays on the GPU: `send` takes anything
+    with `__dlpack__` or `__cuda_array_interface__` and copies it within the device, `loan` gives a
+    slot of the GPU's memory. Readers with a device get that memory, all others, the recorder and the
+    viewer among them, a copy in shared memory, which is made while one of them reads. The slots are
+    `gpu_readers` (2) times 5, and one for each loan and `send`; with `max_bytes` they are made at
+    once, otherwise for the first result that is read there.
+
+    Raises `TopicTakenError` if
     another process writes it, `ValueError` for an unknown type, `GantryError` for a name or a
-    description that cannot be, and if `/dev/shm` is full.
+    description that cannot be, if `/dev/shm` or the GPU has no room, and without CUDA for a device.
     """
     point = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")]) if fields is None else np.dtype(fields)
     about: dict[str, Any] = {"classes": list(classes), "bones": [list(bone) for bone in bones], "note": note}
@@ -329,10 +391,15 @@ def publish(
         about["fields"] = _point_fields(point)
     if schema is not None:
         about["schema"] = schema._json()
-    capacities = {"body_bytes": max_bytes, "loans": loans, "readers": readers, "buffer": buffer, "borrowed": borrowed}
+    capacities = {"body_bytes": max_bytes, "loans": loans, "readers": readers, "buffer": buffer, "borrowed": borrowed, "gpu_readers": gpu_readers}
     negative = next((name for name, value in capacities.items() if value < 0), None)
     if negative is not None:
         raise ValueError(f"{negative} is {capacities[negative]}; it must be 0 (the usual number) or more")
+    if device is not None:
+        from ._publish_gpu import GpuPublisher
+
+        return GpuPublisher(topic, type, domain, about, capacities, point, device)
+    del capacities["gpu_readers"]
     return Publisher(topic, type, domain, about, capacities, point)
 
 

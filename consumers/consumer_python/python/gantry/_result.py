@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 import json
 from typing import Any, Iterable, NamedTuple
 
@@ -17,6 +18,8 @@ from ._frame import Pose, camera_matrix
 from ._load import native
 
 _UNPACK_HEADER = unpacker("ResultHeader").unpack
+#: Offset and length of the header's numbers, bytes.
+_PLACES = {name: (offset, np.dtype(kind).itemsize) for name, kind, sizes, offset in _layout.STRUCTS["ResultHeader"][2] if kind[1] == "u" and not sizes}
 #: Fields of points whose topic names none.
 _USUAL_POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")])
 
@@ -52,6 +55,7 @@ class ResultHeader(NamedTuple):
     origin_mono_nanos: int
     taken_mono_nanos: int
     published_mono_nanos: int
+    payload_place: int
 
     @classmethod
     def from_bytes(cls, data: Any) -> ResultHeader:
@@ -127,10 +131,11 @@ def _padded_text(data: Any) -> str:
 
 
 class Result:
-    """A result in shared memory.
+    """A result in shared memory, or on the GPU if its topic was opened with `device="cuda"`.
 
     `array` and its slices keep it borrowed, and a reader may hold only a few (usually 3 of large
-    types, 4 of others). To keep the data, keep `copy()`.
+    types, 4 of others). To keep the data, keep `copy()`. On the GPU there is no `array`: `torch()`,
+    `cupy.from_dlpack(result)` and their like show it where it is.
     """
 
     __slots__ = ("topic", "_outcome", "_about", "_header", "_array")
@@ -174,6 +179,17 @@ class Result:
     def sim_time(self) -> float:
         """Simulated time of its tick, seconds."""
         return self._outcome.sim_nanos * 1e-9
+
+    @property
+    def device(self) -> str | None:
+        """Device of the body: `cuda:0` and so on; None in shared memory."""
+        return self._outcome.device
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Sizes of the array or tensor."""
+        on_gpu = self._outcome.device_shape()
+        return tuple(self.array.shape) if on_gpu is None else tuple(on_gpu)
 
     @property
     def space(self) -> str:
@@ -299,8 +315,24 @@ class Result:
             raise FrameFormatError(f"this result is of type {self.type}, not {' or '.join(types)}; use result.array")
 
     def copy(self) -> npt.NDArray[Any]:
-        """Returns a writeable copy of `array`, which keeps no shared memory borrowed."""
-        return self.array.copy()
+        """Returns a writeable copy of `array`, which keeps no memory borrowed; of a result on a GPU, too."""
+        data = self._outcome.device_bytes()
+        if data is None:
+            return self.array.copy()
+        return _in_memory(self._outcome.header_bytes(), data).array.copy()
+
+    def torch(self) -> Any:
+        """Returns the result as a tensor of torch, without a copy.
+
+        On a GPU it is in hand sooner than by `torch.from_dlpack`, because the bytes were complete
+        before the result was sent, and torch need not look for streams to wait for. Its memory is
+        other readers', too: do not write to it. It stays as it is until the last tensor is gone and
+        the device has done what it was given until then.
+        """
+        tensor = self._outcome.device_torch()
+        if tensor is None:
+            tensor = importlib.import_module("torch").from_dlpack(self)
+        return tensor
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         if copy or (dtype is not None and np.dtype(dtype) != self.array.dtype):
@@ -308,19 +340,42 @@ class Result:
         return self.array
 
     def __dlpack__(self, **options: Any) -> Any:
-        """Hands `array` to another library without a copy, as `Frame.__dlpack__`."""
+        """Hands the array to another library without a copy, as `Frame.__dlpack__`."""
+        if self.device is not None:
+            return self._outcome.device_capsule(options.get("stream"))
         return self.array.__dlpack__(**options)
 
     def __dlpack_device__(self) -> tuple[int, int]:
-        """Returns DLPack's number of the processor's own memory."""
+        """Returns DLPack's kind and number of the device."""
+        on_gpu = self._outcome.device_number()
+        if on_gpu is not None:
+            return on_gpu
         kind, number = self.array.__dlpack_device__()
         return int(kind), int(number)
 
+    @property
+    def __cuda_array_interface__(self) -> dict[str, Any]:
+        found = self._outcome.device_interface()
+        if found is None:
+            raise AttributeError("__cuda_array_interface__: this result is not on a device of CUDA")
+        address, shape, strides, kind = found
+        # The bytes were complete before the result was sent, so nothing has to be waited for.
+        return {"shape": tuple(shape), "typestr": kind, "data": (address, True), "version": 3, "strides": tuple(strides), "stream": None}
+
     def __len__(self) -> int:
-        return len(self.array)
+        return self.shape[0]
 
     def __repr__(self) -> str:
         return f"<gantry.Result {self.topic or self.type} tick={self.tick} seq={self.seq} n={self.header.n_items}>"
+
+
+def _in_memory(header: bytes, body: bytes) -> Result:
+    """Makes a result of a checked header and of the body that was on a GPU, without its inputs."""
+    own = bytearray(header)
+    for name, value in (("n_inputs", 0), ("payload_bytes", (len(body) + 7) & ~7), ("payload_place", 0)):
+        at, n = _PLACES[name]
+        own[at : at + n] = value.to_bytes(n, "little")
+    return result_from_bytes(bytes(own) + body + bytes(-len(body) % 8))
 
 
 def result_from_bytes(data: bytes, topic: str = "", about: dict[str, Any] | None = None) -> Result:

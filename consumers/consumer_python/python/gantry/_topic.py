@@ -151,7 +151,7 @@ class Topic(native.Reader, Generic[S]):
 def _say_fallback(name: str, why: str, level: int = 2) -> None:
     if not _SAID.get(why):
         _SAID[why] = True
-        warnings.warn(f"frames of {name!r} are uploaded, they do not stay on the GPU: {why}", RuntimeWarning, stacklevel=level + 1)
+        warnings.warn(f"{name!r} is uploaded, it does not stay on the GPU: {why}", RuntimeWarning, stacklevel=level + 1)
 
 
 def _fileno(topic: Topic[Any] | None) -> int:
@@ -163,7 +163,7 @@ def _fileno(topic: Topic[Any] | None) -> int:
 @overload
 def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: None = None, device: str | None = None) -> Topic[Frame]: ...
 @overload
-def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: str) -> Topic[Result]: ...
+def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: str, device: str | None = None) -> Topic[Result]: ...
 
 
 def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: str | None = None, device: str | None = None) -> Topic[Any]:
@@ -174,14 +174,13 @@ def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result:
     `NoSuchTopicError` if it does not appear, `TooManyReadersError` if it has no place left,
     `SchemaVersionError` if the simulator has another version, `GantryError` for another type.
 
-    With `device="cuda"` frames of cameras and lidars stay on the GPU that the simulator draws on:
-    `torch.from_dlpack(frame)` is a tensor there, and nothing is copied. Where CUDA computes on
-    another GPU, frames are uploaded to it through page-locked memory, with one warning that says
+    With `device="cuda"` frames of cameras and lidars stay on the GPU that the simulator draws on,
+    and results that were published with a device on that of their writer: `frame.torch()` is a
+    tensor there, and nothing is copied. Where CUDA computes on another GPU, or the writer publishes
+    in shared memory only, they are uploaded through page-locked memory, with one warning that says
     why. The same when another process takes the topic over, as render workers do: the topic goes on
     by itself, and `fallback` tells. Raises `GantryError` where there is no CUDA.
     """
-    if device is not None and result is not None:
-        raise GantryError("results are in shared memory; leave device out, or result")
     deadline = time.monotonic() + timeout
     while True:
         try:

@@ -21,7 +21,7 @@ use crate::node::BusNode;
 use crate::origin::Origin;
 use crate::reader::Repeats;
 use crate::reserve::reserve_as_reader;
-use crate::result_writer::{Answerable, Answered};
+use crate::result_draft::{Answerable, Answered};
 use crate::service::make;
 
 /// A process that keeps a topic on a GPU, and on which one.
@@ -35,8 +35,8 @@ pub struct GpuOffer {
     pub driver_uuid: [u8; 16],
     /// Whether the memory is a software adapter's, which can be mapped.
     pub is_mappable: bool,
-    /// Readers, waiting and held frames of the topic's service.
-    capacity: [usize; 3],
+    /// Readers, waiting and held samples of the topic's service.
+    pub(super) capacity: [usize; 3],
 }
 
 /// GPU memory of another process.
@@ -56,7 +56,7 @@ pub struct GpuMemory {
     pub is_mappable: bool,
 }
 
-fn failed(topic: &str, fault: impl Into<String>) -> BusError {
+pub(super) fn failed(topic: &str, fault: impl Into<String>) -> BusError {
     BusError::Gpu {
         topic: topic.into(),
         fault: fault.into(),
@@ -132,7 +132,7 @@ pub(crate) fn offer(node: &BusNode, topic: &str) -> Result<GpuOffer, BusError> {
         return Ok(found);
     }
     let fault = why.unwrap_or_else(|| {
-        "no process of this domain keeps them on a GPU; cameras and lidars of a simulator can be kept there if its driver exports memory".into()
+        "no process of this domain keeps it on a GPU; cameras and lidars of a simulator can be kept there if its driver exports memory, results of a program that publishes them with a device".into()
     });
     Err(failed(topic, fault))
 }
@@ -231,7 +231,19 @@ impl GpuFrameReader {
         let frames = Frames {
             topic: topic.into(),
         };
-        let intake = Intake::open(service, frames)?;
+        let intake = match Intake::open(service, frames) {
+            // Killed readers keep their places until somebody removes them, and there are few.
+            Err(BusError::TooManyReaders { .. }) => {
+                node.clean_dead_nodes();
+                let frames = Frames {
+                    topic: topic.into(),
+                };
+                let service =
+                    make::<FrameHeader>(node, &names::gpu_topic(topic), &spec.qos(modality))?;
+                Intake::open(service, frames)?
+            }
+            opened => opened?,
+        };
         reserve_as_reader(node, intake.service())?;
         Ok(GpuFrameReader {
             intake,
@@ -306,7 +318,7 @@ impl GpuFrame {
     }
 
     /// Where the payload is, checked but for the length of the memory: see
-    /// [`GpuFrame::check_memory`].
+    /// [`GpuSample::check_memory`].
     pub fn place(&self) -> &GpuPlace {
         &self.place
     }
@@ -325,27 +337,46 @@ impl GpuFrame {
     pub fn modality(&self) -> Modality {
         self.modality
     }
+}
+
+/// A sample whose payload is on a GPU.
+pub trait GpuSample {
+    /// Its topic without the domain and without "/gpu".
+    fn topic(&self) -> &str;
+
+    /// Where the payload is, checked but for the length of the memory.
+    fn place(&self) -> &GpuPlace;
 
     /// Whether it is in this memory: a memory of another length would be imported without an error,
     /// and read beyond its end.
     ///
     /// # Errors
     /// [`BusError::Gpu`] for another memory, [`BusError::GpuMemory`] for another length.
-    pub fn check_memory(&self, memory: &GpuMemory) -> Result<(), BusError> {
-        let place = &self.place;
+    fn check_memory(&self, memory: &GpuMemory) -> Result<(), BusError> {
+        let place = self.place();
         if place.generation != memory.generation {
-            return Err(failed(&self.topic, "the frame is in another memory"));
+            return Err(failed(self.topic(), "the sample is in another memory"));
         }
         if place.memory_bytes != memory.n_bytes {
             return Err(BusError::GpuMemory {
-                topic: self.topic.to_string(),
+                topic: self.topic().to_string(),
                 fault: format!(
-                    "the frame says that its memory has {} bytes, and its writer {}; the writer is broken",
+                    "the sample says that its memory has {} bytes, and its writer {}; the writer is broken",
                     place.memory_bytes, memory.n_bytes
                 ),
             });
         }
         Ok(())
+    }
+}
+
+impl GpuSample for GpuFrame {
+    fn topic(&self) -> &str {
+        &self.topic
+    }
+
+    fn place(&self) -> &GpuPlace {
+        &self.place
     }
 }
 
