@@ -200,7 +200,7 @@ impl Reader {
         };
         py.import("gantry._topic")?
             .getattr("_say_fallback")?
-            .call1((&self.topic, why))?;
+            .call1((&self.topic, why, 1))?;
         Ok(())
     }
 

@@ -125,7 +125,10 @@ impl Waker {
 
     /// Leaves the event, at the latest after the sleep of another thread.
     pub fn close(&self, py: Python<'_>) {
-        py.detach(|| drop(self.listener.lock().take()));
+        py.detach(|| {
+            drop(self.listener.lock().take());
+            drop(self.next.lock().take());
+        });
     }
 
     /// Descriptor that is readable while notifications are pending, for event loops.

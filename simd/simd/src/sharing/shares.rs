@@ -96,7 +96,7 @@ fn wishes(daemon: &Daemon) -> Vec<(ActorId, Maker)> {
         _ => Maker::Here,
     };
     // Sensors of one rig that see the same are drawn once.
-    let mut groups: Vec<(Alike, Group, Vec<(ActorId, Maker)>)> = Vec::new();
+    let mut groups: Vec<(Alike, Group, Members)> = Vec::new();
     let mut wishes = Vec::new();
     for sensor in shared(&daemon.sensors.sensors) {
         if stays_here(daemon, sensor) {
@@ -131,6 +131,9 @@ fn wishes(daemon: &Daemon) -> Vec<(ActorId, Maker)> {
 /// What cameras have in common that see the same: rig, size, and place to the bit. A lidar is alone,
 /// and has its actor in place of a size.
 type Alike = (String, [u32; 2], [u64; 7]);
+
+/// Sensors of a group, and who makes the frames of each without workers.
+type Members = Vec<(ActorId, Maker)>;
 
 fn alike(daemon: &Daemon, sensor: &Sensor) -> Alike {
     let pose = daemon
