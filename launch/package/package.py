@@ -10,6 +10,7 @@ import hashlib
 import io
 import json
 import os
+import platform
 import re
 import shutil
 import subprocess
@@ -66,6 +67,11 @@ MACHINES = {62: ("x86_64", "amd64"), 183: ("aarch64", "arm64")}
 SUMMARY = "Headless driving simulator whose sensors write straight into shared memory"
 
 
+# For programs of another processor than this one's: GNU's name of the system they are for, whose tools
+# read them, and what runs them here to print their man pages, with the Debian packages of both.
+FOREIGN = {"aarch64": ("aarch64-linux-gnu", "binutils-aarch64-linux-gnu", "qemu-aarch64-static", "qemu-user-static")}
+
+
 class Failed(Exception):
     """A sentence for whoever packages."""
 
@@ -102,13 +108,45 @@ def built(folder):
     return files
 
 
+def foreign(file):
+    """What there is for the processor of `file` in FOREIGN; None if it is this machine's own."""
+    processor, _ = machine(file)
+    if processor == platform.machine():
+        return None
+    if processor not in FOREIGN:
+        raise Failed(f"{file} is for {processor}; on {platform.machine()} packages are made for it and for {', '.join(FOREIGN)}")
+    return FOREIGN[processor]
+
+
+def tool(name, file):
+    """The program of GNU's binutils that reads `file`."""
+    found = foreign(file)
+    if found is None:
+        return name
+    system, package, _, _ = found
+    if shutil.which(f"{system}-{name}") is None:
+        raise Failed(f"{file} is for another processor, and {system}-{name} is missing: apt-get install {package}")
+    return f"{system}-{name}"
+
+
+def runner(file):
+    """The words before `file` that run it on this machine."""
+    found = foreign(file)
+    if found is None:
+        return []
+    system, _, emulator, package = found
+    if shutil.which(emulator) is None:
+        raise Failed(f"{file} is for another processor, and {emulator}, which runs it to print its man pages, is missing: apt-get install {package}")
+    return [emulator, "-L", f"/usr/{system}"]
+
+
 def strip(files, into):
     """Copies files without symbols and line tables: a third of the size, no build paths."""
     into.mkdir(parents=True)
     for file in files:
         shutil.copyfile(file, into / file.name)
         (into / file.name).chmod(0o755)
-    output("strip", "--strip-all", *(str(into / file.name) for file in files))
+    output(tool("strip", files[0]), "--strip-all", *(str(into / file.name) for file in files))
     return [into / file.name for file in files]
 
 
@@ -132,7 +170,7 @@ def machine(file):
 
 def needed(files):
     """The shared libraries that any of these is linked to."""
-    text = output("objdump", "-p", *map(str, files))
+    text = output(tool("objdump", files[0]), "-p", *map(str, files))
     found = sorted(set(re.findall(r"NEEDED +(\S+)", text)))
     if foreign := [name for name in found if name not in SYSTEM]:
         raise Failed(f"the programs need {', '.join(foreign)}, which not every system has")
@@ -142,7 +180,7 @@ def needed(files):
 def glibc(files):
     """The newest GNU C library that any of these needs, as (2, 35), and at least that: the number in
     the wheel's tag, whose limits for the C++ library are checked too."""
-    text = output("objdump", "-T", *map(str, files))
+    text = output(tool("objdump", files[0]), "-T", *map(str, files))
     versions = {tuple(map(int, match.split("."))) for match in re.findall(r"GLIBC_(\d+\.\d+)", text)}
     if not versions:
         raise Failed("objdump names no version of the C library; are these programs linked dynamically?")
@@ -158,11 +196,11 @@ def pages(programs, share):
     quiet = {**os.environ, "NO_COLOR": "1"}
     for program in programs:
         with tempfile.TemporaryDirectory() as folder:
-            output(program, "man", "--into", folder, env=quiet)
+            output(*runner(program), program, "man", "--into", folder, env=quiet)
             for page in sorted(Path(folder).iterdir()):
                 write(share / "man" / "man1" / f"{page.name}.gz", gzip.compress(page.read_bytes(), mtime=0))
         for shell, (folder, name) in SHELLS.items():
-            script = output(program, "completions", shell, env=quiet)
+            script = output(*runner(program), program, "completions", shell, env=quiet)
             write(share / folder / name.format(program.name), script.encode())
 
 
@@ -318,6 +356,8 @@ def main():
     parser = argparse.ArgumentParser(prog="./gantry package", description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the packages [default: target/packages]")
     parser.add_argument("--binaries", type=Path, required=True, metavar="DIR", help="pack the programs of this folder as they are [default: those of a build without paths of this machine]")
+    # ./gantry takes it: by then the programs are built.
+    parser.add_argument("--target", metavar="TRIPLE", help="build for this processor: aarch64-unknown-linux-gnu or x86_64-unknown-linux-gnu [default: this machine's]")
     parser.add_argument("--only", choices=["wheel", "tar", "deb"], action="append", help="make this one alone; may be given more than once")
     args = parser.parse_args()
     wanted = args.only or ["wheel", "tar", "deb"]
@@ -326,7 +366,7 @@ def main():
     work = args.out / ".work"
     shutil.rmtree(work, ignore_errors=True)
     everything, module = strip(built(args.binaries), work / "stripped")
-    names = output(str(everything)).split()
+    names = output(*runner(everything), str(everything)).split()
     libc = glibc([everything, module])
     libraries = needed([everything, module])
     processor, architecture = machine(module)

@@ -142,7 +142,8 @@ impl People {
         let has_clients = self.n_clients() > 0;
         let (mut sensors, mut results) = (BTreeSet::new(), BTreeSet::new());
         for topic in services {
-            if !self.options.has(&topic.name) {
+            // A batch only repeats the images of its cameras.
+            if !self.options.has(&topic.name) || names::is_batch(&topic.name) {
                 continue;
             }
             let modality = topic.name.rsplit('/').next().and_then(Modality::from_name);

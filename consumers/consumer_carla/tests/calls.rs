@@ -31,6 +31,7 @@ fn gateway() -> Gateway {
         weather: Weather::default(),
         adapter: String::new(),
         cpu_copies: 0,
+        batches: Vec::new(),
     };
     world.change(|known| known.info = Some(info));
     let world = Arc::new(world);

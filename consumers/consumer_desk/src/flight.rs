@@ -5,10 +5,9 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use consumer_fly::input::{Held, Input, of_letter};
+use consumer_fly::screen::{Picture, Screen};
 use consumer_picture::jpeg::{Pixels, jpeg};
-use consumer_view::fly;
-use consumer_view::fly::input::{Held, Input, of_letter};
-use consumer_view::fly::screen::{Picture, Screen};
 use serde::Deserialize;
 
 /// Quality of the pictures.
@@ -167,7 +166,7 @@ impl Flight {
     /// # Errors
     /// If the bus cannot be joined.
     pub fn serve(&self, domain: &str, ends: &AtomicBool) -> anyhow::Result<()> {
-        let options = fly::Options {
+        let options = consumer_fly::Options {
             domain: domain.to_owned(),
             bus: Default::default(),
         };
@@ -183,7 +182,7 @@ impl Flight {
                 }
                 ends.load(Ordering::Acquire) || seen.elapsed() > LINGER
             };
-            fly::fly(&options, &mut Page(self), &mut stop)?;
+            consumer_fly::fly(&options, &mut Page(self), &mut stop)?;
         }
         Ok(())
     }

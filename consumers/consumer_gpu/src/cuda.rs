@@ -20,6 +20,8 @@ const MAX_SPARE_EVENTS: usize = 16;
 pub struct Cuda {
     /// Its number.
     pub ordinal: i32,
+    /// Its UUID.
+    pub uuid: [u8; 16],
     context: sys::CUcontext,
     records_contexts: bool,
     spare_events: Mutex<Vec<EventHandle>>,
@@ -136,10 +138,15 @@ impl Cuda {
     pub fn open(ordinal: i32) -> Result<Arc<Cuda>, GpuError> {
         start()?;
         let (mut device, mut context, mut version) = (0, std::ptr::null_mut(), 0);
+        let mut uuid = sys::CUuuid { bytes: [0; 16] };
         // SAFETY: CUDA has started; the pointers are to this frame's own. The primary context is
         // kept until the process ends, because tensors of others may outlive this value.
         unsafe {
             check("cuDeviceGet", sys::cuDeviceGet(&mut device, ordinal))?;
+            check(
+                "cuDeviceGetUuid",
+                sys::cuDeviceGetUuid_v2(&mut uuid, device),
+            )?;
             check(
                 "cuDevicePrimaryCtxRetain",
                 sys::cuDevicePrimaryCtxRetain(&mut context, device),
@@ -148,6 +155,7 @@ impl Cuda {
         }
         Ok(Arc::new(Cuda {
             ordinal,
+            uuid: uuid.bytes.map(|byte| byte as u8),
             context,
             records_contexts: version >= RECORDS_CONTEXTS,
             spare_events: Mutex::new(Vec::new()),

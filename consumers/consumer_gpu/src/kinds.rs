@@ -51,6 +51,12 @@ pub trait Kind: Debug + Sized + 'static {
     fn state_host(of: &Self::HostReader) -> (ReaderCounts, bool);
     /// Keeps what a sample says.
     fn about(of: &Self::OnHost) -> Self::About;
+    /// The next sample is none that came already, whatever it says.
+    fn forget_last(from: &mut Self::GpuReader);
+    /// Epoch of its writer, tick and number; in one epoch they only rise.
+    fn moment(of: Result<&Self::OnGpu, &Self::About>) -> (u64, u64, u64);
+    /// Number of who wrote it: another one may be another process.
+    fn writer(of: &Self::About) -> u128;
     /// Bytes of the payload on the GPU.
     fn n_bytes(of: Result<&Self::OnGpu, &Self::About>) -> u64;
     /// What a result that answers it takes over.
@@ -69,6 +75,7 @@ pub struct AboutFrame {
     pub topic: String,
     pub taken: MonoTime,
     answered: Answered,
+    writer: u128,
 }
 
 impl Kind for Frames {
@@ -115,7 +122,21 @@ impl Kind for Frames {
             topic: of.topic().to_owned(),
             taken: of.taken(),
             answered: of.answered(),
+            writer: of.writer(),
         }
+    }
+
+    fn forget_last(from: &mut GpuFrameReader) {
+        from.forget_last();
+    }
+
+    fn moment(of: Result<&GpuFrame, &AboutFrame>) -> (u64, u64, u64) {
+        let header = of.map_or_else(|about| &about.header, GpuFrame::header);
+        (header.epoch, header.tick, header.seq)
+    }
+
+    fn writer(of: &AboutFrame) -> u128 {
+        of.writer
     }
 
     fn n_bytes(of: Result<&GpuFrame, &AboutFrame>) -> u64 {
@@ -211,6 +232,17 @@ impl Kind for Results {
             taken: of.taken(),
             answered: of.answered(),
         }
+    }
+
+    fn forget_last(_from: &mut GpuResultReader) {}
+
+    fn moment(of: Result<&GpuResult, &AboutResult>) -> (u64, u64, u64) {
+        let header = of.map_or_else(|about| &about.header, GpuResult::header);
+        (header.writer_epoch, header.seq, header.seq)
+    }
+
+    fn writer(of: &AboutResult) -> u128 {
+        u128::from(of.header.writer_epoch)
     }
 
     fn n_bytes(of: Result<&GpuResult, &AboutResult>) -> u64 {

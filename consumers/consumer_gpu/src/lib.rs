@@ -14,7 +14,10 @@
 //! | `release` | slots that go back once the GPU is done with them |
 //! | `shared`, `stream` | memory of CUDA that processes share, and copies within the device |
 //! | `upload` | the way over page-locked memory |
-//! | `kinds`, `topic` | a topic's frames or results, whichever way they come |
+//! | `memory` | memory of writers as this process has it |
+//! | `port`, `sample` | the ways that samples come, and a sample that came |
+//! | `kinds`, `topic` | a topic of frames or results, whichever way they come |
+//! | `watch` | when to look whether they still come that way |
 //! | `publisher` | results that are written on the device |
 //!
 //! ```no_run
@@ -40,16 +43,21 @@ mod device;
 mod error;
 mod kinds;
 mod mapping;
+mod memory;
+mod port;
 mod publisher;
 mod release;
+mod sample;
 mod shared;
 mod stream;
 mod topic;
 mod upload;
+mod watch;
 
 pub use cuda::device_of;
 pub use device::Device;
 pub use error::GpuError;
 pub use kinds::{Frames, Kind, Results};
 pub use publisher::{Body, GpuLoan, GpuPublisher, SlotMemory};
-pub use topic::{FrameOnGpu, GpuResults, GpuTopic, OnGpu, ResultOnGpu, Topic};
+pub use sample::{FrameOnGpu, OnGpu, ResultOnGpu};
+pub use topic::{GpuResults, GpuTopic, Topic};

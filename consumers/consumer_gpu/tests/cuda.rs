@@ -3,11 +3,17 @@
 
 mod common;
 
+use std::fs::File;
+use std::os::unix::fs::FileExt as _;
 use std::path::Path;
 use std::time::Duration;
 
 use common::{RIG, child, fake_driver, parents_bus, start, take};
 use consumer_gpu::{Device, GpuTopic};
+use schema_bus::{
+    Bus, FramePublisher, FrameTopic, GpuDevice, GpuServer, Notifier, SharedMemory, names,
+};
+use schema_frames::{FrameHeader, GPU_PLACE_BYTES, GpuAnswer, GpuPlace, Modality};
 use test_kit::client::{join_bus, reader, step};
 use test_kit::{Sandbox, eventually};
 
@@ -70,6 +76,44 @@ fn frames_are_imported_once_and_have_the_bytes_of_shared_memory() {
     let n = |what: &str| noted.lines().filter(|line| line.starts_with(what)).count();
     assert_eq!((n("import"), n("destroy")), (1, 1), "{noted}");
     assert!(n("record") >= 5 && n("upload") == 0, "{noted}");
+}
+
+#[test]
+fn child_that_reads_a_batch() {
+    let Some(bus) = parents_bus() else { return };
+    let topic = "batch/pair/depth";
+    let mut host = reader(&bus, topic);
+    let mut gpu = GpuTopic::open(&bus, topic, Device::Cuda).unwrap();
+    let mut n_compared = 0;
+    while n_compared < 3 {
+        let frame = gpu.wait(&bus, Duration::from_secs(60)).unwrap().unwrap();
+        let header = frame.header();
+        assert_eq!(
+            (header.n_images, header.height, header.image_height()),
+            (2, 128, 64)
+        );
+        let bytes = frame.to_bytes().unwrap();
+        assert_eq!(bytes.len(), 2 * 96 * 64 * 4);
+        let same = eventually("the same tick", || {
+            let found = host.next().unwrap()?;
+            (found.header().tick >= header.tick).then_some(found)
+        });
+        if same.header().tick == header.tick {
+            assert!(*same == bytes[..]);
+            n_compared += 1;
+        }
+    }
+}
+
+#[test]
+fn a_batch_is_imported_once_for_all_of_its_images() {
+    let (_sandbox, noted) = run("cuda-batch", "child_that_reads_a_batch", None, &[]);
+    let n = |what: &str| noted.lines().filter(|line| line.starts_with(what)).count();
+    assert_eq!(
+        (n("import"), n("destroy"), n("upload")),
+        (1, 1, 0),
+        "{noted}"
+    );
 }
 
 #[test]
@@ -164,4 +208,192 @@ fn without_cuda_there_is_a_sentence() {
     child(&sandbox, "child_without_cuda", &env)
         .wait()
         .expect_code(0);
+}
+
+#[test]
+fn child_that_follows() {
+    let Some(bus) = parents_bus() else { return };
+    let mut gpu = GpuTopic::open(&bus, SMALL_TOPIC, Device::Cuda).unwrap();
+    println!("open");
+    let mut last_tick = 0;
+    loop {
+        let frame = gpu.wait(&bus, Duration::from_secs(60)).unwrap();
+        let frame = frame.expect("frames come");
+        let tick = frame.header().tick;
+        assert!(tick > last_tick, "{tick} after {last_tick}");
+        last_tick = tick;
+        assert_eq!(frame.to_bytes().unwrap(), [tick as u8; 64]);
+        assert_eq!(frame.device(), Some(0));
+        println!("tick {tick} {}", gpu.fallback().unwrap_or("stays"));
+    }
+}
+
+const SMALL_TOPIC: &str = "ego/card/semantic";
+
+/// A process that writes a topic, and keeps it on a GPU of some UUID, or on none.
+struct Scribe {
+    host: FramePublisher,
+    wake: Notifier,
+    on_gpu: Option<Kept>,
+}
+
+struct Kept {
+    publisher: FramePublisher,
+    wake: Notifier,
+    memory: SharedMemory,
+    file: File,
+    slots: Vec<usize>,
+    _offer: schema_bus::GpuTopic,
+    _server: GpuServer,
+}
+
+fn host_topic() -> FrameTopic {
+    FrameTopic::new(Modality::Semantic, 64)
+}
+
+impl Scribe {
+    fn new(bus: &Bus, memory: &Path, uuid: Option<[u8; 16]>) -> Scribe {
+        let kept = |device_uuid| {
+            let server = bus.gpu_server(GpuDevice {
+                device_uuid,
+                ..GpuDevice::default()
+            });
+            let server = server.unwrap();
+            let spec = FrameTopic::on_gpu(2);
+            let name = names::gpu_topic(SMALL_TOPIC);
+            let publisher = bus.frame_publisher(&name, spec).unwrap();
+            publisher.segment().unwrap();
+            let n_bytes = (256 * spec.n_slots()) as u64;
+            let file = File::options()
+                .read(true)
+                .write(true)
+                .create(true)
+                .truncate(true)
+                .open(memory)
+                .unwrap();
+            file.set_len(n_bytes + 4096).unwrap();
+            let descriptor = file.try_clone().unwrap().into();
+            let shared = server.share(descriptor, n_bytes, GpuAnswer::VULKAN);
+            Kept {
+                publisher,
+                wake: bus.notifier(&name).unwrap(),
+                memory: shared.unwrap(),
+                file,
+                slots: Vec::new(),
+                _offer: server.offer(SMALL_TOPIC, spec),
+                _server: server,
+            }
+        };
+        Scribe {
+            host: bus.frame_publisher(SMALL_TOPIC, host_topic()).unwrap(),
+            wake: bus.notifier(SMALL_TOPIC).unwrap(),
+            on_gpu: uuid.map(kept),
+        }
+    }
+
+    fn write(&mut self, tick: u64) {
+        let mut header = FrameHeader {
+            tick,
+            seq: tick,
+            epoch: 5,
+            ..FrameHeader::new(Modality::Semantic)
+        };
+        header.set_image(8, 8);
+        if let Some(kept) = &mut self.on_gpu
+            && kept.publisher.n_readers() > 0
+        {
+            let mut loan = kept.publisher.loan(GPU_PLACE_BYTES).unwrap();
+            let offset = loan.offset_in_segment().unwrap();
+            let known = kept.slots.iter().position(|known| *known == offset);
+            let slot = known.unwrap_or_else(|| {
+                kept.slots.push(offset);
+                kept.slots.len() - 1
+            });
+            let begin = 256 * slot as u64;
+            kept.file
+                .write_all_at(&[tick as u8; 64], 4096 + begin)
+                .unwrap();
+            let place = GpuPlace {
+                producer: kept.memory.producer(),
+                generation: kept.memory.generation(),
+                offset_bytes: begin,
+                memory_bytes: kept.memory.n_bytes(),
+                capacity_bytes: 256,
+                pid: std::process::id(),
+                slot: slot as u32,
+                reserved: [0; 16],
+            };
+            loan.put_on_gpu(&header, &place);
+            loan.send().unwrap();
+            kept.wake.notify();
+        }
+        if self.host.n_readers() > 0 {
+            let mut loan = self.host.loan(64).unwrap();
+            loan.payload_mut().fill(tick as u8);
+            *loan.header_mut() = header;
+            loan.send().unwrap();
+            self.wake.notify();
+        }
+    }
+}
+
+/// Writers on the reader's GPU, on another one and on none take turns: the reader goes on with the
+/// frames of each, and says which way they come.
+#[test]
+fn a_reader_follows_its_topic_to_other_gpus_and_back() {
+    let sandbox = Sandbox::new("cuda-follow");
+    let driver = fake_driver(&sandbox);
+    let bus = join_bus(&sandbox, "writer");
+    // As a simulator does that has the topic written by others.
+    let _service = bus.frame_service(SMALL_TOPIC, host_topic()).unwrap();
+    let own = [7; 16];
+    let digits = "07".repeat(16);
+    let log = sandbox.path("cuda.log");
+    let env = [
+        ("LD_LIBRARY_PATH", driver.to_str().unwrap()),
+        ("FAKE_CUDA_UUID", digits.as_str()),
+        ("FAKE_CUDA_LOG", log.to_str().unwrap()),
+    ];
+    let mut reads: Option<test_kit::Process> = None;
+    let mut tick = 0;
+    let turns = [
+        (Some(own), "stays"),
+        (Some([9; 16]), "the simulator draws on GPU 0909"),
+        (Some(own), "stays"),
+        (None, "no process of this domain keeps them on a GPU"),
+        (Some(own), "stays"),
+        (Some([8; 16]), "the simulator draws on GPU 0808"),
+        (None, "no process of this domain keeps them on a GPU"),
+    ];
+    for (turn, (uuid, said)) in turns.into_iter().enumerate() {
+        let mut scribe = Scribe::new(&bus, &sandbox.path(&format!("memory{turn}")), uuid);
+        let reads = reads.get_or_insert_with(|| {
+            let mut reads = child(&sandbox, "child_that_follows", &env);
+            reads.wait_line("open");
+            reads
+        });
+        let first = tick + 1;
+        eventually(&format!("frames that are {said:?} in turn {turn}"), || {
+            assert!(reads.is_running(), "{:?}", reads.lines());
+            tick += 1;
+            scribe.write(tick);
+            let of_turn = |line: &String| {
+                let rest = line.strip_prefix("tick ")?;
+                let (tick, way) = rest.split_once(' ')?;
+                (tick.parse::<u64>().ok()? >= first && way.contains(said)).then_some(())
+            };
+            (reads.lines().iter().filter_map(of_turn).count() >= 3).then_some(())
+        });
+    }
+    let ended = reads.expect("it reads").kill9();
+    // Who goes from one way to another loses a few frames at most, and gets none twice.
+    let n_read = ended
+        .lines
+        .iter()
+        .filter(|line| line.starts_with("tick "))
+        .count();
+    assert!(n_read > 20, "{n_read} of {tick}");
+    let noted = std::fs::read_to_string(&log).unwrap();
+    let n = |what: &str| noted.lines().filter(|line| line.starts_with(what)).count();
+    assert_eq!(n("import"), 3, "{noted}");
 }

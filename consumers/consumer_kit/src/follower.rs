@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use schema_bus::{Bus, BusError, Frame, TopicDetails};
+use schema_bus::{Bus, BusError, Frame, TopicDetails, names};
 
 use crate::{FollowedTopic, SnapshotTrail, Take, TopicReport, WakeUps, WorldAt};
 
@@ -75,8 +75,8 @@ impl Follower {
     }
 
     /// Follows every sensor's topic that exists and is not followed yet, and returns the new ones.
-    /// Call it from time to time to find new sensors. The spectator is no sensor: follow it by its
-    /// name.
+    /// Call it from time to time to find new sensors. The spectator is no sensor, and a batch only
+    /// repeats the images of its cameras: follow these by their names.
     ///
     /// # Errors
     /// As [`Bus::topics`].
@@ -84,7 +84,8 @@ impl Follower {
         let mut new = Vec::new();
         for topic in self.bus.topics()? {
             if topic.modality.is_some()
-                && topic.name != schema_bus::names::SPECTATOR_RGB
+                && topic.name != names::SPECTATOR_RGB
+                && !names::is_batch(&topic.name)
                 && !self
                     .topics
                     .iter()

@@ -177,8 +177,13 @@ impl Array {
         let (header, modality) = (frame.header(), frame.modality());
         let (data_type, parts) = element(modality);
         let mut array = Array::new(frame.address(), frame.device(), data_type);
+        let rows = i64::from(header.image_height());
+        let stride = i64::from(header.row_stride);
+        if header.is_batch() {
+            array = array.and(i64::from(header.n_images), rows * stride);
+        }
         if modality.is_image() {
-            array = array.and(i64::from(header.height), i64::from(header.row_stride));
+            array = array.and(rows, stride);
         }
         let width = if header.height == 0 { 0 } else { header.width };
         array = array.and(i64::from(width), i64::from(header.element_bytes));

@@ -68,10 +68,16 @@ impl Element {
     pub fn shape(&self, header: &FrameHeader, modality: Modality) -> Shape {
         let (width, height) = (header.width as usize, header.height as usize);
         let by = header.element_bytes as usize;
+        let stride = header.row_stride as usize;
         let shape = match modality.is_image() {
-            true => Shape::new()
-                .and(height, header.row_stride as usize)
-                .and(width, by),
+            true if header.is_batch() => {
+                let rows = header.image_height() as usize;
+                Shape::new()
+                    .and(header.n_images as usize, rows * stride)
+                    .and(rows, stride)
+                    .and(width, by)
+            }
+            true => Shape::new().and(height, stride).and(width, by),
             // A list of height 0 has no elements, whatever its width says.
             false => Shape::new().and(if height == 0 { 0 } else { width }, by),
         };

@@ -285,10 +285,20 @@ impl Sample {
         self.facts().modality.is_image()
     }
 
-    /// Width and height: pixels, or elements and 1.
+    /// Width and height of an image in pixels, of each if there are several; of a list, the number
+    /// of its elements and 1.
     #[getter]
     fn size(&self) -> (u32, u32) {
-        (self.facts().header.width, self.facts().header.height)
+        (
+            self.facts().header.width,
+            self.facts().header.image_height(),
+        )
+    }
+
+    /// Number of images of a frame of a batch of cameras; 0 for a frame of a single sensor.
+    #[getter]
+    fn n_images(&self) -> u32 {
+        self.facts().header.n_images
     }
 
     /// Device of the payload: `cuda:0` and so on, `mapped` for memory of a software adapter, and
@@ -364,8 +374,9 @@ impl Sample {
     /// Images by modality: `rgb` (h, w, 4) uint8 in the order B G R A; `depth` (h, w) float32, metres
     /// along the optical axis, +inf where nothing was hit; `semantic` (h, w) uint8 class numbers;
     /// `instance` (h, w) uint32 object ids; `flow` (h, w, 2) float32 pixels, x right and y down;
-    /// `normals` (h, w, 4) float16, unit normal in world space and a zero. All others: a structured
-    /// array (n,) with the fields of SPEC.md §4.
+    /// `normals` (h, w, 4) float16, unit normal in world space and a zero. A frame of a batch of
+    /// cameras has one dimension more in front, the images: `rgb` (n, h, w, 4). All others: a
+    /// structured array (n,) with the fields of SPEC.md §4.
     #[getter]
     fn array(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         if self.on_gpu().is_some() {

@@ -30,8 +30,8 @@ pub struct Reader {
     like: Mutex<Option<Like>>,
     topic: Py<PyString>,
     full_name: String,
-    /// Why frames do not stay on the GPU.
-    fallback: Option<String>,
+    /// Why samples are uploaded since the last look, which is to be said.
+    new_fallback: Mutex<Option<String>>,
     are_frames_on_gpu: bool,
     place: Arc<Place>,
 }
@@ -86,6 +86,15 @@ impl Port {
             Port::OnGpu(topic) => Some((topic.event(), topic.fallback())),
             Port::ResultsOnGpu(topic) => Some((topic.event(), topic.fallback())),
             _ => None,
+        }
+    }
+
+    /// Whether that may have changed since the last call.
+    fn has_moved(&mut self) -> bool {
+        match self {
+            Port::OnGpu(topic) => topic.has_moved(),
+            Port::ResultsOnGpu(topic) => topic.has_moved(),
+            Port::Frames(_) | Port::Results(_) => false,
         }
     }
 
@@ -147,19 +156,17 @@ impl Reader {
         let opened = py.detach(|| -> Result<_, GpuError> {
             let bus = place.bus();
             let port = Port::open_on_gpu(bus, topic, device)?;
-            let (event, fallback) = port.on_gpu().unwrap_or((topic, None));
+            let (event, _) = port.on_gpu().unwrap_or((topic, None));
             let waker = Waker::new(bus.listener(event)?);
             let about = match &port {
                 Port::ResultsOnGpu(_) => Some(About::follow(&place, topic)?),
                 _ => None,
             };
-            let fallback = fallback.map(str::to_owned);
-            Ok((waker, port, fallback, about))
+            Ok((waker, port, about))
         });
-        let (waker, port, fallback, about) =
-            opened.map_err(|error| Failure::from(error).raise(topic))?;
+        let (waker, port, about) = opened.map_err(|error| Failure::from(error).raise(topic))?;
         Ok(Reader {
-            fallback,
+            new_fallback: Mutex::new(None),
             are_frames_on_gpu: matches!(port, Port::OnGpu(_)),
             port: Mutex::new(Some(Owned::new(port))),
             waker,
@@ -175,7 +182,26 @@ impl Reader {
     fn look(&self, which: Which) -> Result<Option<Found>, Failure> {
         let mut port = self.port.lock();
         let port: &mut Port = port.as_mut().ok_or(Failure::Closed)?;
-        port.take(self.place.bus(), which)
+        let found = port.take(self.place.bus(), which);
+        if port.has_moved()
+            && let Some((event, fallback)) = port.on_gpu()
+        {
+            // Samples come another way, which another event announces.
+            self.waker.replace(self.place.bus().listener(event)?);
+            *self.new_fallback.lock() = fallback.map(str::to_owned);
+        }
+        found
+    }
+
+    /// Warns that samples are uploaded since another process writes them.
+    fn warn_of_fallback(&self, py: Python<'_>) -> PyResult<()> {
+        let Some(why) = self.new_fallback.lock().take() else {
+            return Ok(());
+        };
+        py.import("gantry._topic")?
+            .getattr("_say_fallback")?
+            .call1((&self.topic, why, 1))?;
+        Ok(())
     }
 
     fn finish(
@@ -187,17 +213,16 @@ impl Reader {
             Ok(None) => return Ok(None),
             Ok(Some(Found::Frame(frame))) => self.show(py, frame),
             Ok(Some(Found::OnGpu(frame))) => {
+                self.warn_of_fallback(py)?;
                 let blank = self.blank.lock().take();
                 let blank = blank.map_or_else(|| Blank::new(py, &self.topic, None), Ok)?;
                 Ok(blank.fill_on_gpu(frame, &self.place))
             }
-            Ok(Some(Found::ResultOnGpu(result))) => Outcome::on_gpu(
-                py,
-                result,
-                &self.topic,
-                self.about_of_results(),
-                &self.place,
-            ),
+            Ok(Some(Found::ResultOnGpu(result))) => {
+                self.warn_of_fallback(py)?;
+                let about = self.about_of_results();
+                Outcome::on_gpu(py, result, &self.topic, about, &self.place)
+            }
             Ok(Some(Found::Result(result))) => {
                 let about = self.about_of_results();
                 Outcome::shared(py, result, &self.topic, about, &self.place)
@@ -285,17 +310,19 @@ impl Reader {
             like: Mutex::new(None),
             topic: PyString::new(py, topic).unbind(),
             full_name: format!("{domain}/{topic}"),
-            fallback: None,
+            new_fallback: Mutex::new(None),
             are_frames_on_gpu: false,
             place,
         })
     }
 
     /// Why frames are uploaded to the device although they were asked for on it; None if they stay
-    /// on it, or were not.
+    /// on it, or were not. It changes when a process on another GPU writes them.
     #[getter]
     fn fallback(&self) -> Option<String> {
-        self.fallback.clone()
+        let port = self.port.lock();
+        let (_, fallback) = port.as_ref()?.on_gpu()?;
+        fallback.map(str::to_owned)
     }
 
     /// Name without the domain.

@@ -99,6 +99,8 @@ impl Failure {
 #[derive(Debug)]
 pub struct Waker {
     listener: Mutex<Option<Owned<Listener>>>,
+    /// The event to wait for from the next sleep on, if it is another.
+    next: Mutex<Option<Owned<Listener>>>,
 }
 
 impl Waker {
@@ -106,19 +108,35 @@ impl Waker {
     pub fn new(listener: Listener) -> Self {
         Waker {
             listener: Mutex::new(Some(Owned::new(listener))),
+            next: Mutex::new(None),
+        }
+    }
+
+    /// Waits for another event from the next sleep on. A thread may sleep meanwhile.
+    pub fn replace(&self, listener: Listener) {
+        *self.next.lock() = Some(Owned::new(listener));
+    }
+
+    fn take_over_next(&self, listener: &mut Option<Owned<Listener>>) {
+        if let (Some(listener), Some(next)) = (listener, self.next.lock().take()) {
+            *listener = next;
         }
     }
 
     /// Leaves the event, at the latest after the sleep of another thread.
     pub fn close(&self, py: Python<'_>) {
-        py.detach(|| drop(self.listener.lock().take()));
+        py.detach(|| {
+            drop(self.listener.lock().take());
+            drop(self.next.lock().take());
+        });
     }
 
     /// Descriptor that is readable while notifications are pending, for event loops.
     pub fn fileno(&self, py: Python<'_>) -> PyResult<i32> {
         fork::check()?;
         py.detach(|| {
-            let listener = self.listener.lock();
+            let mut listener = self.listener.lock();
+            self.take_over_next(&mut listener);
             listener.as_ref().map(|it| it.as_fd().as_raw_fd())
         })
         .ok_or_else(|| errors::gantry("there is nothing to wait for: it is closed"))
@@ -158,9 +176,10 @@ impl Waker {
         timeout: Timeout,
         look: &mut impl FnMut() -> Result<Option<T>, Failure>,
     ) -> Result<Option<T>, Failure> {
-        let Some(listener) = self.listener.try_lock_for(timeout.slice()) else {
+        let Some(mut listener) = self.listener.try_lock_for(timeout.slice()) else {
             return look();
         };
+        self.take_over_next(&mut listener);
         let listener = listener.as_ref().ok_or(Failure::Closed)?;
         listener.drain()?;
         let found = look()?;

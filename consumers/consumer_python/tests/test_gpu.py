@@ -25,6 +25,17 @@ rate_hz = 20
 width_px = 96
 height_px = 64
 mount.position_m = [0.6, 0.0, 1.6]
+[sensor.side]
+kind = "camera"
+modalities = ["rgb", "depth", "semantic", "instance", "flow", "normals"]
+rate_hz = 20
+width_px = 96
+height_px = 64
+mount.position_m = [0.0, 0.9, 1.6]
+mount.rpy_deg = [0.0, 0.0, 90.0]
+[batch.pair]
+cameras = ["ego/side", "ego/front"]
+modalities = ["rgb", "depth", "semantic", "instance", "flow", "normals"]
 [sensor.roof]
 kind = "lidar"
 rate_hz = 20
@@ -106,6 +117,88 @@ class OnGpu(LiveCase):
                 assert gpu.next(timeout=60) is not None
             assert (before == before).all()
         """)
+
+    def test_a_topic_goes_on_when_a_worker_takes_it_over(self):
+        reads = self.start("""
+            import asyncio
+            async def read():
+                with gantry.open("ego/front/rgb", device="mapped") as gpu:
+                    last = 0
+                    for what in ["by the simulator", "by a worker", "by the simulator again"]:
+                        for _ in range(10):
+                            frame = await gpu.anext(timeout=60)
+                            assert frame is not None and frame.tick > last, (frame, last)
+                            last = frame.tick
+                        assert gpu.fallback is None
+                        print(what, flush=True)
+                        await asyncio.to_thread(input)
+                    assert gpu.counts.refused == 0, gpu.counts
+            asyncio.run(read())
+        """)
+        worker = None
+        for what in ["by the simulator", "by a worker", "by the simulator again"]:
+            self.assertEqual(reads.stdout.readline(), what + "\n")
+            if what == "by the simulator":
+                arguments = [SIMD.with_name("gantry-render"), "--domain", "live"]
+                worker = subprocess.Popen(arguments, cwd=self.folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                self.script("""
+                    import time
+                    while gantry.command({"do": "counters"})[0]["counters"]["sent_by_workers"] < 5:
+                        time.sleep(0.05)
+                """)
+            elif what == "by a worker":
+                worker.kill()
+                worker.wait()
+            reads.stdin.write("\n")
+            reads.stdin.flush()
+        self.finish(reads)
+
+    def test_a_batch_is_one_tensor_of_all_images_in_shared_memory_and_on_the_gpu(self):
+        self.script("""
+            kinds = {"rgb": (np.uint8, (64, 96, 4)), "depth": (np.float32, (64, 96)), "semantic": (np.uint8, (64, 96)),
+                     "instance": (np.uint32, (64, 96)), "flow": (np.float32, (64, 96, 2)), "normals": (np.float16, (64, 96, 4))}
+            for modality, (dtype, shape) in kinds.items():
+                name = f"batch/pair/{modality}"
+                with gantry.open(name) as host, gantry.open(name, device="mapped") as gpu, \\
+                     gantry.open(f"ego/side/{modality}") as side, gantry.open(f"ego/front/{modality}") as front:
+                    cameras = host.cameras
+                    assert [camera.name for camera in cameras] == ["ego/side", "ego/front"] and gpu.cameras == cameras, cameras
+                    assert front.cameras == []
+                    images = {"host": {}, "gpu": {}, "side": {}, "front": {}}
+                    while len(both := set.intersection(*(set(of) for of in images.values()))) < 3:
+                        frame = gpu.next(timeout=120)
+                        assert frame is not None and frame.n_images == 2 and frame.size == (96, 64) and frame.header.n_images == 2
+                        tensor = np.from_dlpack(frame)
+                        assert frame.shape == tensor.shape == (2, *shape) and tensor.dtype == dtype and len(frame) == 2
+                        assert tensor.strides == np.empty((2, *shape), dtype).strides, tensor.strides
+                        images["gpu"][frame.tick] = frame.copy()
+                        assert (tensor == images["gpu"][frame.tick]).all()
+                        del tensor, frame
+                        frame = host.next(timeout=120)
+                        assert frame.array.shape == frame.image.shape == np.from_dlpack(frame).shape == (2, *shape)
+                        assert frame.array.dtype == dtype and frame.array.flags.c_contiguous and not frame.array.flags.writeable
+                        assert "2×96×64" in repr(frame)
+                        if modality == "rgb":
+                            assert frame.rgb.shape == (2, 64, 96, 3)
+                        if modality in ("rgb", "depth", "semantic"):
+                            assert frame._repr_png_().startswith(b"\\x89PNG")
+                        images["host"][frame.tick] = frame.copy()
+                        again = gantry.frame_from_bytes(frame.header_bytes() + frame.array.tobytes())
+                        assert again.n_images == 2 and (again.array == frame.array).all()
+                        for own, place, camera in ((side, "side", cameras[0]), (front, "front", cameras[1])):
+                            frame = own.next(timeout=120)
+                            assert frame.n_images == 0 and frame.shape == shape
+                            assert frame.header.sensor_id == camera.sensor_id and frame.header.intrinsics_px == camera.intrinsics_px
+                            images[place][frame.tick] = frame.copy()
+                        del frame, again
+                    for tick in both:
+                        whole = images["host"][tick]
+                        assert (whole == images["gpu"][tick]).all()
+                        assert (whole[0] == images["side"][tick]).all() and (whole[1] == images["front"][tick]).all()
+            with gantry.sync(["batch/pair/depth", "ego/side/depth"], snapshots=True) as rows:
+                row = rows.next(timeout=120)
+                ids = set(row.snapshot.actors["id"])
+                assert {camera.sensor_id for camera in cameras} <= ids
 
     def test_torch_is_handed_a_capsule(self):
         (self.folder / "torch").mkdir()

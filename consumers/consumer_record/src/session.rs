@@ -81,6 +81,8 @@ struct Session {
     /// What was lost of topics that are followed no longer.
     left: BTreeMap<String, Loss>,
     full: BTreeSet<String>,
+    /// Batches that were met, and are not recorded.
+    batches: BTreeSet<String>,
     options: Options,
     discovery: Discovery,
     snapshot_converter: SnapshotConverter,
@@ -125,6 +127,7 @@ impl Session {
             names: BTreeMap::new(),
             left: BTreeMap::new(),
             full: BTreeSet::new(),
+            batches: BTreeSet::new(),
             options: options.clone(),
             discovery: Discovery::start(&options.domain, &format!("{name}-look"), &options.bus)?,
             snapshot_converter: SnapshotConverter::default(),
@@ -181,6 +184,15 @@ impl Session {
             let is_known = self.names.contains_key(&topic.name) || self.results.knows(&topic.name);
             let is_recorded = topic.modality.is_some() || topic.result.is_some();
             if !is_recorded || !wanted || is_known {
+                continue;
+            }
+            if names::is_batch(&topic.name) {
+                if self.batches.insert(topic.name.clone()) {
+                    tracing::info!(
+                        topic = topic.name,
+                        "a batch is not recorded: the topics of its cameras have the same images"
+                    );
+                }
                 continue;
             }
             if topic.subscribers >= topic.max_subscribers {

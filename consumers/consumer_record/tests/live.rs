@@ -65,6 +65,7 @@ impl Daemon {
             weather: Default::default(),
             adapter: String::new(),
             cpu_copies: 0,
+            batches: Vec::new(),
         };
         let mut documents: Vec<DocumentPublisher> = [names::WORLD_INFO, names::WORLD_MAP]
             .map(|name| bus.document_publisher(name).unwrap())

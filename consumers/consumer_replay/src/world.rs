@@ -129,6 +129,8 @@ impl Documents {
                 .iter()
                 .map(|participant| participant.name.clone())
                 .collect(),
+            // They are not recorded.
+            batches: Vec::new(),
             ..self.recorded.clone()
         };
         if self.sent.as_ref() != Some(&info) {
@@ -165,5 +167,6 @@ fn no_info() -> WorldInfo {
         weather: Weather::default(),
         adapter: String::new(),
         cpu_copies: 1,
+        batches: Vec::new(),
     }
 }

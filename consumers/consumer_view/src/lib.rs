@@ -10,8 +10,8 @@
 //! users' programs), [`pace`] (how often a topic is shown), [`viewer`] (the rerun process),
 //! [`mod@rerun`] (its SDK),
 //! [`rrd_file`] (a file that is written as data comes), [`screenshot`] (a picture of the window),
-//! [`mod@convert`] (a recording as a file of rerun), [`mod@fly`] (the spectator in a window of our
-//! own).
+//! [`mod@convert`] (a recording as a file of rerun). The spectator in a window of our own is
+//! `consumer_fly`'s.
 //!
 //! Below [`stage`]: [`look`] (what users choose), `pictures` (images, coded as chosen), `ids` and
 //! `surface` (what images of ids and lists of events are made into), `senses` (sensors that make no
@@ -30,7 +30,6 @@
 
 mod blueprint;
 pub mod convert;
-pub mod fly;
 mod geo;
 mod ids;
 pub mod images;

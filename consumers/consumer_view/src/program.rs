@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use crate::convert::convert;
-use crate::fly;
 use crate::look::{Images, Look};
 use crate::screenshot::{self, Scratch, Size};
 use crate::session::{Options, Shown, Target, show};
@@ -282,18 +281,18 @@ impl Args {
 /// Shows and flies the spectator.
 fn start_flying(args: &Args, in_window: bool) -> anyhow::Result<Exit> {
     let shutdown = Shutdown::install()?;
-    let options = fly::Options {
+    let options = consumer_fly::Options {
         domain: args.common.domain.clone(),
         bus: Default::default(),
     };
     let mut stop = || shutdown.requested();
     let flown = if in_window {
-        let mut window = fly::window::Window::open().map_err(wrong_usage_of)?;
-        writeln!(std::io::stdout(), "{}", fly::KEYS)?;
-        fly::fly(&options, &mut window, &mut stop)?
+        let mut window = consumer_fly::window::Window::open().map_err(wrong_usage_of)?;
+        writeln!(std::io::stdout(), "{}", consumer_fly::KEYS)?;
+        consumer_fly::fly(&options, &mut window, &mut stop)?
     } else {
-        let mut terminal = fly::terminal::Terminal::open().map_err(wrong_usage_of)?;
-        fly::fly(&options, &mut terminal, &mut stop)?
+        let mut terminal = consumer_fly::terminal::Terminal::open().map_err(wrong_usage_of)?;
+        consumer_fly::fly(&options, &mut terminal, &mut stop)?
     };
     writeln!(std::io::stdout(), "{} images shown", flown.n_images)?;
     Ok(Exit::Done)

@@ -334,7 +334,8 @@ impl Session {
         self.discovered = Some(Instant::now());
         self.tell_place();
         for found in self.follower.bus().topics()? {
-            if !self.options.takes(&found.name) {
+            // A batch only repeats the images of its cameras.
+            if !self.options.takes(&found.name) || names::is_batch(&found.name) {
                 continue;
             }
             if let Some(kind) = found.result {

@@ -3,10 +3,11 @@
 
 use schema_frames::Modality;
 
+use crate::batch::{Batch, READERS};
 use crate::model::Launch;
 use crate::topic::TopicLimits;
 
-/// One topic of a sensor.
+/// One topic of a sensor or of a batch.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TopicBudget {
     /// Topic without the domain, such as `ego/front/rgb`.
@@ -20,7 +21,7 @@ pub struct TopicBudget {
 }
 
 impl Launch {
-    /// All topics of this file's sensors, in the order of the sensors' ids.
+    /// All topics of this file's sensors, in the order of the sensors' ids, and then of its batches.
     pub fn memory_budget(&self) -> Vec<TopicBudget> {
         let tick_secs = 1.0 / self.scenario.tick_hz;
         let topics = self.placed_sensors().into_iter().flat_map(|sensor| {
@@ -31,6 +32,33 @@ impl Launch {
                     topic,
                     modality,
                     max_payload_bytes: sensor.spec.max_payload_bytes(modality, tick_secs),
+                }
+            })
+        });
+        topics.chain(self.batch_budget()).collect()
+    }
+
+    /// The topics of this file's batches, by name.
+    pub fn batch_budget(&self) -> Vec<TopicBudget> {
+        let tick_secs = 1.0 / self.scenario.tick_hz;
+        let placed = self.placed_sensors();
+        let topics = self.batches.iter().flat_map(|(name, batch)| {
+            let first = placed
+                .iter()
+                .find(|sensor| batch.cameras.first() == Some(&sensor.full_name()));
+            batch.modalities.iter().map(move |modality| {
+                let topic = Batch::topic(name, *modality);
+                let limits = self.limits_of(&topic);
+                TopicBudget {
+                    limits: TopicLimits {
+                        readers: limits.readers.or(Some(READERS)),
+                        ..limits
+                    },
+                    topic,
+                    modality: *modality,
+                    max_payload_bytes: first.map_or(0, |sensor| {
+                        sensor.spec.max_payload_bytes(*modality, tick_secs) * batch.cameras.len()
+                    }),
                 }
             })
         });

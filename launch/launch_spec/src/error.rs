@@ -70,6 +70,11 @@ impl Errors {
         self.0.push((at, message, Some(other)));
     }
 
+    /// Number of errors so far.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
     /// The errors sorted by place, with line and column.
     pub fn finish(mut self, sources: &[Source]) -> LaunchErrors {
         self.0.sort();

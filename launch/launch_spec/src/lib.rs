@@ -6,7 +6,8 @@
 //! [`FileText::read`], which callers hand to [`Launch::load`], it reads no file, and no clock.
 //!
 //! In reading order: [`model`] (what a launch file says), [`process`] and [`period`] (its
-//! processes), [`topic`] (limits and types of topics), `files` (several files as one), `parse`
+//! processes), [`topic`] (limits and types of topics), [`batch`] (cameras whose images come as one
+//! frame), `files` (several files as one), `parse`
 //! (checking, one file per section), `tree` and `fill` (keys with their places, and how they are
 //! applied to a value), [`error`], `write`, and [`budget`] (the topics that the sensors will have).
 //!
@@ -27,6 +28,7 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod batch;
 pub mod budget;
 pub mod error;
 mod files;
@@ -39,6 +41,7 @@ pub mod topic;
 mod tree;
 mod write;
 
+pub use batch::Batch;
 pub use budget::TopicBudget;
 pub use error::{LaunchError, LaunchErrors};
 pub use files::{FileText, ReadFile};

@@ -7,6 +7,7 @@ use schema_frames::document::Weather;
 use sensor_spec::SensorSpec;
 use serde::{Deserialize, Serialize};
 
+use crate::batch::Batch;
 use crate::process::Process;
 use crate::topic::Topic;
 
@@ -26,6 +27,8 @@ pub struct Launch {
     pub rigs: BTreeMap<String, Rig>,
     /// `[sensor.NAME]`, each on one or more rigs.
     pub sensors: BTreeMap<String, Sensor>,
+    /// `[batch.NAME]`: cameras of one size and rate whose images of a tick come as one frame.
+    pub batches: BTreeMap<String, Batch>,
     /// `[topic."NAME"]`: limits of topics, and the types of topics that processes publish. Names are
     /// without the domain.
     pub topics: BTreeMap<String, Topic>,
@@ -220,6 +223,13 @@ pub struct PlacedSensor<'a> {
     pub name: &'a str,
     /// What it measures.
     pub spec: &'a SensorSpec,
+}
+
+impl PlacedSensor<'_> {
+    /// What its topics are called but for the modality: `rig/sensor`.
+    pub fn full_name(&self) -> String {
+        format!("{}/{}", self.rig, self.name)
+    }
 }
 
 impl Launch {

@@ -9,6 +9,7 @@ use crate::fill::{fill_entry, refuse_unknown};
 use crate::model::{Ego, Launch};
 use crate::tree::Table;
 
+mod batches;
 mod params;
 mod processes;
 mod ready;
@@ -19,7 +20,7 @@ mod sensors;
 mod spectator;
 mod topics;
 
-const TOP: [&str; 11] = [
+const TOP: [&str; 12] = [
     "version",
     "include",
     "scenario",
@@ -27,6 +28,7 @@ const TOP: [&str; 11] = [
     "spectator",
     "rig",
     "sensor",
+    "batch",
     "topic",
     "defaults",
     "process",
@@ -128,9 +130,11 @@ fn launch(file: &Table, sources: &[Source], errors: &mut Errors) -> Launch {
         spectator,
         rigs,
         sensors,
+        batches: Default::default(),
         topics: Default::default(),
         processes,
     };
+    launch.batches = batches::read(file, &launch, errors);
     launch.topics = topics::read(file, &launch, errors);
     launch
 }

@@ -2,6 +2,7 @@
 
 use toml::{Table, Value};
 
+use crate::batch::Batch;
 use crate::files::VERSION;
 use crate::fill::table_of;
 use crate::model::{Launch, Rig, Sensor};
@@ -30,6 +31,9 @@ impl Launch {
         for (name, sensor) in &self.sensors {
             section(&["sensor", name], sensor_table(sensor));
         }
+        for (name, batch) in &self.batches {
+            section(&["batch", name], batch_table(batch));
+        }
         for (name, topic) in &self.topics {
             section(&["topic", name], topic_table(topic));
         }
@@ -57,6 +61,14 @@ fn sensor_table(sensor: &Sensor) -> Table {
     };
     table.insert("rig".into(), rig);
     table
+}
+
+fn batch_table(batch: &Batch) -> Table {
+    let modalities: Vec<&str> = batch.modalities.iter().map(|it| it.name()).collect();
+    Table::from_iter([
+        ("cameras".to_owned(), Value::from(batch.cameras.clone())),
+        ("modalities".to_owned(), Value::from(modalities)),
+    ])
 }
 
 fn topic_table(topic: &Topic) -> Table {

@@ -83,6 +83,8 @@ impl Maker {
         top.insert("rig".into(), self.described(rigs, "rigs"));
         let sensors = named(NAME, self.sensor());
         top.insert("sensor".into(), self.described(sensors, "sensors"));
+        let batches = named(NAME, self.batch());
+        top.insert("batch".into(), self.described(batches, "batches"));
         let topics = named(TOPIC, self.topic());
         top.insert("topic".into(), self.described(topics, "topics"));
         let process = self.process();
@@ -151,6 +153,26 @@ impl Maker {
             schema
         });
         json!({ "anyOf": kinds })
+    }
+
+    fn batch(&self) -> Json {
+        let images: Vec<&str> = schema_frames::Modality::ALL
+            .iter()
+            .filter(|modality| modality.is_image())
+            .map(|modality| modality.name())
+            .collect();
+        let written = self.probe.full["batch"]["b"].as_table().unwrap();
+        let keys = written.keys().map(|key| {
+            let mut schema = match key.as_str() {
+                "cameras" => json!({ "items": { "type": "string" } }),
+                _ => json!({ "items": { "enum": images }, "default": written[key] }),
+            };
+            schema["type"] = "array".into();
+            schema["minItems"] = 1.into();
+            schema["description"] = self.descriptions.of("Batch", key).into();
+            (key.clone(), schema)
+        });
+        closed(keys.collect())
     }
 
     fn topic(&self) -> Json {

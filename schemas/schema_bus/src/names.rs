@@ -2,6 +2,7 @@
 
 use schema_frames::Modality;
 use schema_frames::about::ABOUT;
+use schema_frames::document::BATCH_RIG;
 
 /// Topic of the snapshot after every tick.
 pub const WORLD_SNAPSHOT: &str = "world/snapshot";
@@ -59,6 +60,11 @@ pub fn rig_tick(rig: &str) -> String {
 /// Rig of a frame topic: `ego` of `ego/front/rgb`.
 pub fn rig_of(topic: &str) -> &str {
     topic.split('/').next().unwrap_or(topic)
+}
+
+/// Whether a topic has the images of several cameras in each frame: `batch/fleet/rgb`.
+pub fn is_batch(topic: &str) -> bool {
+    rig_of(topic) == BATCH_RIG && modality_of(topic).is_some()
 }
 
 /// Name of the document that describes the result topic `topic`.
@@ -134,6 +140,12 @@ mod tests {
         assert!(!is_gpu_topic("ego/gpu/rgb") && is_reserved("detector/gpu"));
         assert!(!is_gpu_topic("gpu") && !is_gpu_topic("ego/front/rgb"));
         assert!(!is_gpu_topic("ego/mygpu"));
+    }
+
+    #[test]
+    fn a_batch_is_told_by_its_first_segment() {
+        assert!(is_batch("batch/fleet/rgb") && is_batch("batch/fleet/rgb/gpu"));
+        assert!(!is_batch("ego/batch/rgb") && !is_batch("batch/tick") && !is_batch("batch"));
     }
 
     #[test]

@@ -19,9 +19,43 @@ use crate::service::join;
 #[derive(Debug)]
 pub struct FrameReader {
     intake: Intake<Frames>,
+    repeats: Repeats,
+}
+
+/// Frames that came twice: one that a process sent and was killed before it said so is made once
+/// more by another.
+#[derive(Debug, Default)]
+pub(crate) struct Repeats {
     /// Epoch, tick and number of the last frame.
     last: Option<(u64, u64, u64)>,
     n_repeated: u64,
+}
+
+impl Repeats {
+    /// Whether a frame is the last one again. Takes note of it otherwise.
+    pub fn note(&mut self, header: &FrameHeader) -> bool {
+        let FrameHeader {
+            epoch, tick, seq, ..
+        } = *header;
+        let is_numbered = seq > 0 && tick > 0;
+        let repeats = is_numbered && self.last == Some((epoch, tick, seq));
+        self.n_repeated += u64::from(repeats);
+        self.last = Some((epoch, tick, seq));
+        repeats
+    }
+
+    /// The last frame is none that is repeated.
+    pub fn forget_last(&mut self) {
+        self.last = None;
+    }
+
+    /// Counts without the frames that were passed over.
+    pub fn left_out_of(&self, counts: ReaderCounts) -> ReaderCounts {
+        ReaderCounts {
+            taken: counts.taken - self.n_repeated,
+            ..counts
+        }
+    }
 }
 
 /// How frames are checked.
@@ -68,8 +102,7 @@ impl FrameReader {
         reserve_as_reader(node, intake.service())?;
         Ok(FrameReader {
             intake,
-            last: None,
-            n_repeated: 0,
+            repeats: Repeats::default(),
         })
     }
 
@@ -89,7 +122,7 @@ impl FrameReader {
     )]
     pub fn next(&mut self) -> Result<Option<Frame>, BusError> {
         while let Some(frame) = self.intake.next()? {
-            if !self.repeats(&frame) {
+            if !self.repeats.note(&frame.header) {
                 return Ok(Some(frame));
             }
         }
@@ -102,29 +135,12 @@ impl FrameReader {
     /// As [`FrameReader::next`].
     pub fn latest(&mut self) -> Result<Option<Frame>, BusError> {
         let newest = self.intake.latest()?;
-        Ok(newest.filter(|frame| !self.repeats(frame)))
-    }
-
-    /// Whether a frame is the last one again: a frame that a process sent and was killed before it
-    /// said so is made once more by another. Takes note of it otherwise.
-    fn repeats(&mut self, frame: &Frame) -> bool {
-        let FrameHeader {
-            epoch, tick, seq, ..
-        } = frame.header;
-        let is_numbered = seq > 0 && tick > 0;
-        let repeats = is_numbered && self.last == Some((epoch, tick, seq));
-        self.n_repeated += u64::from(repeats);
-        self.last = Some((epoch, tick, seq));
-        repeats
+        Ok(newest.filter(|frame| !self.repeats.note(&frame.header)))
     }
 
     /// Counters since this reader was opened.
     pub fn counts(&self) -> ReaderCounts {
-        let counts = self.intake.counts();
-        ReaderCounts {
-            taken: counts.taken - self.n_repeated,
-            ..counts
-        }
+        self.repeats.left_out_of(self.intake.counts())
     }
 
     /// Epoch of the newest frame.
@@ -176,6 +192,11 @@ impl Frame {
     /// depth. `None` if `T`'s size does not divide it.
     pub fn elements<T: bytemuck::Pod>(&self) -> Option<&[T]> {
         bytemuck::try_cast_slice(self).ok()
+    }
+
+    /// Number of the port that wrote it: another one may be another process.
+    pub fn writer(&self) -> u128 {
+        self.sample.origin().value()
     }
 
     /// Row `y` of an image without its padding; `None` beyond the last row.

@@ -130,6 +130,36 @@ pub struct WorldInfo {
     pub adapter: String,
     /// Copies per frame on the way to shared memory: 0 imported, 1 staged.
     pub cpu_copies: u32,
+    /// Batches of cameras.
+    #[serde(default)]
+    pub batches: Vec<BatchInfo>,
+}
+
+/// First segment of the topics of batches, `batch/NAME/MODALITY`.
+pub const BATCH_RIG: &str = "batch";
+
+/// Cameras whose images come as one frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BatchInfo {
+    /// Its name: `fleet`.
+    pub name: String,
+    /// Its topics.
+    pub topics: Vec<TopicInfo>,
+    /// Its cameras in the order of their images.
+    pub cameras: Vec<BatchCamera>,
+}
+
+/// A camera of a batch.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BatchCamera {
+    /// What its own topics are called but for the modality: `ego/left`.
+    pub name: String,
+    /// Its actor, whose pose the snapshots have; 0 if it is gone.
+    pub sensor_id: u32,
+    /// Focal length and principal point `[fx, fy, cx, cy]`, pixels.
+    pub intrinsics_px: [f64; 4],
+    /// The lens's distortion as in the header of its own frames; all 0 for a pinhole.
+    pub lens: [f32; 4],
 }
 
 /// Box around a body, in the actor's space.

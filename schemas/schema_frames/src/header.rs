@@ -44,7 +44,7 @@ pub struct FrameHeader {
     pub payload_bytes: u64,
     /// Pixels per row, or elements of a list.
     pub width: u32,
-    /// Rows; 1 for a list.
+    /// Rows, of a batch those of all its images; 1 for a list.
     pub height: u32,
     /// Bytes from one row to the next.
     pub row_stride: u32,
@@ -64,8 +64,10 @@ pub struct FrameHeader {
     pub parent_id: u32,
     /// Channels of a lidar; 0 otherwise.
     pub n_channels: u32,
+    /// Images of a batch, one below the other; 0 in a frame of a single sensor.
+    pub n_images: u32,
     /// Zero.
-    pub reserved0: u64,
+    pub reserved0: u32,
     /// Random number of the daemon's start. From here on nothing takes part in hashes.
     pub epoch: u64,
     /// `CLOCK_MONOTONIC` when the bytes were complete: the GPU's fence was signalled, or the CPU
@@ -121,6 +123,35 @@ impl FrameHeader {
         self.height = height_px;
         self.row_stride = width_px * self.element_bytes;
         self.payload_bytes = self.row_stride as u64 * height_px as u64;
+    }
+
+    /// Sets the shape of `n_images` tightly packed images of one size, and their payload size.
+    pub fn set_batch(&mut self, n_images: u32, width_px: u32, height_px: u32) {
+        self.set_image(width_px, height_px * n_images);
+        self.n_images = n_images;
+    }
+
+    /// Whether it holds the images of several cameras.
+    pub fn is_batch(&self) -> bool {
+        self.n_images > 0
+    }
+
+    /// Rows of one image.
+    pub fn image_height(&self) -> u32 {
+        self.height / self.n_images.max(1)
+    }
+
+    /// Where image `index` of the payload begins and how long it is, bytes, each image with the gaps
+    /// between its rows; of a checked header, and an index below `n_images` (0 in a frame of a single
+    /// sensor).
+    pub fn image_range(&self, index: u32) -> std::ops::Range<usize> {
+        let rows = self.image_height() as usize;
+        let (stride, row_bytes) = (
+            self.row_stride as usize,
+            self.width as usize * self.element_bytes as usize,
+        );
+        let begin = index as usize * rows * stride;
+        begin..begin + rows.saturating_sub(1) * stride + row_bytes * rows.min(1)
     }
 
     /// Sets the shape of a list of `n_elements` and its payload size.
@@ -217,6 +248,13 @@ impl FrameHeader {
                 payload: self.payload_bytes,
             });
         }
+        if self.n_images > 0 && (!modality.is_image() || !self.height.is_multiple_of(self.n_images))
+        {
+            return Err(FrameError::Images {
+                n_images: self.n_images,
+                height: self.height,
+            });
+        }
         Ok(modality)
     }
 
@@ -292,6 +330,16 @@ pub enum FrameError {
         /// Payload bytes.
         payload: u64,
     },
+    /// A batch that cannot be taken apart into its images.
+    #[error(
+        "frame says that its {height} rows are {n_images} images, but a batch has only images, each with as many rows; the publisher is broken"
+    )]
+    Images {
+        /// Images claimed.
+        n_images: u32,
+        /// Rows.
+        height: u32,
+    },
 }
 
 /// What to do about a frame in another place.
@@ -321,6 +369,36 @@ mod tests {
                 sample: 1_919_999
             })
         );
+    }
+
+    #[test]
+    fn a_batch_is_one_tall_image_whose_rows_divide_into_its_images() {
+        let mut header = FrameHeader::new(Modality::Depth);
+        header.set_batch(3, 10, 4);
+        assert_eq!(
+            (header.height, header.payload_bytes, header.is_batch()),
+            (12, 480, true)
+        );
+        assert_eq!(header.check(480), Ok(Modality::Depth));
+        assert_eq!(header.image_height(), 4);
+        assert_eq!(
+            [0, 1, 2].map(|index| header.image_range(index)),
+            [0..160, 160..320, 320..480]
+        );
+        header.n_images = 5;
+        let refused = header.check(480).unwrap_err().to_string();
+        assert!(refused.contains("12 rows are 5 images"), "{refused}");
+        let mut list = FrameHeader::new(Modality::Lidar);
+        list.set_list(4);
+        assert!(!list.is_batch() && list.check(1 << 10).is_ok());
+        list.n_images = 1;
+        assert!(matches!(
+            list.check(1 << 10),
+            Err(FrameError::Images { .. })
+        ));
+        let mut image = FrameHeader::new(Modality::Rgb);
+        image.set_image(5, 3);
+        assert_eq!((image.image_height(), image.image_range(0)), (3, 0..60));
     }
 
     #[test]

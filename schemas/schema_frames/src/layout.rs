@@ -73,7 +73,7 @@ layouts! {
         magic: u32, schema_version: u16, header_bytes: u16, sensor_id: u32, kind: u16, encoding: u16, tick: u64, sim_nanos: u64, seq: u64,
         episode: u32, flags: u32, payload_bytes: u64, width: u32, height: u32, row_stride: u32, element_bytes: u32, window_nanos: u64,
         world_from_sensor: Pose, intrinsics_px: [f64; 4], range_limit_m: f32, azimuth_rad: f32, parent_id: u32, n_channels: u32,
-        reserved0: u64, epoch: u64, rendered_mono_nanos: u64, published_mono_nanos: u64, cpu_copies: u32, ticks_in_flight: u32,
+        n_images: u32, reserved0: u32, epoch: u64, rendered_mono_nanos: u64, published_mono_nanos: u64, cpu_copies: u32, ticks_in_flight: u32,
         payload_place: u32, lens: [f32; 4], reserved1: [u8; 12],
     }
     GpuPlace {
@@ -176,7 +176,7 @@ layouts! {
     }
     SceneFiring {
         sensor_id: u32, worker: u32, seq: u64, window_nanos: u64, previous_nanos: u64, outputs: u32, parent_id: u32,
-        world_from_sensor: Pose,
+        world_from_sensor: Pose, world_from_sensor_start: Pose, turned_nanos: u64,
     }
     SceneInstance {
         world_from_mesh: Pose, velocity_in_world_mps: [f64; 3], actor_id: u32, mesh: u32, lamps: u32, part: u16, tint_rgb: [u8; 3],

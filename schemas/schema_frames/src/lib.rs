@@ -70,8 +70,8 @@ pub use attachment::Attachment;
 pub use command::{Command, CommandBatch, CommandReply, MAX_HIDDEN, ReplyBatch};
 pub use control::{AckRecord, VehicleControl, VehicleControlRecord, WalkerControl};
 pub use document::{
-    ActorInfo, ActorList, BodyBox, Catalogue, CatalogueEntry, DocumentHeader, SpawnPoints,
-    StepMode, WorldInfo,
+    ActorInfo, ActorList, BatchCamera, BatchInfo, BodyBox, Catalogue, CatalogueEntry,
+    DocumentHeader, SpawnPoints, StepMode, WorldInfo,
 };
 pub use dvs::DvsEvent;
 pub use events::{CollisionEvent, LaneCrossing, ObstacleEvent};

@@ -63,7 +63,7 @@ pub struct SceneHeader {
 }
 const _: () = assert!(size_of::<SceneHeader>() == 192);
 
-/// A camera that fires. 96 bytes.
+/// A camera or lidar that fires. 160 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct SceneFiring {
@@ -83,8 +83,12 @@ pub struct SceneFiring {
     pub parent_id: u32,
     /// Pose of the sensor in the world, as in the snapshot.
     pub world_from_sensor: Pose,
+    /// Of a lidar: its pose when the turn began; of a camera its pose.
+    pub world_from_sensor_start: Pose,
+    /// Of a lidar: time for which its head had turned before, nanoseconds.
+    pub turned_nanos: u64,
 }
-const _: () = assert!(size_of::<SceneFiring>() == 96);
+const _: () = assert!(size_of::<SceneFiring>() == 160);
 
 impl SceneFiring {
     /// Bit of [`SceneFiring::outputs`] for a modality.

@@ -264,12 +264,6 @@ fn wrong_requests_are_refused_with_a_sentence() {
         }
     );
     assert_eq!(
-        ask(&[Modality::Rgb; 3], 100_000),
-        RenderError::Twice {
-            modality: Modality::Rgb
-        }
-    );
-    assert_eq!(
         ask(&[Modality::Dvs; 2], 100_000),
         RenderError::Twice {
             modality: Modality::Dvs
@@ -280,6 +274,52 @@ fn wrong_requests_are_refused_with_a_sentence() {
         error.to_string(),
         "\"depth\" needs 12288 bytes, but its place has 100"
     );
+}
+
+/// An image goes to as many places as are asked for, and is drawn once.
+#[test]
+fn an_image_has_several_places_also_parts_of_one() {
+    let gpu = common::gpu();
+    let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
+    let (assets, _) = common::street();
+    let scene = common::scene(&assets, vec![], 50_000_000);
+    let mut views = [common::view(&gpu, 64, 48), common::view(&gpu, 64, 48)];
+    let n_bytes = 64 * 48 * 4;
+    let mut own = vec![vec![0u8; n_bytes]; 4];
+    let mut batches = vec![vec![0u8; 2 * n_bytes]; 2];
+    let mut parts: Vec<Vec<Place<'_>>> = vec![Vec::new(), Vec::new()];
+    for batch in &mut batches {
+        let of_images = Place::Memory(batch).parts(2, n_bytes);
+        parts
+            .iter_mut()
+            .zip(of_images)
+            .for_each(|(of, part)| of.push(part));
+    }
+    for (i, bytes) in own.iter_mut().enumerate() {
+        parts[i / 2].push(Place::Memory(bytes));
+    }
+    let jobs: Vec<ViewJob<'_, '_>> = views
+        .iter_mut()
+        .zip(parts)
+        .enumerate()
+        .map(|(i, (view, places))| ViewJob {
+            view,
+            world_from_sensor: common::pose(i as f64, 0.0, 1.5, [0.0; 3]),
+            outputs: places
+                .into_iter()
+                .map(|place| Output {
+                    modality: Modality::Rgb,
+                    place,
+                })
+                .collect(),
+        })
+        .collect();
+    let results = renderer.render(&scene, jobs).unwrap().wait().unwrap();
+    assert!(results.iter().all(|result| result.outputs.len() == 4));
+    assert!(own[0] == own[1] && own[2] == own[3] && own[0] != own[2]);
+    for batch in &batches {
+        assert!(batch[..n_bytes] == own[0][..] && batch[n_bytes..] == own[2][..]);
+    }
 }
 
 #[test]

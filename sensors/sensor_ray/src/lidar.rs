@@ -120,6 +120,16 @@ impl Lidar {
         }
     }
 
+    /// Time for which the head has turned, nanoseconds; 0 for a lidar of full turns.
+    pub fn turned_nanos(&self) -> u64 {
+        self.swept_nanos
+    }
+
+    /// Turns the head to where it stands after this time.
+    pub fn set_turned(&mut self, nanos: u64) {
+        self.swept_nanos = nanos;
+    }
+
     /// Turns the head back to where it stood when the lidar was made.
     pub fn reset(&mut self) {
         self.swept_nanos = 0;

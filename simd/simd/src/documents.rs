@@ -138,6 +138,7 @@ impl Documents {
 }
 
 fn info(state: &State<'_>) -> WorldInfo {
+    let batches = state.sensors.batches.iter();
     let targets = state.sensors.topics().filter_map(|topic| topic.target());
     WorldInfo {
         source: "live".into(),
@@ -157,6 +158,9 @@ fn info(state: &State<'_>) -> WorldInfo {
             .collect(),
         weather: *state.world.weather(),
         adapter: crate::settings::adapter_of(state.sensors.gpu()).to_owned(),
+        batches: batches
+            .map(|batch| batch.info(&state.sensors.sensors))
+            .collect(),
         cpu_copies: targets.map(|target| target.cpu_copies()).max().unwrap_or(0),
     }
 }

@@ -1,11 +1,10 @@
 //! From settings to a running daemon.
 
-use std::sync::Arc;
-
 use launch_cli::wrong_usage;
 use launch_spec::Launch;
-use schema_bus::{Bus, FrameTopic, Gate, GpuDevice, GpuServer, mono_now};
+use schema_bus::{Bus, FrameTopic, Gate, mono_now};
 use schema_frames::JournalFile;
+use schema_frames::document::BATCH_RIG;
 use schema_types::time::TickClock;
 use schema_types::{SimTime, Tick};
 use sensor_camera::{CameraRenderer, Quality};
@@ -26,11 +25,13 @@ use crate::ports::Ports;
 use crate::settings::{Settings, adapter_of};
 use crate::spectator;
 use crate::workers::Workers;
+use simd_frames::batch::Batch;
 use simd_frames::frames::Sensors;
+use simd_frames::rig::Rig;
 use simd_frames::sensor::{
     NoiseStream, OpenContext, Role, Sensor, SensorIdentity, schedule_of, shared_rig,
 };
-use simd_frames::topic::{MemoryLife, Transfer, limited};
+use simd_frames::topic::{MemoryLife, Transfer, gpu_server, limited};
 
 /// Brings everything up. Fails before anything is published if the domain is taken or memory is
 /// short.
@@ -60,8 +61,9 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         ),
         None => tracing::info!("no GPU is opened; render workers make the images"),
     }
-    check_gpu_memory(launch, gpu.as_ref(), settings.frames_in_flight)?;
-    let gpu_server = gpu.as_ref().and_then(|gpu| gpu_server(&bus, gpu));
+    check_gpu_memory(&settings, gpu.as_ref())?;
+    check_batches(launch, gpu.as_ref())?;
+    let gpu_server = gpu_server(&bus, gpu.as_ref());
     let frames = settings.frame_options(gpu.as_ref())?;
     let drawing = gpu.clone().map(|gpu| {
         let mut renderer = CameraRenderer::new(&gpu, quality);
@@ -121,7 +123,9 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     )?;
     // It has the least actor id, and sensors are in the order of theirs.
     sensors.insert(0, spectator::open(&context, &mut world, launch)?);
+    let batches = open_batches(&context, launch)?;
     let mut sensors = Sensors::new(drawing, sensors, frames);
+    sensors.batches = batches;
     sensors.check_fit()?;
     sensors.load(&episode.assets)?;
     let head = journal::head(&journal::Surroundings {
@@ -204,23 +208,21 @@ fn check_memory(launch: &Launch, frames_in_flight: u32) -> anyhow::Result<()> {
 }
 
 /// Checks the GPU's memory for the topics that the launch file keeps there: their slots are
-/// committed memory.
-fn check_gpu_memory(
-    launch: &Launch,
-    gpu: Option<&Gpu>,
-    frames_in_flight: u32,
-) -> anyhow::Result<()> {
-    let kept: Vec<_> = launch
+/// committed memory. Where render workers make the frames, they do.
+fn check_gpu_memory(settings: &Settings, gpu: Option<&Gpu>) -> anyhow::Result<()> {
+    let awaits_workers = settings.run.n_awaited_workers > 0;
+    let kept: Vec<_> = settings
+        .launch
         .memory_budget()
         .into_iter()
         .filter(|topic| topic.limits.gpu)
         .collect();
-    if kept.is_empty() {
+    if kept.is_empty() || awaits_workers {
         return Ok(());
     }
     let Some(gpu) = gpu else {
         return Err(wrong_usage(format!(
-            "topic {:?} has gpu = true, but the simulator opens no GPU; remove gpu, or --no-gpu",
+            "topic {:?} has gpu = true, but the simulator opens no GPU; remove gpu, or --no-gpu, or let it wait for a render worker (--await-workers 1)",
             kept[0].topic
         )));
     };
@@ -232,7 +234,7 @@ fn check_gpu_memory(
         )));
     }
     let bytes_of = |topic: &launch_spec::TopicBudget| {
-        let usual = FrameTopic::on_gpu(frames_in_flight as usize);
+        let usual = FrameTopic::on_gpu(settings.frames_in_flight as usize);
         let spec = FrameTopic {
             max_readers: topic
                 .limits
@@ -257,26 +259,32 @@ fn check_gpu_memory(
     )))
 }
 
-/// Answers readers that ask for frames on the GPU; `None` where its memory cannot be exported, or
-/// the socket cannot be made.
-fn gpu_server(bus: &Bus, gpu: &Gpu) -> Option<Arc<GpuServer>> {
-    if !gpu.can_export() {
-        tracing::info!("frames do not stay on the GPU: its driver lacks VK_KHR_external_memory_fd");
-        return None;
+/// Refuses batches where this process makes no images: workers have shares of the cameras, and one
+/// process must make all images of a batch.
+fn check_batches(launch: &Launch, gpu: Option<&Gpu>) -> anyhow::Result<()> {
+    match launch.batches.keys().next() {
+        Some(name) if gpu.is_none() => Err(wrong_usage(format!(
+            "[batch.{name}] cannot be made: the simulator itself draws the cameras of a batch, but opens no GPU; remove --no-gpu, or the batch"
+        ))),
+        _ => Ok(()),
     }
-    let ids = gpu.ids();
-    let device = GpuDevice {
-        device_uuid: ids.device,
-        driver_uuid: ids.driver,
-        is_mappable: gpu.is_software(),
+}
+
+/// Opens the batches of the launch file.
+fn open_batches(context: &OpenContext<'_>, launch: &Launch) -> anyhow::Result<Vec<Batch>> {
+    if launch.batches.is_empty() {
+        return Ok(Vec::new());
+    }
+    let rig = Rig::open(context.bus, BATCH_RIG)?;
+    let budget = launch.batch_budget();
+    let open = |(name, batch): (&String, &launch_spec::Batch)| {
+        let topics = batch.modalities.iter().filter_map(|modality| {
+            let topic = launch_spec::Batch::topic(name, *modality);
+            budget.iter().find(|it| it.topic == topic).cloned()
+        });
+        Batch::open(context, &rig, name, &batch.cameras, topics.collect())
     };
-    match bus.gpu_server(device) {
-        Ok(server) => Some(Arc::new(server)),
-        Err(error) => {
-            tracing::warn!(%error, "frames do not stay on the GPU: the socket of their readers cannot be made");
-            None
-        }
-    }
+    launch.batches.iter().map(open).collect()
 }
 
 /// Opens the sensors of the launch file and makes their actors.
@@ -317,7 +325,15 @@ fn open_sensors(
             role: Role::Sensor,
         };
         let schedule = schedule_of(placed.spec, SimTime(0), context.period_nanos);
-        let sensor = Sensor::open(context, identity, placed.spec.clone(), schedule)?;
+        let name = placed.full_name();
+        let mut batches = launch.batches.values();
+        let is_batched = batches.any(|batch| batch.cameras.contains(&name));
+        let context = OpenContext {
+            cameras_are_away: context.cameras_are_away && !is_batched,
+            ..*context
+        };
+        let mut sensor = Sensor::open(&context, identity, placed.spec.clone(), schedule)?;
+        sensor.is_batched = is_batched;
         world.set_topics(actor, sensor.topic_infos())?;
         sensors.push(sensor);
     }

@@ -1,6 +1,7 @@
 //! From a scene to published frames: which sensors fire, loans, GPU submissions, sensors on the CPU,
 //! headers, sending, and wake-ups.
 
+mod batches;
 mod cpu;
 mod in_flight;
 mod lidar;
@@ -23,6 +24,7 @@ use sensor_gpu::Gpu;
 use sensor_ray::RayScene;
 use sensor_spec::SensorSpec;
 
+use crate::batch::Batch;
 use crate::carrier::Carrier;
 use crate::rig::Waking;
 use crate::sensor::{Maker, Model, Role, Sensor};
@@ -43,6 +45,8 @@ pub struct Sensors {
     in_flight: InFlight<PendingViews>,
     /// Sensors by rising actor id.
     pub sensors: Vec<Sensor>,
+    /// Cameras whose images come as one frame.
+    pub batches: Vec<Batch>,
     /// `None` in a process that renders nothing.
     gpu: Option<Gpu>,
     renderer: Option<CameraRenderer>,
@@ -76,6 +80,7 @@ impl Sensors {
         let (gpu, renderer) = drawing.unzip();
         Sensors {
             sensors,
+            batches: Vec::new(),
             rays: Rays::new(gpu.as_ref(), options.lidars_on),
             gpu,
             renderer,
@@ -112,9 +117,19 @@ impl Sensors {
             .fold(self.closed_counts, |sum, topic| sum.with(&topic.counts))
     }
 
-    /// All topics.
+    /// All topics, those of batches last.
     pub fn topics(&self) -> impl Iterator<Item = &Topic> {
-        self.sensors.iter().flat_map(|sensor| &sensor.topics)
+        let of_sensors = self.sensors.iter().flat_map(|sensor| &sensor.topics);
+        of_sensors.chain(self.batches.iter().flat_map(|batch| &batch.topics))
+    }
+
+    fn topics_mut(&mut self) -> impl Iterator<Item = &mut Topic> {
+        let of_sensors = self
+            .sensors
+            .iter_mut()
+            .flat_map(|sensor| &mut sensor.topics);
+        let batches = self.batches.iter_mut();
+        of_sensors.chain(batches.flat_map(|batch| &mut batch.topics))
     }
 
     /// The scene as rays see it.
@@ -235,8 +250,8 @@ impl Sensors {
         self.fire_due(tick, &due, waking)
     }
 
-    /// Fires what another process says is due at a tick that has been started: cameras only. Views
-    /// may still be in flight when this returns.
+    /// Fires what another process says is due at a tick that has been started: cameras and lidars.
+    /// Views may still be in flight when this returns.
     pub fn fire_given(
         &mut self,
         tick: &TickView<'_>,
@@ -248,9 +263,10 @@ impl Sensors {
             let Some(given) = firings.iter().find(is_own) else {
                 continue;
             };
-            if !matches!(sensor.model, Model::View(_)) {
+            if !sensor.model.is_costly() {
                 continue;
             }
+            lidar::begin_turn(&mut sensor.model, given);
             for topic in &mut sensor.topics {
                 topic.ask(given.outputs & SceneFiring::output(topic.modality) != 0);
             }
@@ -294,7 +310,8 @@ impl Sensors {
         let lidars = lidar::submit(&mut self.sensors, &mut self.rays, tick, due, audience);
         let views = match (&self.gpu, &mut self.renderer) {
             (Some(gpu), Some(renderer)) => {
-                views::submit(&mut self.sensors, (gpu, renderer), tick, due, audience)?
+                let sources = (&mut self.sensors[..], &mut self.batches[..]);
+                views::submit(sources, (gpu, renderer), tick, due, audience)?
             }
             _ => None,
         };
@@ -348,13 +365,14 @@ impl Sensors {
         };
         if let Maker::Worker(worker) = sensor.maker {
             let audience = self.options.audience;
-            return Ok(Some(given_away(sensor, worker, &due, audience)));
+            return Ok(Some(given_away(sensor, worker, &due, tick.scene, audience)));
         }
         let (Some(gpu), Some(renderer)) = (&self.gpu, &mut self.renderer) else {
             return Ok(None);
         };
         let (drawing, audience) = ((gpu, renderer), self.options.audience);
-        if let Some(views) = views::submit(&mut self.sensors, drawing, tick, &[due], audience)? {
+        let sources = (&mut self.sensors[..], &mut self.batches[..]);
+        if let Some(views) = views::submit(sources, drawing, tick, &[due], audience)? {
             self.in_flight.push(views);
         }
         self.finish_all()?;
@@ -389,7 +407,9 @@ impl Sensors {
             };
             match sensor.maker {
                 Maker::Here => due.push(fires),
-                Maker::Worker(worker) => away.push(given_away(sensor, worker, &fires, audience)),
+                Maker::Worker(worker) => {
+                    away.push(given_away(sensor, worker, &fires, scene, audience));
+                }
                 Maker::Nobody => {}
             }
         }
@@ -430,7 +450,13 @@ impl Sensors {
                 model if model.is_motion() => continue,
                 Model::Lidar { .. } if lidars_are_cast => continue,
                 Model::Lidar { .. } => {
-                    let is_cast = lidar::cast_on_cpu(&shot, sensor, &mut rays, self.gpu.as_ref())?;
+                    let is_cast = lidar::cast_on_cpu(
+                        &shot,
+                        sensor,
+                        &mut rays,
+                        self.gpu.as_ref(),
+                        &mut *self.may_send,
+                    )?;
                     self.n_lidar_turns += u64::from(is_cast);
                     is_cast
                 }
@@ -446,7 +472,7 @@ impl Sensors {
     /// Waits for views and sends them.
     fn finish(&mut self, views: PendingViews, ticks_in_flight: u32) -> anyhow::Result<()> {
         views::finish(
-            (&mut self.sensors, self.gpu.as_ref()),
+            (&mut self.sensors, &mut self.batches, self.gpu.as_ref()),
             views,
             ticks_in_flight,
             self.options.audience,
@@ -556,21 +582,14 @@ impl Sensors {
                 .iter_mut()
                 .for_each(|sensor| sensor.fit_topics(period_nanos));
         }
-        let mut topics = self
-            .sensors
-            .iter_mut()
-            .flat_map(|sensor| &mut sensor.topics);
-        if !topics.any(|topic| topic.is_unsettled(now_nanos)) {
+        if !self.topics_mut().any(|topic| topic.is_unsettled(now_nanos)) {
             return Ok(());
         }
         self.finish_all()?;
-        for topic in self
-            .sensors
-            .iter_mut()
-            .flat_map(|sensor| &mut sensor.topics)
-        {
+        let gpu = self.gpu.clone();
+        for topic in self.topics_mut() {
             if topic.is_unsettled(now_nanos) {
-                topic.settle(bus, self.gpu.as_ref());
+                topic.settle(bus, gpu.as_ref());
             }
         }
         Ok(())
@@ -639,7 +658,9 @@ impl Sensors {
         while self.in_flight.pop().is_some() {}
         self.close_parting();
         drop(self.renderer);
-        for topic in self.sensors.into_iter().flat_map(|sensor| sensor.topics) {
+        let of_sensors = self.sensors.into_iter().flat_map(|sensor| sensor.topics);
+        let of_batches = self.batches.into_iter().flat_map(|batch| batch.topics);
+        for topic in of_sensors.chain(of_batches) {
             topic.close(self.gpu.as_ref());
         }
         finished
@@ -647,7 +668,15 @@ impl Sensors {
 }
 
 /// The firing of a sensor whose frames `worker` makes.
-fn given_away(sensor: &mut Sensor, worker: u32, due: &Due, audience: Audience) -> SceneFiring {
+fn given_away(
+    sensor: &mut Sensor,
+    worker: u32,
+    due: &Due,
+    scene: &Scene,
+    audience: Audience,
+) -> SceneFiring {
+    let world_from_sensor = due.carrier.world_from_sensor;
+    let turned = lidar::turn_head(sensor, world_from_sensor.isometry(), scene.period_nanos);
     let audience = sensor.audience(audience);
     let mut outputs = 0;
     for topic in &mut sensor.topics {
@@ -663,6 +692,8 @@ fn given_away(sensor: &mut Sensor, worker: u32, due: &Due, audience: Audience) -
         previous_nanos: due.firing.previous.map_or(u64::MAX, |time| time.0),
         outputs,
         parent_id: due.carrier.parent.0,
-        world_from_sensor: due.carrier.world_from_sensor,
+        world_from_sensor,
+        world_from_sensor_start: turned.map_or(world_from_sensor, |(start, _)| start.into()),
+        turned_nanos: turned.map_or(0, |(_, nanos)| nanos),
     }
 }

@@ -3,6 +3,7 @@
 //!
 //! Nothing here knows where a scene comes from: the world is another crate's.
 
+pub mod batch;
 pub mod carrier;
 pub mod frames;
 pub mod hash;

@@ -14,11 +14,11 @@ use sensor_gpu::{Gpu, Place, ShmTarget};
 
 pub use import::{Lent, Transfer};
 pub use memory::{MemoryLife, Writer, limited};
-pub use on_gpu::GpuLoan;
+pub use on_gpu::{GpuLoan, gpu_server};
 
 use crate::hash::BytesHash;
 use memory::{MemoryPlan, TopicMemory};
-use on_gpu::{OnGpu, can_stay};
+use on_gpu::{OnGpu, Options, can_stay};
 
 /// Which topics get frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -157,12 +157,14 @@ impl Topic {
         };
         let memory = TopicMemory::open(bus, gpu, &name, &plan)?;
         let wake = bus.notifier(&name)?;
-        let on_gpu = server
-            .filter(|_| can_stay(modality) && !is_away)
-            .map(|server| {
-                let in_flight = options.frames_in_flight as usize;
-                OnGpu::offer(bus, server, &name, max_payload_bytes, limits, in_flight)
-            });
+        let on_gpu = server.filter(|_| can_stay(modality)).map(|server| {
+            let options = Options {
+                frames_in_flight: options.frames_in_flight as usize,
+                is_away,
+            };
+            let from = (bus, gpu);
+            OnGpu::offer(from, server, &name, max_payload_bytes, limits, options)
+        });
         Ok(Topic {
             on_gpu,
             name,
@@ -203,6 +205,18 @@ impl Topic {
         self.told != Some(false) && (audience == Audience::Hash || self.n_readers() > 0)
     }
 
+    /// Whether its frames may be made at all: a journal may say that they were not.
+    pub fn may_make(&self) -> bool {
+        self.told != Some(false)
+    }
+
+    /// Notes that the image of this firing is made for somebody who reads it elsewhere.
+    pub fn note_made(&mut self) {
+        if let Some(made) = &mut self.made {
+            made.is_made = true;
+        }
+    }
+
     /// Whether the frame of this firing is made, as the process decides that owns the world.
     pub fn ask(&mut self, is_made: bool) {
         self.asked = Some(is_made);
@@ -223,13 +237,11 @@ impl Topic {
         is_made
     }
 
-    /// Another process writes the frames from now on. No frame may be in flight. They no longer stay
-    /// on this process's GPU: readers there are refused, and read shared memory.
+    /// Another process writes the frames from now on, on its own GPU too. No frame may be in flight.
     pub fn leave(&mut self, bus: &Bus, gpu: Option<&Gpu>) {
-        if let (Some(on_gpu), Some(gpu)) = (self.on_gpu.take(), gpu) {
-            on_gpu.close(gpu);
-        }
-        if let Err(error) = self.memory.leave(bus, gpu, &self.name) {
+        let on_gpu = self.on_gpu.as_mut();
+        let left = on_gpu.map_or(Ok(()), |on_gpu| on_gpu.leave(bus, gpu));
+        if let Err(error) = left.and(self.memory.leave(bus, gpu, &self.name)) {
             tracing::warn!(
                 topic = self.name,
                 error = format!("{error:#}"),
@@ -241,6 +253,9 @@ impl Topic {
     /// The frames are written here again.
     pub fn come_back(&mut self) {
         self.memory.come_back();
+        if let Some(on_gpu) = &mut self.on_gpu {
+            on_gpu.come_back();
+        }
     }
 
     /// Limits and life of its memory, for whoever writes the frames.
@@ -327,7 +342,8 @@ impl Topic {
         }
     }
 
-    fn drop_frame(&mut self, error: &dyn std::fmt::Display) {
+    /// Counts a frame that is not sent, and says why the first time.
+    pub fn drop_frame(&mut self, error: &dyn std::fmt::Display) {
         if self.counts.n_dropped == 0 {
             tracing::warn!(topic = self.name, %error, "frame dropped; further drops are only counted");
         }
@@ -431,7 +447,7 @@ impl Topic {
     pub fn settle(&mut self, bus: &Bus, gpu: Option<&Gpu>) {
         let now_nanos = mono_now().0;
         // From being asked to having memory there are two steps, which both come before the tick.
-        while let (Some(on_gpu), Some(gpu)) = (&mut self.on_gpu, gpu)
+        while let Some(on_gpu) = &mut self.on_gpu
             && on_gpu.is_unsettled(now_nanos)
         {
             if let Err(error) = on_gpu.settle(bus, gpu)
@@ -460,7 +476,7 @@ impl Topic {
 
     /// Gives everything back, memory last. No frame may be in flight.
     pub fn close(self, gpu: Option<&Gpu>) {
-        if let (Some(on_gpu), Some(gpu)) = (self.on_gpu, gpu) {
+        if let Some(on_gpu) = self.on_gpu {
             on_gpu.close(gpu);
         }
         self.memory.close(gpu);

@@ -1,11 +1,13 @@
 //! The cameras of this worker, as the simulator lists them.
 
-use schema_bus::Bus;
+use std::sync::Arc;
+
+use schema_bus::{Bus, GpuServer};
 use schema_types::{ActorId, SimTime};
 use sensor_gpu::Gpu;
 use simd_frames::frames::Sensors;
 use simd_frames::sensor::{
-    NoiseStream, OpenContext, Sensor, SensorIdentity, schedule_of, shared_rig,
+    NoiseStream, OpenContext, Role, Sensor, SensorIdentity, schedule_of, shared_rig,
 };
 use simd_frames::share::{Camera, CameraList, SceneryCopy};
 use simd_frames::topic::MemoryLife;
@@ -14,6 +16,7 @@ use simd_frames::topic::MemoryLife;
 pub struct Surroundings<'a> {
     pub bus: &'a Bus,
     pub gpu: &'a Gpu,
+    pub server: Option<&'a Arc<GpuServer>>,
     pub scenery: &'a SceneryCopy,
     pub seed: u64,
     pub period_nanos: u64,
@@ -105,8 +108,7 @@ fn open(
     let context = OpenContext {
         bus: around.bus,
         gpu: Some(around.gpu),
-        // The simulator's process alone keeps frames on a GPU.
-        server: None,
+        server: around.server.filter(|_| camera.role == Role::Sensor),
         frames: sensors.options(),
         memory,
         limits: &limits_of,

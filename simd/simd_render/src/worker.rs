@@ -2,10 +2,11 @@
 
 use std::collections::VecDeque;
 use std::rc::Rc;
+use std::sync::Arc;
 use std::time::Duration;
 
 use launch_cli::Shutdown;
-use schema_bus::{Bus, RenderedWriter, SceneMessage};
+use schema_bus::{Bus, GpuServer, RenderedWriter, SceneMessage};
 use schema_frames::{RenderedRecord, SceneFiring, SceneHeader};
 use schema_types::Tick;
 use sensor_camera::{CameraRenderer, Quality};
@@ -13,7 +14,7 @@ use sensor_core::gnss::GeoReference;
 use sensor_gpu::Gpu;
 use simd_frames::frames::{Sensors, Stamp, TickView};
 use simd_frames::share::{Joined, Question, SceneryCopy, scene_of};
-use simd_frames::topic::{Audience, FrameOptions, Transfer, Writer};
+use simd_frames::topic::{Audience, FrameOptions, Transfer, Writer, gpu_server};
 
 use crate::cameras::{self, Surroundings};
 use crate::inbox::Inbox;
@@ -45,6 +46,7 @@ pub enum Ended {
 /// Waits for a simulator, and renders for it until it ends.
 pub fn follow(domain: &str, drawing: &Drawing, shutdown: &Shutdown) -> anyhow::Result<Ended> {
     let bus = Bus::open(domain, "gantry-render")?;
+    let server = gpu_server(&bus, Some(&drawing.gpu));
     let mut is_said = false;
     loop {
         // Messages are heard from before joining on, and anew of every simulator.
@@ -59,6 +61,7 @@ pub fn follow(domain: &str, drawing: &Drawing, shutdown: &Shutdown) -> anyhow::R
         let answers = bus.rendered_writer(&drawing.name)?;
         if let Some(joined) = source.join(&asked)? {
             let mut worker = Worker::new(drawing, &joined, answers, &inbox);
+            worker.server = server.clone();
             let ended = worker.work(&mut source);
             let closed = worker.sensors.close();
             return match ended {
@@ -81,6 +84,8 @@ struct Worker<'a> {
     drawing: &'a Drawing,
     joined: Joined,
     sensors: Sensors,
+    /// Where readers ask for frames that stay on this worker's GPU.
+    server: Option<Arc<GpuServer>>,
     scenery: SceneryCopy,
     cameras_version: u64,
     answers: RenderedWriter,
@@ -113,6 +118,7 @@ impl<'a> Worker<'a> {
         sensors.send_while(Box::new(move || counted_on.is_counted_on()));
         Worker {
             sensors,
+            server: None,
             answers,
             scenery: SceneryCopy::default(),
             cameras_version: 0,
@@ -177,6 +183,7 @@ impl<'a> Worker<'a> {
             let around = Surroundings {
                 bus: source.bus,
                 gpu: &self.drawing.gpu,
+                server: self.server.as_ref(),
                 scenery: &self.scenery,
                 seed: self.joined.seed,
                 period_nanos: header.period_nanos,
@@ -227,7 +234,10 @@ impl<'a> Worker<'a> {
     /// Brings the scenery up to date.
     fn load(&mut self, source: &mut Source<'_>) -> anyhow::Result<()> {
         if source.scenery(&mut self.scenery)? {
-            self.sensors.load_views(self.scenery.assets())?;
+            let assets = self.scenery.assets();
+            let n_shown = assets.meshes.iter().filter(|mesh| !mesh.indices.is_empty());
+            tracing::debug!(meshes = n_shown.count(), "other scenery");
+            self.sensors.load(assets)?;
         }
         Ok(())
     }

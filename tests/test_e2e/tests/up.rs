@@ -300,6 +300,7 @@ fn first_run(sandbox: &Sandbox, more: &[&str]) -> Process {
          case \"$*\" in\n\
          --version*) echo 'cargo 9.9.9 (made up)' ;;\n\
          *--bin=simd*) give simd gantry gantry-drive ;;\n\
+         *--bin=gantry-desk*) give gantry-desk ;;\n\
          *--bin=gantry-view*) printf '   Building [===>   ] 7/9: made-up\\r' >&2\n\
          until [ -e ../go ]; do sleep 0.1; done\n\
          [ ! -e ../fail ] || {{ echo 'error: could not compile `made-up`' >&2; exit 101; }}\n\
@@ -341,6 +342,26 @@ fn first_run(sandbox: &Sandbox, more: &[&str]) -> Process {
     sandbox.spawn_program("./gantry", &tree.join("gantry"), &words, &env)
 }
 
+/// Whether what a line of output names is a page for a browser.
+fn assert_is_a_page(line: &str) {
+    use std::io::{Read as _, Write as _};
+    let (_, address) = line.split_once("http://").expect("an address");
+    let (host, path) = address.trim().split_once('/').expect("a path");
+    let mut browser = std::net::TcpStream::connect(host).expect("somebody listens");
+    write!(
+        browser,
+        "GET /{path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n"
+    )
+    .expect("it takes the question");
+    let mut answer = String::new();
+    browser.read_to_string(&mut answer).expect("an answer");
+    assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+    assert!(
+        answer.contains("<!doctype html>") || answer.contains("<!DOCTYPE html>"),
+        "{answer}"
+    );
+}
+
 #[test]
 fn the_world_runs_while_the_viewer_is_built_and_the_viewer_joins() {
     let sandbox = Sandbox::new("first_run");
@@ -348,7 +369,14 @@ fn the_world_runs_while_the_viewer_is_built_and_the_viewer_joins() {
     up.wait_line("the world starts now; its viewer is still being built");
     up.wait_line("gantry-view is being built: 7 of 9 crates");
     pid_of(&sandbox, "simd");
-    assert!(!sandbox.path("drive.rrd").exists(), "nobody shows it yet");
+    assert!(
+        !sandbox.path("drive.rrd").exists(),
+        "no viewer shows it yet"
+    );
+    up.wait_line("until the viewer is there, the world is on a page");
+    let page = up.wait_line("open http://127.0.0.1:");
+    assert_is_a_page(&page);
+    let desk = pid_of(&sandbox, "gantry-desk");
     sandbox.write("go", "");
     let drive = sandbox.path("drive.rrd");
     eventually("the viewer has joined", || {
@@ -357,12 +385,23 @@ fn the_world_runs_while_the_viewer_is_built_and_the_viewer_joins() {
             .is_ok_and(|file| file.len() > 10_000)
             .then_some(())
     });
+    assert_eq!(
+        pid_of(&sandbox, "gantry-desk"),
+        desk,
+        "who looks at it goes on"
+    );
     kill(pid_of(&sandbox, "gantry"), Signal::SIGINT).expect("it runs");
     up.wait().expect_code(0);
+    eventually("the page ends with the run", || {
+        kill(desk, None).is_err().then_some(())
+    });
     assert_clean(&sandbox);
     let asked = std::fs::read_to_string(sandbox.path("cargo.log")).expect("cargo was asked");
-    let world = asked.find("--bin=simd").expect("the world was built");
-    assert!(world < asked.find("--bin=gantry-view").unwrap(), "{asked}");
+    let [world, desk, viewer] = ["simd", "gantry-desk", "gantry-view"].map(|program| {
+        let found = asked.find(&format!("--bin={program}"));
+        found.unwrap_or_else(|| panic!("{program} was built: {asked}"))
+    });
+    assert!(world < desk && desk < viewer, "{asked}");
 
     // The second time everything is there: nothing is built in the background.
     std::fs::remove_file(sandbox.path("tree/.venv")).unwrap();

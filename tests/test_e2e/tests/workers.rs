@@ -4,11 +4,12 @@
 use std::collections::BTreeMap;
 
 use nix::sys::signal::Signal;
-use schema_bus::{Bus, CommandClient, FrameReader};
+use schema_bus::{Bus, CommandClient, FrameReader, names};
+use schema_frames::document::SpawnPoints;
 use schema_frames::{Command, CommandReply, FrameHeader};
 use schema_types::Pose;
 use test_e2e::{
-    SMALL_RIG, SMALL_RIG_TOPICS, ask, assert_nothing_left, counter, join_bus, reader,
+    SMALL_RIG, SMALL_RIG_TOPICS, ask, assert_nothing_left, counter, document, join_bus, reader,
     spawn_consumer, start_daemon,
 };
 use test_kit::{Process, Sandbox, eventually};
@@ -40,9 +41,18 @@ width_px = 64
 height_px = 64
 mount.position_m = [-1.5, 0.0, 1.6]
 mount.rpy_deg = [0.0, 0.0, 180.0]
+[sensor.sweep]
+kind = "lidar"
+scan = "sweep"
+rate_hz = 20
+rotation_hz = 7
+channels = 8
+points_per_second = 20000
+mount.position_m = [0.0, 0.3, 2.0]
 "#;
 
-const MORE_TOPICS: [&str; 8] = [
+const MORE_TOPICS: [&str; 9] = [
+    "ego/sweep/lidar",
     "ego/left/rgb",
     "ego/left/depth",
     "ego/left/dvs",
@@ -501,4 +511,142 @@ fn what_cannot_be_is_refused_with_a_sentence() {
     refused("gantry-render", &[], "--hash");
     daemon.stop().expect_code(0);
     assert_nothing_left(&sandbox);
+}
+
+/// A rig on the largest town that the repository lays out: 8 km by 8 km.
+const LARGE: &str = r#"version = 1
+[scenario]
+map = "Town13"
+seed = 3
+tick_hz = 20
+mode = "stepped"
+[sensor.front]
+kind = "camera"
+modalities = ["rgb", "depth", "instance"]
+rate_hz = 20
+width_px = 96
+height_px = 64
+mount.position_m = [0.6, 0.0, 1.6]
+[sensor.rear]
+kind = "camera"
+modalities = ["semantic"]
+rate_hz = 20
+width_px = 96
+height_px = 64
+mount.position_m = [-1.5, 0.0, 1.6]
+mount.rpy_deg = [0.0, 0.0, 180.0]
+[sensor.roof]
+kind = "lidar"
+rate_hz = 20
+channels = 8
+columns = 180
+mount.position_m = [0.0, 0.0, 2.0]
+"#;
+
+const LARGE_TOPICS: [&str; 5] = [
+    "ego/front/rgb",
+    "ego/front/depth",
+    "ego/front/instance",
+    "ego/rear/semantic",
+    "ego/roof/lidar",
+];
+
+/// Places on roads from one side of a map to the other, about `apart_m` from each other.
+fn across(points: &[Pose], apart_m: f64) -> Vec<Pose> {
+    let x_of = |pose: &Pose| pose.translation_m[0];
+    let mut sorted = points.to_vec();
+    sorted.sort_by(|a, b| x_of(a).total_cmp(&x_of(b)));
+    let mut places: Vec<Pose> = Vec::new();
+    for pose in sorted {
+        if places
+            .last()
+            .is_none_or(|last| x_of(&pose) - x_of(last) >= apart_m)
+        {
+            places.push(pose);
+        }
+    }
+    places
+}
+
+/// Frames of a way across the large town, a tick at each place; and, of the worker if there is one,
+/// how many meshes it had at each change of the scenery.
+fn way_across(name: &str, n_workers: usize) -> (Vec<Frames>, Vec<u64>) {
+    let sandbox = Sandbox::new(name);
+    let n = n_workers.to_string();
+    let alone: &[&str] = &["--await-workers", &n];
+    let args = if n_workers > 0 {
+        [alone, &["--no-gpu"]].concat()
+    } else {
+        alone.to_vec()
+    };
+    let daemon = start_daemon(&sandbox, LARGE, &args);
+    let mut render = (n_workers > 0)
+        .then(|| spawn_consumer(&sandbox, "gantry-render", &["--name", "far", "-v"]));
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let points: SpawnPoints = document(&bus, names::WORLD_SPAWN_POINTS).json().unwrap();
+    let points: Vec<Pose> = points.points.into_iter().map(Pose::from).collect();
+    let places = across(&points, 300.0);
+    let way_m = places.last().unwrap().translation_m[0] - places[0].translation_m[0];
+    assert!(way_m > 6000.0, "{way_m}");
+    let mut readers: Vec<FrameReader> = LARGE_TOPICS.map(|topic| reader(&bus, topic)).into();
+    let (mut ticks, mut ego) = (Vec::new(), None);
+    for (tick, pose) in (1..).zip(&places) {
+        if let Some(actor_id) = ego {
+            let moved = Command::SetPose {
+                actor_id,
+                pose: (*pose).into(),
+            };
+            assert_eq!(ask(&mut client, moved), CommandReply::Done);
+        }
+        assert_eq!(cue(&mut client, 1), tick);
+        let mut frames = Frames::new();
+        for reader in &mut readers {
+            let topic = reader.topic().to_owned();
+            let frame = eventually(&format!("{topic} at tick {tick}"), || {
+                reader.next().unwrap()
+            });
+            assert_eq!(frame.header().tick, tick, "{topic}");
+            ego = Some(frame.header().parent_id);
+            frames.insert(
+                topic,
+                (
+                    frame.header().hashed_bytes().to_vec(),
+                    frame.to_vec(),
+                    false,
+                ),
+            );
+        }
+        ticks.push(frames);
+    }
+    drop((readers, client, bus));
+    let lines = render
+        .take()
+        .map(|worker| worker.stop().expect_code(0).lines);
+    daemon.stop().expect_code(0);
+    assert_nothing_left(&sandbox);
+    let count = |line: &String| {
+        let (_, rest) = line.split_once("meshes=")?;
+        rest.split(|c: char| !c.is_ascii_digit())
+            .next()?
+            .parse()
+            .ok()
+    };
+    let counts = lines
+        .iter()
+        .flatten()
+        .filter(|line| line.contains("other scenery"));
+    (ticks, counts.filter_map(count).collect())
+}
+
+/// Tiles of the scenery arrive at a worker and go, and its frames are those of a simulator alone.
+#[test]
+fn a_worker_follows_the_scenery_of_a_large_town() {
+    let (alone, _) = way_across("w-far-alone", 0);
+    let (by_worker, counts) = way_across("w-far", 1);
+    assert_same(&alone, &by_worker);
+    let n = |is_it: fn(&[u64]) -> bool| counts.windows(2).filter(|pair| is_it(pair)).count();
+    let (more, fewer) = (n(|pair| pair[1] > pair[0]), n(|pair| pair[1] < pair[0]));
+    println!("{} places, meshes: {counts:?}", alone.len());
+    assert!(more >= 3 && fewer >= 3, "{counts:?}");
 }

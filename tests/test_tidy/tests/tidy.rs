@@ -36,8 +36,8 @@ fn allowed(from: &str, to: &str) -> bool {
         ("sensor_camera" | "sensor_ray", "sensor_gpu") => true,
         ("sensor_gpu", "sensor_core") => true,
         ("consumer_carla" | "consumer_drive" | "consumer_desk", "consumer_rpc") => true,
-        ("consumer_desk", "consumer_view" | "consumer_picture") => true,
-        ("consumer_view" | "consumer_record" | "consumer_bridge", "consumer_picture") => true,
+        ("consumer_view" | "consumer_desk", "consumer_fly" | "consumer_picture") => true,
+        ("consumer_record" | "consumer_bridge", "consumer_picture") => true,
         ("consumer_python", "consumer_gpu") => true,
         (from, "consumer_kit") => district(from) == "consumer",
         // All programs in one file, and nothing else.

@@ -1,7 +1,7 @@
 //! One topic of the domain as the topics of ROS 2 that it becomes.
 
 use consumer_kit::{FollowedResult, Take};
-use schema_bus::{Bus, BusError, Frame, FrameReader, ResultSample, ServicePorts, TopicKind};
+use schema_bus::{Bus, BusError, Frame, FrameReader, ResultSample, ServicePorts, TopicKind, names};
 use schema_frames::{About, Box2d, Box3d, Modality, ResultType, Space};
 
 use crate::lookout::Left;
@@ -160,7 +160,8 @@ fn outputs_of(topic: &ServicePorts) -> Vec<(Form, String, types::Type)> {
     let last = topic.name.rsplit('/').next();
     let modality = last
         .and_then(Modality::from_name)
-        .filter(|_| topic.kind() == TopicKind::Frames);
+        // A batch only repeats the images of its cameras.
+        .filter(|_| topic.kind() == TopicKind::Frames && !names::is_batch(&topic.name));
     match (modality, ResultType::from_name(&topic.result)) {
         (Some(modality), _) => {
             let sensor = own

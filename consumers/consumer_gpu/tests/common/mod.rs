@@ -24,6 +24,16 @@ rate_hz = 20
 width_px = 96
 height_px = 64
 mount.position_m = [0.6, 0.0, 1.6]
+[sensor.side]
+kind = "camera"
+modalities = ["depth"]
+rate_hz = 20
+width_px = 96
+height_px = 64
+mount.position_m = [0.0, 0.9, 1.6]
+[batch.pair]
+cameras = ["ego/front", "ego/side"]
+modalities = ["depth"]
 [sensor.roof]
 kind = "lidar"
 rate_hz = 20

@@ -69,11 +69,11 @@ from ._rerun import rerun
 from ._result import Input, Result, ResultHeader, result_from_bytes
 from ._sync import Row, Sync, sync
 from ._topic import Counts, Topic, open
-from ._topics import TopicDetails, topics
+from ._topics import BatchCamera, TopicDetails, topics
 from ._world import Document, Snapshot, document, snapshot, snapshot_at
 
 __all__ = [
-    "ACTOR", "BOX2D", "BOX3D", "BorrowLimitError", "BytesSchema", "CLASS_COLOURS", "CLASS_NAMES", "COLLISION_EVENT", "Counts", "DVS_EVENT",
+    "ACTOR", "BOX2D", "BOX3D", "BatchCamera", "BorrowLimitError", "BytesSchema", "CLASS_COLOURS", "CLASS_NAMES", "COLLISION_EVENT", "Counts", "DVS_EVENT",
     "Document", "Frame", "FrameFormatError", "GNSS_SAMPLE", "GantryError", "GpuArray", "GpuLoan", "GpuPublisher", "Header", "IMU_SAMPLE", "Input", "KEYPOINT", "KEYPOINT_SET",
     "LANE_CROSSING", "LIDAR_POINT", "Loan", "Lockstep", "MASK", "Message", "NoSuchTopicError", "OBSTACLE_EVENT", "ODOMETRY", "PATH_POINT",
     "POSE_ESTIMATE", "Pose", "Publisher", "RADAR_DETECTION", "RESULT_TYPES", "RecordedTopic", "Recording", "RecordsAndTail", "Result", "ResultHeader", "Row", "SCALAR",

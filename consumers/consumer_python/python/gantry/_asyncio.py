@@ -17,8 +17,8 @@ class Readable:
         self._fileno = fileno
         self._waiting: dict[asyncio.AbstractEventLoop, tuple[int, set[asyncio.Future[None]]]] = {}
 
-    async def wait(self) -> None:
-        """Returns when the descriptor can be read, or after `wake`."""
+    async def wait(self, timeout: float | None = None) -> None:
+        """Returns when the descriptor can be read, after `wake`, or after `timeout` seconds."""
         loop = asyncio.get_running_loop()
         if loop not in self._waiting:
             own = os.dup(self._fileno())
@@ -28,7 +28,10 @@ class Readable:
         future = loop.create_future()
         waiters.add(future)
         try:
-            await future
+            if timeout is None:
+                await future
+            else:
+                await asyncio.wait([future], timeout=timeout)
         finally:
             waiters.discard(future)
             if not waiters:

@@ -72,6 +72,7 @@ class Header(NamedTuple):
     azimuth_rad: float
     parent_id: int
     n_channels: int
+    n_images: int
     epoch: int
     rendered_mono_nanos: int
     published_mono_nanos: int
@@ -129,7 +130,7 @@ class Frame(native.Sample):
 
     @property
     def rgb(self) -> npt.NDArray[np.uint8]:
-        """The `array` of an `rgb` frame as a view (h, w, 3) uint8 in the order R G B.
+        """The `array` of an `rgb` frame as a view (h, w, 3) uint8 in the order R G B; of a batch, (n, h, w, 3).
 
         Raises `FrameFormatError` for another modality.
         """
@@ -193,19 +194,25 @@ class Frame(native.Sample):
 
     def __repr__(self) -> str:
         width, height = self.size
-        return f"<gantry.Frame {self.topic or self.modality} tick={self.tick} seq={self.seq} {width}×{height}>"
+        images = f"{self.n_images}×" if self.n_images else ""
+        return f"<gantry.Frame {self.topic or self.modality} tick={self.tick} seq={self.seq} {images}{width}×{height}>"
 
     def _repr_png_(self) -> bytes | None:
-        """Returns a PNG for Jupyter, or None for modalities without an obvious picture."""
+        """Returns a PNG for Jupyter, or None for modalities without an obvious picture; images of a batch one below the other."""
         from ._classes import colour_classes
 
+        if not self.is_image:
+            return None
+        shown = self.array
+        if self.n_images:
+            shown = shown.reshape(-1, *shown.shape[2:])
         if self.modality == "rgb":
-            return _png(np.ascontiguousarray(self.rgb))
+            return _png(np.ascontiguousarray(shown[..., 2::-1]))
         if self.modality == "semantic":
-            return _png(colour_classes(self.array))
+            return _png(colour_classes(shown))
         if self.modality == "depth":
             with np.errstate(divide="ignore"):
-                grey = np.clip(255.0 * 2.0 / (2.0 + np.maximum(self.array, 0.0)), 0, 255).astype(np.uint8)
+                grey = np.clip(255.0 * 2.0 / (2.0 + np.maximum(shown, 0.0)), 0, 255).astype(np.uint8)
             return _png(np.repeat(grey[..., None], 3, axis=2))
         return None
 

@@ -14,9 +14,12 @@ from ._errors import GantryError, NoSuchTopicError
 from ._frame import Frame
 from ._load import native
 from ._result import Result, class_names
+from ._topics import BatchCamera, cameras_of
 
 #: Seconds between two looks for a topic that does not exist yet.
 _LOOK_SECS = 0.05
+#: Seconds between two looks of a task whether frames still come to the GPU the way they did.
+_LOOK_ON_GPU_SECS = 0.5
 #: What was warned of.
 _SAID: dict[str, bool] = {}
 
@@ -58,6 +61,7 @@ class Topic(native.Reader, Generic[S]):
         this = weakref.ref(self)
         self._readable = Readable(lambda: _fileno(this()))
         self._closed = False
+        self._look_secs = None if device is None else _LOOK_ON_GPU_SECS
         self._counts = Counts()
 
     if TYPE_CHECKING:
@@ -95,6 +99,15 @@ class Topic(native.Reader, Generic[S]):
         """Names of the classes that the topic's results number; CARLA's if it names none."""
         return class_names(self.about)
 
+    @property
+    def cameras(self) -> list[BatchCamera]:
+        """Cameras of a batch (`batch/fleet/rgb`) in the order of its images; empty for any other topic.
+
+        The snapshot of a frame's tick has the poses of their actors. Raises `GantryError` if no simulator says what
+        the batch holds.
+        """
+        return cameras_of(self.name, self._domain)
+
     async def anext(self, timeout: float | None = None) -> S | None:
         """As `next`, in an event loop: other tasks run while it waits, and no thread is used."""
         if timeout is None:
@@ -111,7 +124,8 @@ class Topic(native.Reader, Generic[S]):
             sample = self.next(0.0)
             if sample is not None:
                 return sample
-            await self._readable.wait()
+            # A writer that ends announces nothing.
+            await self._readable.wait(self._look_secs)
         return None
 
     def __iter__(self) -> Iterator[S]:
@@ -132,6 +146,12 @@ class Topic(native.Reader, Generic[S]):
             if sample is not None:
                 yield sample
             sample = None
+
+
+def _say_fallback(name: str, why: str, level: int = 2) -> None:
+    if not _SAID.get(why):
+        _SAID[why] = True
+        warnings.warn(f"{name!r} is uploaded, it does not stay on the GPU: {why}", RuntimeWarning, stacklevel=level + 1)
 
 
 def _fileno(topic: Topic[Any] | None) -> int:
@@ -158,7 +178,8 @@ def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result:
     and results that were published with a device on that of their writer: `frame.torch()` is a
     tensor there, and nothing is copied. Where CUDA computes on another GPU, or the writer publishes
     in shared memory only, they are uploaded through page-locked memory, with one warning that says
-    why. Raises `GantryError` where there is no CUDA.
+    why. The same when another process takes the topic over, as render workers do: the topic goes on
+    by itself, and `fallback` tells. Raises `GantryError` where there is no CUDA.
     """
     deadline = time.monotonic() + timeout
     while True:
@@ -169,9 +190,8 @@ def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result:
             if time.monotonic() >= deadline:
                 raise
             time.sleep(_LOOK_SECS)
-    if opened.fallback is not None and not _SAID.get(opened.fallback):
-        _SAID[opened.fallback] = True
-        warnings.warn(f"{opened.name!r} is uploaded, it does not stay on the GPU: {opened.fallback}", RuntimeWarning, stacklevel=2)
+    if opened.fallback is not None:
+        _say_fallback(opened.name, opened.fallback)
     if result is not None and opened.result != result:
         opened.close()
         raise GantryError(f"topic {opened.name!r} has {'results of type ' + repr(opened.result) if opened.result else 'frames'}, not results of type {result!r}")

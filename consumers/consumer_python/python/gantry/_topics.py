@@ -41,3 +41,29 @@ def topics(domain: str | None = None) -> list[TopicDetails]:
         TopicDetails(name, kind, modality, publishers, subscribers, schema, result, max_subscribers, payload_bytes)
         for name, kind, modality, publishers, subscribers, max_subscribers, payload_bytes, schema, result in native.topics(resolve(domain))
     ]
+
+
+@dataclass(frozen=True)
+class BatchCamera:
+    """A camera of a batch, in the order of the batch's images."""
+
+    #: What its own topics are called but for the modality: `ego/left`.
+    name: str
+    #: Its actor, whose pose the snapshots have; 0 if it is gone.
+    sensor_id: int
+    #: Focal length and principal point `[fx, fy, cx, cy]`, pixels.
+    intrinsics_px: tuple[float, float, float, float]
+    #: The lens's distortion as in the header of its own frames; all 0 for a pinhole.
+    lens: tuple[float, float, float, float]
+
+
+def cameras_of(topic: str, domain: str) -> list[BatchCamera]:
+    """Lists the cameras of a batch's topic in the order of its images; none for any other topic."""
+    from ._world import document
+
+    if not topic.startswith("batch/"):
+        return []
+    for batch in document("world/info", domain).json().get("batches", []):
+        if any(found["topic"] == topic for found in batch["topics"]):
+            return [BatchCamera(it["name"], it["sensor_id"], tuple(it["intrinsics_px"]), tuple(it["lens"])) for it in batch["cameras"]]
+    return []

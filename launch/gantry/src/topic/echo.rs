@@ -76,7 +76,7 @@ fn frame_value(frame: &Frame, n_elements: usize) -> Value {
         "tick": header.tick, "sim_nanos": header.sim_nanos, "seq": header.seq,
         "episode": header.episode, "epoch": header.epoch.to_string(),
         "sensor_id": header.sensor_id, "parent_id": header.parent_id, "flags": header.flags, "window_nanos": header.window_nanos,
-        "width": header.width, "height": header.height, "row_stride": header.row_stride, "payload_bytes": header.payload_bytes,
+        "width": header.width, "height": header.height, "n_images": header.n_images, "row_stride": header.row_stride, "payload_bytes": header.payload_bytes,
         "world_from_sensor": {"translation_m": pose.translation_m, "rotation_xyzw": pose.rotation_xyzw},
         "intrinsics_px": header.intrinsics_px, "range_limit_m": header.range_limit_m, "n_channels": header.n_channels,
         "rendered_mono_nanos": header.rendered_mono_nanos, "published_mono_nanos": header.published_mono_nanos,

@@ -4,8 +4,9 @@ use std::time::{Duration, Instant};
 
 use launch_cli::{Exit, wrong_usage};
 use schema_bus::Bus;
-use schema_bus::names::{about, is_gpu_topic};
-use schema_frames::{About, Modality};
+use schema_bus::names::{WORLD_INFO, about, is_batch, is_gpu_topic};
+use schema_frames::{About, BatchCamera, BatchInfo, Modality, WorldInfo};
+use serde::de::DeserializeOwned;
 
 use crate::census::{Census, Kind, Member, Topic, names, nothing_runs};
 use crate::cli::Form;
@@ -75,6 +76,7 @@ pub fn info(bus: &Bus, name: &str, form: Form) -> anyhow::Result<Exit> {
     if form == Form::Json {
         let mut object = as_json(&census, topic);
         object["about"] = serde_json::to_value(&description)?;
+        object["cameras"] = serde_json::to_value(cameras(bus, topic))?;
         println!("{object}");
         return Ok(Exit::Done);
     }
@@ -114,6 +116,9 @@ pub fn info(bus: &Bus, name: &str, form: Form) -> anyhow::Result<Exit> {
             qos.buffer, qos.borrowed, qos.history
         );
     }
+    if let Some(cameras) = cameras(bus, topic) {
+        println!("images         {}: {}", cameras.len(), cameras.join(", "));
+    }
     if let Some(line) = on_gpu(bus, topic)? {
         println!("on the GPU     {line}");
     }
@@ -121,6 +126,18 @@ pub fn info(bus: &Bus, name: &str, form: Form) -> anyhow::Result<Exit> {
         describe(&about);
     }
     Ok(Exit::Done)
+}
+
+/// Cameras of a batch in the order of its images; `None` for any other topic, or if nobody says it.
+fn cameras(bus: &Bus, topic: &Topic) -> Option<Vec<String>> {
+    if !is_batch(&topic.name) {
+        return None;
+    }
+    let info: WorldInfo = document(bus, WORLD_INFO)?;
+    let has_it = |batch: &BatchInfo| batch.topics.iter().any(|it| it.topic == topic.name);
+    let batch = info.batches.into_iter().find(has_it);
+    let name = |camera: BatchCamera| camera.name;
+    batch.map(|batch| batch.cameras.into_iter().map(name).collect())
 }
 
 /// What there is of a topic on the GPU, beside its own service; `None` if nobody asked for it.
@@ -171,11 +188,15 @@ fn modality_of(topic: &Topic) -> Option<Modality> {
 
 /// What the writer of a topic of results says about it.
 pub fn description(bus: &Bus, topic: &str) -> Option<About> {
-    let name = about(topic);
-    if !bus.exists(&name) {
+    document(bus, &about(topic))
+}
+
+/// The newest text of a document.
+fn document<T: DeserializeOwned>(bus: &Bus, name: &str) -> Option<T> {
+    if !bus.exists(name) {
         return None;
     }
-    let mut reader = bus.document_reader(&name).ok()?;
+    let mut reader = bus.document_reader(name).ok()?;
     let start = Instant::now();
     while start.elapsed() < DESCRIPTION {
         if let Ok(Some(document)) = reader.latest() {

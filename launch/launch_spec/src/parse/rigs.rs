@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use schema_frames::document::BATCH_RIG;
 use toml::Value as Toml;
 
 use super::sections::named;
@@ -17,7 +18,8 @@ pub(super) fn read(
 ) -> BTreeMap<String, Rig> {
     let mut rigs = BTreeMap::from([(EGO_RIG.to_owned(), Rig::Ego)]);
     for (name, entry) in named(file, "rig", errors) {
-        let reserved = ["world", "control", "free"].contains(&name) || name.starts_with("actor_");
+        let reserved =
+            ["world", "control", "free", BATCH_RIG].contains(&name) || name.starts_with("actor_");
         if reserved {
             errors.push(
                 entry.key_at,

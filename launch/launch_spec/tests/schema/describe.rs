@@ -6,7 +6,8 @@ use std::path::Path;
 use syn::{Attribute, Expr, Fields, Item, Lit, Meta, Type};
 
 /// Sources whose types a launch file is read into, from the root of the repository.
-const SOURCES: [&str; 17] = [
+const SOURCES: [&str; 18] = [
+    "launch/launch_spec/src/batch.rs",
     "launch/launch_spec/src/model.rs",
     "launch/launch_spec/src/process.rs",
     "launch/launch_spec/src/topic.rs",

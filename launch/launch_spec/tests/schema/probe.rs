@@ -9,6 +9,8 @@ use toml::{Table, Value as Toml};
 const EVERYTHING: &str = "version = 1
 [rig.pole]
 pose = { position_m = [0.0, 0.0, 6.0] }
+[batch.b]
+cameras = [\"ego/camera\"]
 [topic.\"a/b\"]
 type = \"boxes2d\"
 [process.p]

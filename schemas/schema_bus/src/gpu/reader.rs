@@ -3,6 +3,7 @@
 use std::os::fd::{AsFd as _, OwnedFd};
 use std::sync::{Arc, Mutex};
 
+use nix::errno::Errno;
 use schema_frames::{
     FrameError, FrameHeader, GPU_MAGIC, GPU_PLACE_BYTES, GpuAnswer, GpuAsk, GpuPlace, Modality,
     SCHEMA_VERSION,
@@ -18,6 +19,7 @@ use crate::memory::FrameTopic;
 use crate::names;
 use crate::node::BusNode;
 use crate::origin::Origin;
+use crate::reader::Repeats;
 use crate::reserve::reserve_as_reader;
 use crate::result_draft::{Answerable, Answered};
 use crate::service::make;
@@ -67,10 +69,22 @@ fn ask(
     producer: u64,
     question: &GpuAsk,
 ) -> Result<(GpuAnswer, Option<OwnedFd>), String> {
+    answer_on(&put(node, producer, question)?)
+}
+
+fn gone(error: Errno) -> String {
+    format!("the process that writes them does not answer ({error})")
+}
+
+/// Puts a question to one process; the answer comes on the connection.
+fn put(node: &BusNode, producer: u64, question: &GpuAsk) -> Result<OwnedFd, String> {
     let name = name_of(node.domain(), producer);
-    let gone = |error| format!("the process that writes them does not answer ({error})");
     let connection = connect_to(&node.root(), &name).map_err(gone)?;
     send(connection.as_fd(), question, None).map_err(gone)?;
+    Ok(connection)
+}
+
+fn answer_on(connection: &OwnedFd) -> Result<(GpuAnswer, Option<OwnedFd>), String> {
     let (answer, descriptor) = receive::<GpuAnswer>(connection.as_fd()).map_err(gone)?;
     if answer.magic != GPU_MAGIC || answer.schema_version != SCHEMA_VERSION {
         return Err(format!(
@@ -92,12 +106,17 @@ pub(crate) fn offer(node: &BusNode, topic: &str) -> Result<GpuOffer, BusError> {
     let question = GpuAsk::topic(topic).ok_or_else(|| BusError::Name {
         topic: topic.into(),
     })?;
-    let mut why = None;
-    for producer in producers(&node.root(), node.domain()) {
-        match ask(node, producer, &question) {
+    let (mut why, mut found) = (None, None);
+    // All of them are asked, because who decides which frames are made need not write them.
+    let asked: Vec<_> = producers(&node.root(), node.domain())
+        .into_iter()
+        .map(|producer| (producer, put(node, producer, &question)))
+        .collect();
+    for (producer, connection) in asked {
+        match connection.and_then(|connection| answer_on(&connection)) {
             Ok((answer, _)) if answer.status == GpuAnswer::OK => {
                 let capacity = [answer.max_readers, answer.buffer, answer.borrowed];
-                return Ok(GpuOffer {
+                found.get_or_insert(GpuOffer {
                     producer,
                     device_uuid: answer.device_uuid,
                     driver_uuid: answer.driver_uuid,
@@ -108,6 +127,9 @@ pub(crate) fn offer(node: &BusNode, topic: &str) -> Result<GpuOffer, BusError> {
             Ok(_) => {}
             Err(fault) => why = Some(fault),
         }
+    }
+    if let Some(found) = found {
+        return Ok(found);
     }
     let fault = why.unwrap_or_else(|| {
         "no process of this domain keeps it on a GPU; cameras and lidars of a simulator can be kept there if its driver exports memory, results of a program that publishes them with a device".into()
@@ -143,6 +165,7 @@ pub(crate) fn fetch(
 #[derive(Debug)]
 pub struct GpuFrameReader {
     intake: Intake<Frames>,
+    repeats: Repeats,
 }
 
 /// How frames are checked.
@@ -222,7 +245,10 @@ impl GpuFrameReader {
             opened => opened?,
         };
         reserve_as_reader(node, intake.service())?;
-        Ok(GpuFrameReader { intake })
+        Ok(GpuFrameReader {
+            intake,
+            repeats: Repeats::default(),
+        })
     }
 
     /// Name without the domain and without "/gpu".
@@ -239,7 +265,12 @@ impl GpuFrameReader {
         reason = "an iterator would end at the first gap; this is polled"
     )]
     pub fn next(&mut self) -> Result<Option<GpuFrame>, BusError> {
-        self.intake.next()
+        while let Some(frame) = self.intake.next()? {
+            if !self.repeats.note(&frame.header) {
+                return Ok(Some(frame));
+            }
+        }
+        Ok(None)
     }
 
     /// Takes the newest frame that waits, if any; older ones are dropped and counted as skipped.
@@ -247,12 +278,18 @@ impl GpuFrameReader {
     /// # Errors
     /// As [`crate::FrameReader::next`].
     pub fn latest(&mut self) -> Result<Option<GpuFrame>, BusError> {
-        self.intake.latest()
+        let newest = self.intake.latest()?;
+        Ok(newest.filter(|frame| !self.repeats.note(&frame.header)))
+    }
+
+    /// The last frame could not be reached: if it comes again, from another process, it is taken.
+    pub fn forget_last(&mut self) {
+        self.repeats.forget_last();
     }
 
     /// Counters since this reader was opened.
     pub fn counts(&self) -> ReaderCounts {
-        self.intake.counts()
+        self.repeats.left_out_of(self.intake.counts())
     }
 
     /// Whether a writer has memory for the topic.

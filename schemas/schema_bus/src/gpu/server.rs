@@ -20,8 +20,9 @@ use crate::gpu_socket::{is_ours, listen_at, name_of, set_patience, sweep};
 use crate::memory::FrameTopic;
 use crate::node::BusNode;
 
-/// The GPU that a process writes frames on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The GPU that a process writes frames on; the default is that of a process without one, which only
+/// hears what readers ask for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct GpuDevice {
     /// Its UUID.
     pub device_uuid: [u8; 16],
@@ -58,6 +59,7 @@ struct State {
 struct Offered {
     spec: FrameTopic,
     is_wanted: Arc<AtomicBool>,
+    is_here: Arc<AtomicBool>,
 }
 
 #[derive(Debug)]
@@ -79,6 +81,7 @@ pub struct GpuTopic {
     shared: Arc<Shared>,
     topic: String,
     is_wanted: Arc<AtomicBool>,
+    is_here: Arc<AtomicBool>,
 }
 
 impl GpuTopic {
@@ -90,6 +93,12 @@ impl GpuTopic {
     /// Says that it is wanted whoever asks.
     pub fn want(&self) {
         self.is_wanted.store(true, Relaxed);
+    }
+
+    /// Says whether this process writes it. One that does not is told all the same that a reader has
+    /// asked, and refers it to others.
+    pub fn set_here(&self, is_here: bool) {
+        self.is_here.store(is_here, Relaxed);
     }
 }
 
@@ -176,15 +185,18 @@ impl GpuServer {
     /// Lets readers ask for `topic`; who makes its service first makes it like `spec`.
     pub fn offer(&self, topic: &str, spec: FrameTopic) -> GpuTopic {
         let is_wanted = Arc::new(AtomicBool::new(false));
+        let is_here = Arc::new(AtomicBool::new(true));
         let offered = Offered {
             spec,
             is_wanted: is_wanted.clone(),
+            is_here: is_here.clone(),
         };
         self.shared.state().topics.insert(topic.to_owned(), offered);
         GpuTopic {
             shared: self.shared.clone(),
             topic: topic.to_owned(),
             is_wanted,
+            is_here,
         }
     }
 
@@ -289,10 +301,18 @@ impl Shared {
         let state = self.state();
         if ask.what == GpuAsk::TOPIC {
             let offered = ask.topic_name().and_then(|topic| state.topics.get(topic));
-            let Some(Offered { spec, is_wanted }) = offered else {
+            let Some(Offered {
+                spec,
+                is_wanted,
+                is_here,
+            }) = offered
+            else {
                 return (about(GpuAnswer::NOT_MINE), None);
             };
             is_wanted.store(true, Relaxed);
+            if !is_here.load(Relaxed) {
+                return (about(GpuAnswer::NOT_MINE), None);
+            }
             let answer = GpuAnswer {
                 max_readers: spec.max_readers as u32,
                 buffer: spec.buffer as u32,

@@ -15,9 +15,8 @@ pub enum RenderError {
         /// What was asked for.
         modality: Modality,
     },
-    /// A list was asked for twice, or an image more often: images go to shared memory and to a place
-    /// on the GPU.
-    #[error("{:?} was asked more often of one view in one tick than it can be made", modality.name())]
+    /// A list was asked for twice: only images go to several places.
+    #[error("{:?} was asked for twice of one view in one tick; only images go to several places", modality.name())]
     Twice {
         /// What was asked for.
         modality: Modality,
@@ -41,11 +40,8 @@ pub(super) fn check(job: &ViewJob<'_, '_>) -> Result<(), RenderError> {
         if targets_of(modality) == TargetSet::default() {
             return Err(RenderError::NotACamera { modality });
         }
-        let n_asked = job.outputs[..i]
-            .iter()
-            .filter(|other| other.modality == modality)
-            .count();
-        if n_asked > usize::from(modality.is_image()) {
+        let mut before = job.outputs[..i].iter();
+        if !modality.is_image() && before.any(|other| other.modality == modality) {
             return Err(RenderError::Twice { modality });
         }
         let (needed, room) = (job.view.payload_bytes(modality), place.capacity_bytes());

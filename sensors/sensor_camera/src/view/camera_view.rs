@@ -171,6 +171,6 @@ pub struct ViewJob<'v, 'a> {
     pub view: &'v mut View,
     /// Pose of the sensor (x forward, y left, z up).
     pub world_from_sensor: Isometry3<f64>,
-    /// Outputs with readers, each modality at most once.
+    /// Outputs with readers; a modality that is an image may have several places.
     pub outputs: Vec<Output<'a>>,
 }

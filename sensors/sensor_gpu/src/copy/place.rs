@@ -69,6 +69,41 @@ impl ShmPlace {
     }
 }
 
+impl<'a> Place<'a> {
+    /// Its first `n` parts of `part_bytes` each, one after the other; what is left over is nobody's.
+    ///
+    /// Panics if they do not fit, or `part_bytes` is no multiple of 4 although there are several.
+    pub fn parts(self, n: usize, part_bytes: usize) -> Vec<Place<'a>> {
+        let needed = part_bytes.checked_mul(n);
+        assert!(
+            needed.is_some_and(|needed| needed <= self.capacity_bytes()),
+            "{n} parts of {part_bytes} bytes do not fit the {} bytes of a place",
+            self.capacity_bytes()
+        );
+        assert!(
+            n <= 1 || part_bytes.is_multiple_of(4),
+            "parts of {part_bytes} bytes do not begin at multiples of 4"
+        );
+        match self {
+            Place::Shm(whole) => (0..n)
+                .map(|part| {
+                    Place::Shm(ShmPlace {
+                        target: whole.target.clone(),
+                        offset_bytes: whole.offset_bytes + part * part_bytes,
+                        capacity_bytes: part_bytes,
+                    })
+                })
+                .collect(),
+            Place::Memory(whole) if part_bytes > 0 => whole
+                .chunks_exact_mut(part_bytes)
+                .take(n)
+                .map(Place::Memory)
+                .collect(),
+            Place::Memory(_) => (0..n).map(|_| Place::Memory(&mut [])).collect(),
+        }
+    }
+}
+
 impl Place<'_> {
     /// Size of the memory, bytes.
     pub fn capacity_bytes(&self) -> usize {
@@ -98,5 +133,30 @@ impl Place<'_> {
             },
             Place::Memory(memory) => memory,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_of_a_place_lie_one_after_the_other_and_none_is_anothers() {
+        let mut memory = [0u8; 30];
+        let parts = Place::Memory(&mut memory).parts(3, 8);
+        for (i, mut part) in parts.into_iter().enumerate() {
+            assert_eq!(part.capacity_bytes(), 8);
+            part.bytes_mut().fill(i as u8 + 1);
+        }
+        assert_eq!(memory[..24], [[1; 8], [2; 8], [3; 8]].concat());
+        assert_eq!(memory[24..], [0; 6]);
+        assert!(Place::Memory(&mut []).parts(0, 8).is_empty());
+    }
+
+    #[test]
+    #[should_panic(expected = "do not fit")]
+    fn parts_that_do_not_fit_are_refused() {
+        let mut memory = [0u8; 30];
+        Place::Memory(&mut memory).parts(4, 8);
     }
 }

@@ -72,6 +72,8 @@ pub fn destroy(daemon: &mut Daemon, actor: ActorId) -> anyhow::Result<CommandRep
     daemon
         .sensors
         .remove(|sensor| gone.contains(&sensor.actor), is_owed)?;
+    // It says whose images batches have.
+    daemon.ports.documents.touch_info();
     Ok(CommandReply::Done)
 }
 

@@ -1,18 +1,29 @@
-//! The lists of cameras that workers have, and which cameras are on them.
+//! The lists of sensors that workers have, and which sensors are on them.
 
 use schema_frames::SceneHeader;
 use simd_frames::sensor::{Model, Role, Sensor};
+use simd_frames::topic::Writer;
 
 use crate::daemon::Daemon;
 
-/// Whether a sensor is one that workers can render.
-pub fn is_camera(sensor: &Sensor) -> bool {
-    matches!(sensor.model, Model::View(_))
+/// Whether a sensor's frames are of a kind that workers can make: those of cameras and of lidars.
+pub fn is_shared(sensor: &Sensor) -> bool {
+    sensor.model.is_costly()
 }
 
-/// Whether the spectator's image is made here, where there is a GPU for it.
-pub fn stays_here(sensor: &Sensor, has_gpu: bool) -> bool {
-    sensor.role == Role::Spectator && has_gpu
+/// Whether a sensor's frames are made here whatever workers there are. Where there is a GPU for it, the
+/// spectator's are, and those of cameras of batches, whose images one process must make; and those of
+/// lidars that are not cast on the processor with the scenery of cameras.
+pub fn stays_here(daemon: &Daemon, sensor: &Sensor) -> bool {
+    match sensor.model {
+        Model::Lidar { .. } => {
+            daemon.sensors.options().lidars_on == Writer::Gpu || daemon.episode.assets.streamed
+        }
+        _ => {
+            let is_kept = sensor.role == Role::Spectator || sensor.is_batched;
+            is_kept && daemon.sensors.gpu().is_some()
+        }
+    }
 }
 
 /// Whether all workers are there that the first tick waits for.

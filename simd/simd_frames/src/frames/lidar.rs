@@ -1,9 +1,13 @@
 //! Lidar frames. If the GPU casts them, all lidars of a tick are one submission. In either case
 //! their frames are sent in their own tick.
+//!
+//! A head turns at every firing, read or not, and wherever its frame is made: the process that owns
+//! the world tells the one that casts where the turn begins.
 
 use anyhow::Context as _;
+use nalgebra::Isometry3;
 use schema_bus::mono_now;
-use schema_frames::FrameHeader;
+use schema_frames::{FrameHeader, SceneFiring};
 use sensor_gpu::Gpu;
 use sensor_ray::{ScanJob, Scans, SensorPath};
 use sensor_spec::LidarScan;
@@ -129,12 +133,14 @@ pub(super) fn finish(
     Ok(n_turns)
 }
 
-/// Casts a lidar on the CPU and sends its frame; returns whether there was one to send.
+/// Casts a lidar on the CPU and sends its frame, unless `may_send` says that it is not this process's
+/// to send any more; returns whether it was sent.
 pub(super) fn cast_on_cpu(
     shot: &Shot<'_>,
     sensor: &mut Sensor,
     rays: &mut TickRays<'_>,
     gpu: Option<&Gpu>,
+    may_send: &mut dyn FnMut() -> bool,
 ) -> anyhow::Result<bool> {
     let _span = stages::LIDAR.span();
     let Some(Aimed {
@@ -154,8 +160,50 @@ pub(super) fn cast_on_cpu(
     header.set_list(lidar.scan(rays.current(), &path, shot.noise, None));
     lidar.write(loan.payload_mut());
     header.rendered_mono_nanos = mono_now().0;
+    if !may_send() {
+        return Ok(false);
+    }
     sensor.topics[0].send_list(gpu, loan, header, shot.audience)?;
     Ok(true)
+}
+
+/// Turns a lidar's head by one tick; returns its pose when the turn began, and for how long the head
+/// had turned before. `None` for other sensors.
+pub(super) fn turn_head(
+    sensor: &mut Sensor,
+    world_from_sensor: Isometry3<f64>,
+    period_nanos: u64,
+) -> Option<(Isometry3<f64>, u64)> {
+    let Model::Lidar {
+        lidar,
+        previous,
+        ticks,
+    } = &mut sensor.model
+    else {
+        return None;
+    };
+    let turned_nanos = lidar.turned_nanos();
+    lidar.turn_head(period_nanos, sensor.topics[0].max_elements());
+    let start = match lidar.spec().scan {
+        LidarScan::Turn => previous.replace(world_from_sensor),
+        LidarScan::Sweep => ticks[0],
+    };
+    Some((start.unwrap_or(world_from_sensor), turned_nanos))
+}
+
+/// Takes over where a lidar's turn begins from the process that owns the world.
+pub(super) fn begin_turn(model: &mut Model, given: &SceneFiring) {
+    if let Model::Lidar {
+        lidar,
+        previous,
+        ticks,
+    } = model
+    {
+        let start = given.world_from_sensor_start.isometry();
+        lidar.set_turned(given.turned_nanos);
+        *previous = Some(start);
+        *ticks = [Some(start), Some(given.world_from_sensor.isometry())];
+    }
 }
 
 /// A lidar that is ready to cast. The number of points is not in the header yet.
@@ -169,21 +217,9 @@ struct Aimed {
 fn aim(shot: &Shot<'_>, sensor: &mut Sensor, caster: Writer) -> Option<Aimed> {
     let mut header = shot.only_header(sensor);
     let scene = shot.tick.scene;
-    let (
-        topic,
-        Model::Lidar {
-            lidar,
-            previous,
-            ticks,
-        },
-    ) = (&mut sensor.topics[0], &mut sensor.model)
-    else {
+    let (start, _) = turn_head(sensor, shot.world_from_sensor, scene.period_nanos)?;
+    let (topic, Model::Lidar { lidar, .. }) = (&mut sensor.topics[0], &mut sensor.model) else {
         return None;
-    };
-    lidar.turn_head(scene.period_nanos, topic.max_elements());
-    let start = match lidar.spec().scan {
-        LidarScan::Turn => previous.replace(shot.world_from_sensor),
-        LidarScan::Sweep => ticks[0],
     };
     // A frame for both kinds of readers is made in shared memory, and uploaded from there.
     let slots = match caster {
@@ -199,7 +235,7 @@ fn aim(shot: &Shot<'_>, sensor: &mut Sensor, caster: Writer) -> Option<Aimed> {
         return None;
     }
     let path = SensorPath {
-        world_from_sensor_start: start.unwrap_or(shot.world_from_sensor),
+        world_from_sensor_start: start,
         world_from_sensor: shot.world_from_sensor,
     };
     lidar.set_extinction(scene.lidar_extinction_per_m);

@@ -8,7 +8,9 @@ use schema_frames::{FrameHeader, Modality};
 use sensor_camera::{CameraRenderer, Output, Submission, ViewJob};
 use sensor_gpu::{Gpu, GpuError};
 
+use super::batches::{self, BatchFrame, Batching, Done};
 use super::shot::{Due, Shot, TickView};
+use crate::batch::Batch;
 use crate::rig::Waking;
 use crate::sensor::{Model, Sensor};
 use crate::stages;
@@ -21,6 +23,8 @@ const REFUSED_NANOS: u64 = 10_000_000_000;
 pub(super) struct PendingViews {
     submission: Lent<Submission<'static>>,
     frames: Vec<PendingFrame>,
+    /// Those of batches; their loans come after those of the others.
+    batch_frames: Vec<BatchFrame>,
 }
 
 struct PendingFrame {
@@ -61,7 +65,7 @@ impl PendingViews {
 /// Renders the views of the sensors that are due; `None` if no frame comes of it. `due` is in the
 /// order of `sensors`.
 pub(super) fn submit(
-    sensors: &mut [Sensor],
+    (sensors, batches): (&mut [Sensor], &mut [Batch]),
     (gpu, renderer): (&Gpu, &mut CameraRenderer),
     tick: &TickView<'_>,
     due: &[Due],
@@ -71,6 +75,7 @@ pub(super) fn submit(
     let now_nanos = mono_now().0;
     let mut jobs = Vec::new();
     let (mut frames, mut loans) = (Vec::new(), Vec::new());
+    let mut batching = Batching::begin(batches, sensors, tick, due, now_nanos);
     let mut due = due.iter().peekable();
     for (sensor_idx, sensor) in sensors.iter_mut().enumerate() {
         let Some(due) = due.next_if(|due| due.sensor_idx == sensor_idx) else {
@@ -81,9 +86,13 @@ pub(super) fn submit(
         }
         let audience = sensor.audience(audience);
         let shot = Shot::new(tick, due, sensor, audience);
-        let Model::View(view) = &mut sensor.model else {
+        let Model::View(view) = &sensor.model else {
             continue;
         };
+        let lens = (
+            view.intrinsics(),
+            view.lens().map_or([0.0; 4], |lens| lens.as_array()),
+        );
         let mut outputs = Vec::new();
         for (topic_idx, topic) in sensor.topics.iter_mut().enumerate() {
             let slots = match topic.modality.is_image() {
@@ -109,9 +118,10 @@ pub(super) fn submit(
                 continue;
             }
             let mut header = shot.header(sensor.actor, topic.modality);
-            header.intrinsics_px = view.intrinsics().as_array();
-            header.lens = view.lens().map_or([0.0; 4], |lens| lens.as_array());
-            header.set_image(view.intrinsics().width_px, view.intrinsics().height_px);
+            let (intrinsics, bend) = lens;
+            header.intrinsics_px = intrinsics.as_array();
+            header.lens = bend;
+            header.set_image(intrinsics.width_px, intrinsics.height_px);
             frames.push(PendingFrame {
                 sensor_idx,
                 topic_idx,
@@ -122,6 +132,10 @@ pub(super) fn submit(
                 header,
             });
         }
+        batching.add_to(sensor_idx, sensor, jobs.len(), &mut outputs);
+        let Model::View(view) = &mut sensor.model else {
+            continue;
+        };
         jobs.push(ViewJob {
             view,
             world_from_sensor: shot.world_from_sensor,
@@ -131,6 +145,8 @@ pub(super) fn submit(
     if jobs.is_empty() {
         return Ok(None);
     }
+    let (batch_frames, of_batches) = batching.end();
+    loans.extend(of_batches);
     let rendered = gpu.try_to("the images of a tick", || renderer.render(tick.scene, jobs));
     let submission = match rendered {
         Ok(submission) => submission.context("cannot render")?,
@@ -140,19 +156,25 @@ pub(super) fn submit(
                     .counts
                     .n_dropped += 1;
             }
-            refuse_what_does_not_fit(sensors, renderer, &error)?;
+            batches::drop_all(batches, batch_frames);
+            refuse_what_does_not_fit((sensors, batches), renderer, &error)?;
             return Ok(None);
         }
         Err(error) => return Err(error).context("cannot render"),
     };
     let submission = Lent::new(submission, loans);
-    Ok((!frames.is_empty()).then_some(PendingViews { submission, frames }))
+    let is_empty = frames.is_empty() && batch_frames.is_empty();
+    Ok((!is_empty).then_some(PendingViews {
+        submission,
+        frames,
+        batch_frames,
+    }))
 }
 
 /// After a tick whose images found no memory: gives back what the cameras have on the GPU, makes the
 /// images of one after the other, and leaves out those that do not fit for a while.
 fn refuse_what_does_not_fit(
-    sensors: &mut [Sensor],
+    (sensors, batches): (&mut [Sensor], &[Batch]),
     renderer: &mut CameraRenderer,
     error: &GpuError,
 ) -> anyhow::Result<()> {
@@ -165,7 +187,11 @@ fn refuse_what_does_not_fit(
     let now_nanos = mono_now().0;
     let mut held = Vec::new();
     for sensor in sensors.iter_mut() {
-        let is_read = sensor.topics.iter().any(|topic| topic.n_readers() > 0);
+        let mut of_sensor = batches
+            .iter()
+            .filter(|batch| batch.has(&sensor.rig.name, &sensor.name));
+        let is_read = sensor.topics.iter().any(|topic| topic.n_readers() > 0)
+            || of_sensor.any(Batch::is_read);
         let modalities = sensor.modalities();
         let Model::View(view) = &sensor.model else {
             continue;
@@ -195,7 +221,7 @@ fn refuse_what_does_not_fit(
 /// Waits for views and sends them, `ticks_in_flight` ticks late, unless `may_send` says that they are
 /// not this process's to send any more.
 pub(super) fn finish(
-    (sensors, gpu): (&mut [Sensor], Option<&Gpu>),
+    (sensors, batches, gpu): (&mut [Sensor], &mut [Batch], Option<&Gpu>),
     pending: PendingViews,
     ticks_in_flight: u32,
     audience: Audience,
@@ -249,6 +275,18 @@ pub(super) fn finish(
         }
         waking.add(&sensor.rig);
     }
+    let done = Done {
+        rendered_mono_nanos,
+        ticks_in_flight,
+    };
+    batches::send(
+        batches,
+        pending.batch_frames,
+        &results,
+        loans,
+        done,
+        &mut waking,
+    );
     waking.wake();
     Ok(())
 }

@@ -100,9 +100,17 @@ impl CameraList {
             });
             to.put_len(camera.limits.len());
             for limits in &camera.limits {
-                for limit in [limits.readers, limits.buffer, limits.borrowed] {
+                let TopicLimits {
+                    readers,
+                    buffer,
+                    borrowed,
+                    gpu,
+                    gpu_readers,
+                } = *limits;
+                for limit in [readers, buffer, borrowed, gpu_readers] {
                     to.put(limit.unwrap_or(u32::MAX));
                 }
+                to.put(u8::from(gpu));
             }
             to.put_all(&camera.hidden);
         }
@@ -147,14 +155,15 @@ fn read(bytes: &[u8]) -> anyhow::Result<CameraList> {
             limits: {
                 let mut limits = Vec::new();
                 for _ in 0..from.get_len()? {
-                    let [readers, buffer, borrowed] = from
-                        .get::<[u32; 3]>()?
+                    let [readers, buffer, borrowed, gpu_readers] = from
+                        .get::<[u32; 4]>()?
                         .map(|limit| (limit != u32::MAX).then_some(limit));
                     limits.push(TopicLimits {
                         readers,
                         buffer,
                         borrowed,
-                        ..TopicLimits::default()
+                        gpu: from.get::<u8>()? != 0,
+                        gpu_readers,
                     });
                 }
                 limits
@@ -188,6 +197,7 @@ mod tests {
             life: MemoryLife::OnDemand,
             limits: vec![TopicLimits {
                 readers: Some(3),
+                gpu: true,
                 ..TopicLimits::default()
             }],
             hidden: vec![7],

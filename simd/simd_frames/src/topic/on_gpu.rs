@@ -3,6 +3,9 @@
 //!
 //! Slot i of that memory is slot i of the service's segment, so what iceoryx2 keeps for a reader is
 //! kept on the GPU too. The memory is there from the first reader until a while after the last.
+//!
+//! Of a topic that another process writes the service alone is kept, so that its readers are counted
+//! by the process that decides which frames are made.
 
 #![expect(
     unsafe_code,
@@ -14,8 +17,8 @@ use std::sync::Arc;
 use anyhow::{Context as _, bail};
 use launch_spec::TopicLimits;
 use schema_bus::{
-    Bus, FrameLoan, FramePublisher, FrameService, FrameTopic, GpuServer, Notifier, SharedMemory,
-    names,
+    Bus, FrameLoan, FramePublisher, FrameService, FrameTopic, GpuDevice, GpuServer, Notifier,
+    SharedMemory, mono_now, names,
 };
 use schema_frames::{FrameHeader, GpuAnswer, GpuPlace, Modality, SensorKind};
 use sensor_gpu::{Gpu, Place, ShmTarget};
@@ -32,6 +35,10 @@ pub(super) struct OnGpu {
     max_payload_bytes: usize,
     offer: schema_bus::GpuTopic,
     server: Arc<GpuServer>,
+    /// Whether this process's GPU hands out memory.
+    can_export: bool,
+    /// Another process writes the frames, on a GPU or not.
+    is_away: bool,
     state: State,
     last_read_nanos: u64,
     not_before_nanos: u64,
@@ -57,6 +64,13 @@ struct Open {
     slots: Vec<usize>,
 }
 
+/// How its frames are made.
+pub(super) struct Options {
+    pub frames_in_flight: usize,
+    /// Whether another process writes them.
+    pub is_away: bool,
+}
+
 /// A slot of a topic's on the GPU: the sample that will tell of it, and where it is.
 #[derive(Debug)]
 pub struct GpuLoan {
@@ -75,20 +89,22 @@ pub fn can_stay(modality: Modality) -> bool {
 impl OnGpu {
     /// Lets readers ask for a topic.
     pub fn offer(
-        bus: &Bus,
+        (bus, gpu): (&Bus, Option<&Gpu>),
         server: &Arc<GpuServer>,
         topic: &str,
         max_payload_bytes: usize,
         limits: TopicLimits,
-        frames_in_flight: usize,
+        options: Options,
     ) -> OnGpu {
-        let usual = FrameTopic::on_gpu(frames_in_flight);
+        let usual = FrameTopic::on_gpu(options.frames_in_flight);
         let spec = FrameTopic {
             max_readers: limits.gpu_readers.map_or(usual.max_readers, |n| n as usize),
             ..usual
         };
+        let can_export = gpu.is_some_and(Gpu::can_export);
         let offer = server.offer(topic, spec);
-        // Readers of an earlier run may have kept the service.
+        offer.set_here(can_export && !options.is_away);
+        // Readers of an earlier run, or of the process that wrote it before, keep the service.
         if limits.gpu || bus.exists(&names::gpu_topic(topic)) {
             offer.want();
         }
@@ -98,6 +114,8 @@ impl OnGpu {
             max_payload_bytes,
             offer,
             server: server.clone(),
+            can_export,
+            is_away: options.is_away,
             state: State::Unasked,
             last_read_nanos: 0,
             not_before_nanos: 0,
@@ -105,9 +123,10 @@ impl OnGpu {
         }
     }
 
-    /// Number of readers.
+    /// Number of readers that can have frames.
     pub fn n_readers(&self) -> usize {
         match &self.state {
+            _ if !self.can_export && !self.is_away => 0,
             State::Unasked => 0,
             State::Idle(service, _) => service.n_readers(),
             State::Open(open) => open.publisher.n_readers(),
@@ -130,7 +149,7 @@ impl OnGpu {
         }
         match &self.state {
             State::Unasked => self.offer.is_wanted(),
-            State::Idle(..) => n_readers > 0,
+            State::Idle(..) => n_readers > 0 && !self.is_away,
             State::Open(open) => {
                 open.slot_bytes < self.max_payload_bytes
                     || now_nanos.saturating_sub(self.last_read_nanos) > LINGER_NANOS
@@ -140,16 +159,17 @@ impl OnGpu {
 
     /// Makes the service when it is first asked for, the memory for the first reader or for longer
     /// frames, and gives memory back after the last reader. No frame may be in flight.
-    pub fn settle(&mut self, bus: &Bus, gpu: &Gpu) -> anyhow::Result<()> {
+    pub fn settle(&mut self, bus: &Bus, gpu: Option<&Gpu>) -> anyhow::Result<()> {
         let name = names::gpu_topic(&self.topic);
         let service =
             || -> anyhow::Result<FrameService> { Ok(bus.frame_service(&name, self.spec)?) };
+        let gpu_of = || gpu.context("this process has no GPU (--no-gpu)");
         self.state = match std::mem::replace(&mut self.state, State::Unasked) {
             State::Unasked => State::Idle(service()?, bus.notifier(&name)?),
             State::Idle(idle, wake) => {
                 // A second handle, in case that there is no memory: readers are waiting.
                 let second = service()?;
-                match self.open(idle, gpu) {
+                match gpu_of().and_then(|gpu| self.open(idle, gpu)) {
                     Ok((publisher, target, memory, slot_bytes)) => State::Open(Open {
                         publisher,
                         wake,
@@ -167,12 +187,30 @@ impl OnGpu {
             State::Open(open) => {
                 // The service lives on while its memory is given back or made anew.
                 let idle = service()?;
-                let wake = open.close(gpu);
+                let wake = open.close(gpu_of()?);
                 State::Idle(idle, wake)
             }
         };
         self.is_refused = false;
         Ok(())
+    }
+
+    /// Another process writes the frames from now on: gives the memory back, and sends readers that
+    /// ask to that process. The service stays. No frame may be in flight.
+    pub fn leave(&mut self, bus: &Bus, gpu: Option<&Gpu>) -> anyhow::Result<()> {
+        self.is_away = true;
+        self.offer.set_here(false);
+        match self.state {
+            State::Open(_) => self.settle(bus, gpu),
+            State::Unasked | State::Idle(..) => Ok(()),
+        }
+    }
+
+    /// The frames are written here again; [`OnGpu::settle`] makes the memory.
+    pub fn come_back(&mut self) {
+        self.is_away = false;
+        self.offer.set_here(self.can_export);
+        self.last_read_nanos = mono_now().0;
     }
 
     fn open(
@@ -259,9 +297,32 @@ impl OnGpu {
     }
 
     /// Gives everything back. No frame may be in flight.
-    pub fn close(self, gpu: &Gpu) {
-        if let State::Open(open) = self.state {
+    pub fn close(self, gpu: Option<&Gpu>) {
+        if let (State::Open(open), Some(gpu)) = (self.state, gpu) {
             open.close(gpu);
+        }
+    }
+}
+
+/// Answers readers that ask for frames on the GPU, and hears what they ask for where this process has
+/// none to give; `None` if the socket cannot be made.
+pub fn gpu_server(bus: &Bus, gpu: Option<&Gpu>) -> Option<Arc<GpuServer>> {
+    if gpu.is_some_and(|gpu| !gpu.can_export()) {
+        tracing::info!("frames do not stay on the GPU: its driver lacks VK_KHR_external_memory_fd");
+    }
+    let device = gpu.filter(|gpu| gpu.can_export()).map(|gpu| {
+        let ids = gpu.ids();
+        GpuDevice {
+            device_uuid: ids.device,
+            driver_uuid: ids.driver,
+            is_mappable: gpu.is_software(),
+        }
+    });
+    match bus.gpu_server(device.unwrap_or_default()) {
+        Ok(server) => Some(Arc::new(server)),
+        Err(error) => {
+            tracing::warn!(%error, "frames do not stay on a GPU: the socket of their readers cannot be made");
+            None
         }
     }
 }

@@ -247,6 +247,7 @@ pub fn scenario() -> Scenario {
             weather: Weather::default(),
             adapter: String::new(),
             cpu_copies: 0,
+            batches: Vec::new(),
         },
         start_nanos: 0,
         end_nanos: u64::MAX,

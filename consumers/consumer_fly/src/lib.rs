@@ -1,9 +1,13 @@
 //! Flies the spectator: shows `spectator/rgb` on a screen of our own, because the rerun viewer tells
-//! nobody about keys and mouse, and moves the spectator over the bus.
+//! nobody about keys and mouse, and moves the spectator over the bus. A crate beside `consumer_view`,
+//! so that who flies without rerun is built without it.
 //!
 //! Modules in reading order: [`input`] (keys and mouse as intentions), [`pilot`] (from intentions to
 //! poses), [`helm`] (sends poses to the simulator), [`screen`] (where the image is shown), of which
 //! there are a `window` and a `terminal`.
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
 
 pub mod helm;
 pub mod input;

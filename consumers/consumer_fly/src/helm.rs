@@ -10,7 +10,7 @@ use schema_bus::{Bus, CommandClient};
 use schema_frames::{Command, CommandBatch, CommandReply, ReplyBatch};
 use schema_types::Pose;
 
-use super::options::Options;
+use crate::options::Options;
 
 /// Longest wait for an answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);

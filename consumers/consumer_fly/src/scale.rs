@@ -1,6 +1,6 @@
 //! Images in another size.
 
-use super::screen::Picture;
+use crate::screen::Picture;
 
 /// The largest size with the shape of `of` that fits into `into`, and where its corner is, so that
 /// it lies in the middle.

@@ -1,6 +1,6 @@
 //! Where the spectator's image is shown, and where keys and mouse come from.
 
-use super::input::Input;
+use crate::input::Input;
 
 /// An image of a frame.
 #[derive(Clone, Copy, Debug)]

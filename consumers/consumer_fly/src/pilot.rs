@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schema_frames::{ActorKind, ActorList, ActorRecord};
 use schema_types::Pose;
 
-use super::input::{Held, Input};
+use crate::input::{Held, Input};
 
 /// Speed at first, and its limits, m/s.
 const SPEED_MPS: (f64, f64, f64) = (10.0, 0.5, 500.0);

@@ -18,9 +18,9 @@ use crossterm::terminal::{
 };
 use crossterm::{execute, queue};
 
-use super::input::{Held, Input, of_letter};
-use super::scale::{fit, scaled};
-use super::screen::{Picture, Screen};
+use crate::input::{Held, Input, of_letter};
+use crate::scale::{fit, scaled};
+use crate::screen::{Picture, Screen};
 
 /// Least time between two images: a line to a distant machine is narrow.
 const SHOW_EVERY: Duration = Duration::from_millis(66);

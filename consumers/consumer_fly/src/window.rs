@@ -11,9 +11,9 @@ use x11rb::protocol::xproto::{
 use x11rb::rust_connection::RustConnection;
 use x11rb::wrapper::ConnectionExt as _;
 
-use super::input::{Held, Input, of_letter};
-use super::scale::{fit, scaled};
-use super::screen::{Picture, Screen};
+use crate::input::{Held, Input, of_letter};
+use crate::scale::{fit, scaled};
+use crate::screen::{Picture, Screen};
 
 /// Turn of the view per pixel that the mouse is dragged, radians.
 const TURN_PER_PX: f64 = 0.003;
