@@ -77,9 +77,7 @@ impl Element {
                     .and(rows, stride)
                     .and(width, by)
             }
-            true => Shape::new()
-                .and(height, stride)
-                .and(width, by),
+            true => Shape::new().and(height, stride).and(width, by),
             // A list of height 0 has no elements, whatever its width says.
             false => Shape::new().and(if height == 0 { 0 } else { width }, by),
         };

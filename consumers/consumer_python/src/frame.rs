@@ -295,7 +295,10 @@ impl Sample {
     /// of its elements and 1.
     #[getter]
     fn size(&self) -> (u32, u32) {
-        (self.facts().header.width, self.facts().header.image_height())
+        (
+            self.facts().header.width,
+            self.facts().header.image_height(),
+        )
     }
 
     /// Number of images of a frame of a batch of cameras; 0 for a frame of a single sensor.
