@@ -8,7 +8,7 @@ use consumer_gpu::{Device, GpuTopic};
 use schema_bus::{Bus, CommandClient, FrameReader, names};
 use schema_frames::{Command, CommandReply, FrameHeader, Modality, WorldInfo};
 use test_kit::client::{ask, assert_nothing_left, counter, document, join_bus, reader, step};
-use test_kit::{Process, Sandbox, eventually};
+use test_kit::{Ended, Sandbox, eventually};
 
 const MODALITIES: [Modality; 6] = [
     Modality::Rgb,
@@ -107,6 +107,7 @@ impl Batch {
         assert_eq!(gpu.header().cpu_copies, 0);
         assert!(*host == gpu.to_bytes().unwrap()[..], "{name} at {tick}");
         let image_bytes = IMAGE_PX * self.modality.element_bytes();
+        let mut is_first = false;
         for (index, own) in self.cameras.iter_mut().enumerate() {
             let camera = own.topic().to_owned();
             let own = eventually(&camera, || own.next().unwrap());
@@ -117,10 +118,7 @@ impl Batch {
                 "{camera}"
             );
             assert_eq!(of_own.window_nanos, header.window_nanos, "{camera}");
-            assert_eq!(
-                of_own.flags & FrameHeader::FIRST,
-                header.flags & FrameHeader::FIRST
-            );
+            is_first |= of_own.flags & FrameHeader::FIRST != 0;
             assert_eq!((of_own.n_images, own.len()), (0, image_bytes));
             let range = header.image_range(index as u32);
             assert_eq!(range, index * image_bytes..(index + 1) * image_bytes);
@@ -129,6 +127,7 @@ impl Batch {
                 "image {index} of {name} is not that of {camera} at tick {tick}"
             );
         }
+        assert_eq!(header.flags & FrameHeader::FIRST != 0, is_first, "{name}");
     }
 }
 
@@ -297,25 +296,25 @@ fn a_frame_that_lacks_an_image_is_left_out_and_counted() {
 }
 
 /// Sentences of a simulator that does not start.
-fn refusal(launch: &str, extra: &[&str]) -> Process {
+fn refusal(launch: &str, extra: &[&str]) -> Ended {
     let sandbox = Sandbox::new("batch-refused");
     let file = sandbox.write("launch.toml", launch);
     let file = file.to_str().unwrap();
     let mut arguments = vec!["--launch", file, "--domain", sandbox.domain()];
     arguments.extend(extra);
-    sandbox.spawn("simd", &arguments)
+    sandbox.spawn("simd", &arguments).wait().expect_code(2)
 }
 
 #[test]
 fn batches_that_cannot_be_are_refused_before_anything_starts() {
-    let no_gpu = refusal(RIG, &["--no-gpu"]).wait().expect_code(2);
+    let no_gpu = refusal(RIG, &["--no-gpu"]);
     assert!(
         no_gpu.says("[batch.fleet] cannot be made") && no_gpu.says("remove --no-gpu"),
         "{:?}",
         no_gpu.lines
     );
     let wrong = RIG.replace("cameras = [\"chaser/front\"", "cameras = [\"chaser/frnt\"");
-    let wrong = refusal(&wrong, &[]).wait().expect_code(2);
+    let wrong = refusal(&wrong, &[]);
     assert!(
         wrong.says("no camera of this launch is called so, did you mean \"chaser/front\"?"),
         "{:?}",
@@ -329,6 +328,6 @@ fn batches_that_cannot_be_are_refused_before_anything_starts() {
     let large = format!(
         "version = 1\n[scenario]\nmap = \"Town10HD\"\n[sensor.big]\nkind = \"camera\"\nmodalities = [\"rgb\", \"depth\", \"instance\"]\nwidth_px = 4096\nheight_px = 4096\n[topic.\"ego/big/rgb\"]\nreaders = 1\n[batch.big]\ncameras = [\"ego/big\"]\nmodalities = [\"rgb\", \"depth\", \"instance\"]\n{places}"
     );
-    let large = refusal(&large, &[]).wait().expect_code(2);
+    let large = refusal(&large, &[]);
     assert!(large.says("of shared memory"), "{:?}", large.lines);
 }

@@ -229,6 +229,7 @@ pub fn show(options: &Options, stop: &mut dyn FnMut() -> bool) -> anyhow::Result
         shown_tick: 0,
         epoch: 0,
         discovered: None,
+        batches_said: false,
         hurried: Instant::now(),
         shown: Shown {
             n_runs: 1,
@@ -274,6 +275,7 @@ struct Session {
     shown_tick: u64,
     epoch: u64,
     discovered: Option<Instant>,
+    batches_said: bool,
     hurried: Instant,
     shown: Shown,
 }
@@ -334,8 +336,16 @@ impl Session {
         self.discovered = Some(Instant::now());
         self.tell_place();
         for found in self.follower.bus().topics()? {
-            // A batch only repeats the images of its cameras.
-            if !self.options.takes(&found.name) || names::is_batch(&found.name) {
+            if !self.options.takes(&found.name) {
+                continue;
+            }
+            if names::is_batch(&found.name) {
+                if !std::mem::replace(&mut self.batches_said, true) {
+                    tracing::info!(
+                        topic = found.name,
+                        "batches are not shown: the topics of their cameras have the same images"
+                    );
+                }
                 continue;
             }
             if let Some(kind) = found.result {

@@ -109,8 +109,8 @@ fn what_cannot_be_a_batch_is_refused_with_a_sentence() {
         ),
         ("cameras = [3]", "must be a list of one or more cameras"),
         (
-            "camera = [\"ego/left\"]",
-            "unknown key \"camera\" in [batch.fleet], did you mean \"cameras\"?",
+            "cameras = [\"ego/left\"]\nmodality = [\"rgb\"]",
+            "unknown key \"modality\" in [batch.fleet], did you mean \"modalities\"?",
         ),
         (
             "cameras = [\"ego/lft\"]",
