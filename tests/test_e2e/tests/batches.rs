@@ -66,7 +66,10 @@ fn the_command_line_tells_of_a_batch_and_the_recorder_leaves_it_out_with_a_sente
         (&echo["n_images"], &echo["width"], &echo["height"]),
         (&2.into(), &64.into(), &96.into())
     );
-    let hz = gantry(&sandbox, &["topic", "hz", TOPIC, "--window", "10s", "--once"]);
+    let hz = gantry(
+        &sandbox,
+        &["topic", "hz", TOPIC, "--window", "10s", "--once"],
+    );
     assert!(hz.contains(" Hz "), "{hz}");
 
     let mut recorder = spawn_consumer(&sandbox, "gantry-record", &["--out", "drive.mcap"]);
