@@ -139,7 +139,7 @@ def soon(arguments):
     data = torch.randn(n, device="cuda")
     rows = []
     for name, publisher_device, reader_device in (("on the GPU", "cuda", "cuda"), ("over shared memory", None, None)):
-        topic = f"bench/{'gpu' if publisher_device else 'host'}"
+        topic = f"bench/{'device' if publisher_device else 'host'}"
         code = (
             "import gantry, sys, time, torch\n"
             "torch.ones(1, device='cuda').sum().item()\n"
