@@ -8,7 +8,7 @@ use std::os::unix::fs::FileExt as _;
 use std::path::Path;
 use std::time::Duration;
 
-use common::{RIG, child, fake_driver, parents_bus, start, take};
+use common::{BATCH, RIG, child, fake_driver, parents_bus, start, take};
 use consumer_gpu::{Device, GpuTopic};
 use schema_bus::{
     Bus, FramePublisher, FrameTopic, GpuDevice, GpuServer, Notifier, SharedMemory, names,
@@ -23,7 +23,7 @@ const TOPIC: &str = "ego/front/depth";
 fn run(name: &str, test: &str, uuid: Option<&str>, env: &[(&str, &str)]) -> (Sandbox, String) {
     let sandbox = Sandbox::new(name);
     let driver = fake_driver(&sandbox);
-    let free = RIG.replace("mode = \"stepped\"\n", "");
+    let free = format!("{RIG}{BATCH}").replace("mode = \"stepped\"\n", "");
     let _daemon = start(&sandbox, &free, &[]);
     let bus = join_bus(&sandbox, "test");
     let own = bus.gpu_offer(TOPIC).unwrap().device_uuid;
@@ -358,12 +358,12 @@ fn a_reader_follows_its_topic_to_other_gpus_and_back() {
     let mut tick = 0;
     let turns = [
         (Some(own), "stays"),
-        (Some([9; 16]), "the simulator draws on GPU 0909"),
+        (Some([9; 16]), "its writer is on GPU 0909"),
         (Some(own), "stays"),
-        (None, "no process of this domain keeps them on a GPU"),
+        (None, "no process of this domain keeps it on a GPU"),
         (Some(own), "stays"),
-        (Some([8; 16]), "the simulator draws on GPU 0808"),
-        (None, "no process of this domain keeps them on a GPU"),
+        (Some([8; 16]), "its writer is on GPU 0808"),
+        (None, "no process of this domain keeps it on a GPU"),
     ];
     for (turn, (uuid, said)) in turns.into_iter().enumerate() {
         let mut scribe = Scribe::new(&bus, &sandbox.path(&format!("memory{turn}")), uuid);

@@ -33,6 +33,13 @@ width_px = 96
 height_px = 64
 mount.position_m = [0.0, 0.9, 1.6]
 mount.rpy_deg = [0.0, 0.0, 90.0]
+[sensor.rear]
+kind = "camera"
+modalities = ["rgb"]
+rate_hz = 20
+width_px = 96
+height_px = 64
+mount.position_m = [-0.6, 0.0, 1.6]
 [batch.pair]
 cameras = ["ego/side", "ego/front"]
 modalities = ["rgb", "depth", "semantic", "instance", "flow", "normals"]
@@ -122,7 +129,7 @@ class OnGpu(LiveCase):
         reads = self.start("""
             import asyncio
             async def read():
-                with gantry.open("ego/front/rgb", device="mapped") as gpu:
+                with gantry.open("ego/rear/rgb", device="mapped") as gpu:
                     last = 0
                     for what in ["by the simulator", "by a worker", "by the simulator again"]:
                         for _ in range(10):
@@ -199,6 +206,7 @@ class OnGpu(LiveCase):
                 row = rows.next(timeout=120)
                 ids = set(row.snapshot.actors["id"])
                 assert {camera.sensor_id for camera in cameras} <= ids
+        """)
 
     def test_torch_is_handed_a_capsule(self):
         (self.folder / "torch").mkdir()

@@ -31,9 +31,6 @@ rate_hz = 20
 width_px = 96
 height_px = 64
 mount.position_m = [0.0, 0.9, 1.6]
-[batch.pair]
-cameras = ["ego/front", "ego/side"]
-modalities = ["depth"]
 [sensor.roof]
 kind = "lidar"
 rate_hz = 20
@@ -50,6 +47,12 @@ mount.position_m = [0.0, 0.0, 2.0]
 [sensor.imu]
 kind = "imu"
 rate_hz = 20
+"#;
+
+/// Two cameras of the rig as one frame.
+pub const BATCH: &str = r#"[batch.pair]
+cameras = ["ego/front", "ego/side"]
+modalities = ["depth"]
 "#;
 
 /// Starts a simulator.
