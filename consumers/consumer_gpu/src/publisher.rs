@@ -314,7 +314,7 @@ impl GpuPublisher {
         // Results that got longer once do so again.
         let wanted = match &state.current {
             None => n_bytes.max(self.first_bytes),
-            Some(_) => n_bytes.next_power_of_two(),
+            Some(_) => n_bytes.checked_next_power_of_two().unwrap_or(n_bytes),
         };
         let made = match self.make(wanted) {
             Err(GpuError::Room { .. }) if wanted > n_bytes => self.make(n_bytes),
@@ -326,8 +326,10 @@ impl GpuPublisher {
     }
 
     fn make(&self, n_bytes: usize) -> Result<SlotMemory, GpuError> {
-        let slot_bytes = n_bytes.max(1).next_multiple_of(SLOT_ALIGN_BYTES);
         let n_slots = self.port.n_slots();
+        let aligned = n_bytes.max(1).checked_next_multiple_of(SLOT_ALIGN_BYTES);
+        // What no address can reach has no room either.
+        let slot_bytes = aligned.unwrap_or(usize::MAX);
         let too_large = |free_bytes, all_bytes| GpuError::Room {
             topic: self.topic().into(),
             n_slots,

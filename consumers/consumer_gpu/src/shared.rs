@@ -83,7 +83,9 @@ pub fn rounded(cuda: &Cuda, n_bytes: usize) -> Result<usize, GpuError> {
         check("cuMemGetAllocationGranularity", unsafe {
             sys::cuMemGetAllocationGranularity(&mut page, &wanted, least)
         })?;
-        Ok(n_bytes.max(1).next_multiple_of(page.max(1)))
+        let whole = n_bytes.max(1).checked_next_multiple_of(page.max(1));
+        // More than any device has.
+        Ok(whole.unwrap_or(usize::MAX))
     })
 }
 

@@ -135,9 +135,11 @@ impl Stream {
 
 impl Drop for Stream {
     fn drop(&mut self) {
-        // SAFETY: made by `new`; work that is queued on it is finished by the driver.
-        let _ = self
-            .cuda
-            .with(|| unsafe { check("cuStreamDestroy", sys::cuStreamDestroy_v2(self.stream)) });
+        let _ = self.cuda.with(|| {
+            // SAFETY: made by `new`; work that is queued on it is finished by the driver.
+            check("cuStreamDestroy", unsafe {
+                sys::cuStreamDestroy_v2(self.stream)
+            })
+        });
     }
 }

@@ -299,10 +299,10 @@ impl ResultLoan {
     /// The room for the body as it is so far.
     pub fn body(&self) -> &[u8] {
         let payload = self.sample.payload();
+        let (start, n_bytes) = (payload.as_ptr().cast::<u8>(), payload.len());
         // SAFETY: every byte of the slot has a value, see `slot`, and the shared borrow of the loan
         // keeps writers away.
-        let slot =
-            unsafe { std::slice::from_raw_parts(payload.as_ptr().cast::<u8>(), payload.len()) };
+        let slot = unsafe { std::slice::from_raw_parts(start, n_bytes) };
         &slot[..self.body_bytes]
     }
 

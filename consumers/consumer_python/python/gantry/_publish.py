@@ -383,9 +383,9 @@ def publish(
     `gpu_readers` (2) times 5, and one for each loan and `send`; with `max_bytes` they are made at
     once, otherwise for the first result that is read there.
 
-    Raises `TopicTakenError` if
-    another process writes it, `ValueError` for an unknown type, `GantryError` for a name or a
-    description that cannot be, if `/dev/shm` or the GPU has no room, and without CUDA for a device.
+    Raises `TopicTakenError` if another process writes it, `ValueError` for an unknown type,
+    `GantryError` for a name or a description that cannot be, if `/dev/shm` or the GPU has no room,
+    and without CUDA for a device.
     """
     point = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")]) if fields is None else np.dtype(fields)
     about: dict[str, Any] = {"classes": list(classes), "bones": [list(bone) for bone in bones], "note": note}
