@@ -210,7 +210,6 @@ impl EventCamera {
             .zip(self.rows.par_chunks_mut(TILE_PX))
             .enumerate();
         let follow = |ty, references, events, silent_nanos| {
-            let _span = EVENTS.span();
             in_lanes(TileRow {
                 window: &window,
                 ty,
@@ -221,12 +220,18 @@ impl EventCamera {
             });
         };
         if self.silent_nanos.is_empty() {
-            rows.for_each(|(ty, (references, events))| follow(ty, references, events, &mut []));
+            rows.for_each_init(
+                || EVENTS.span(),
+                |_span, (ty, (references, events))| follow(ty, references, events, &mut []),
+            );
         } else {
             rows.zip(self.silent_nanos.par_chunks_mut(TILE_PX * width))
-                .for_each(|((ty, (references, events)), silent_nanos)| {
-                    follow(ty, references, events, silent_nanos)
-                });
+                .for_each_init(
+                    || EVENTS.span(),
+                    |_span, ((ty, (references, events)), silent_nanos)| {
+                        follow(ty, references, events, silent_nanos)
+                    },
+                );
         }
     }
 }

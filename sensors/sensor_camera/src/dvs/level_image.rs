@@ -54,9 +54,9 @@ impl LevelImage {
             .zip(self.depth.par_chunks_mut(TILE_PX * width))
             .zip(self.bounds.par_chunks_mut(n_tiles))
             .zip(self.motions.par_chunks_mut(n_tiles));
-        rows.enumerate()
-            .for_each(|(ty, ((((level, flow), depth), bounds), motions))| {
-                let _span = EVENTS.span();
+        rows.enumerate().for_each_init(
+            || EVENTS.span(),
+            |_span, (ty, ((((level, flow), depth), bounds), motions))| {
                 in_lanes(TileRow {
                     first: ty * TILE_PX,
                     images,
@@ -68,7 +68,8 @@ impl LevelImage {
                     bounds,
                     motions,
                 });
-            });
+            },
+        );
     }
 
     /// Bilinear level at several positions, each clamped to the image.

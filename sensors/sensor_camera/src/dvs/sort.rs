@@ -118,10 +118,10 @@ fn sort_parts(parts: Vec<(u64, &[DvsEvent], &mut [DvsEvent])>, length_nanos: u64
         .checked_div(n_events)
         .unwrap_or(1)
         .max(4);
+    // One span a job, not one a part: there are a thousand parts.
     parts.into_par_iter().with_min_len(min_parts).for_each_init(
-        Vec::new,
-        |ends, (begin_nanos, dealt, out)| {
-            let _span = EVENTS.span();
+        || (EVENTS.span(), Vec::new()),
+        |(_span, ends), (begin_nanos, dealt, out)| {
             let short = Intervals::new(
                 begin_nanos,
                 length_nanos,
