@@ -2,7 +2,7 @@
 //! are killed, and the simulator draws itself. The same reader goes on, with the bytes of shared
 //! memory.
 
-mod common;
+use crate::common;
 
 use common::{RIG, on_gpu, start, take};
 use consumer_gpu::GpuTopic;

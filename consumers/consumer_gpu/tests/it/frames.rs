@@ -2,7 +2,7 @@
 //! this process maps in the place of CUDA: the same socket, descriptors, slots and headers as on a
 //! GPU, and bytes that can be compared with those of shared memory.
 
-mod common;
+use crate::common;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -152,23 +152,6 @@ fn a_frame_that_is_held_keeps_its_bytes() {
     assert!(take(&mut gpu, &bus).is_some());
 }
 
-/// The child of the test below: reads frames until it is killed.
-#[test]
-fn child_that_reads() {
-    let Some(bus) = common::parents_bus() else {
-        return;
-    };
-    let mut topic = GpuTopic::open(&bus, "ego/front/rgb", Device::Mapped).unwrap();
-    loop {
-        let frame = topic
-            .wait(&bus, std::time::Duration::from_secs(60))
-            .unwrap();
-        let frame = frame.expect("frames come");
-        println!("read tick {}", frame.header().tick);
-        // Held until the next one: it is killed with a slot in its hands.
-    }
-}
-
 /// Readers and then writers are killed many times: the others go on, and nothing is left.
 #[test]
 fn kills_of_readers_and_of_writers_leak_nothing() {
@@ -191,7 +174,7 @@ fn kills_of_readers_and_of_writers_leak_nothing() {
     };
     let mut counts = Vec::new();
     for _ in 0..20 {
-        let mut child = common::child(&sandbox, "child_that_reads", &[]);
+        let mut child = common::child(&sandbox, "read_frames", &[]);
         child.wait_line("read tick");
         child.kill9();
         bus.clean_dead_nodes();
@@ -202,7 +185,10 @@ fn kills_of_readers_and_of_writers_leak_nothing() {
         counts.last() <= counts.first(),
         "the daemon's descriptors: {counts:?}"
     );
-    let own_before = n_open(std::process::id());
+    // A reader of its own: other tests of this process open and close descriptors meanwhile.
+    let mut witness = common::child(&sandbox, "read_frames", &[]);
+    witness.wait_line("read tick");
+    let mut counts = Vec::new();
     for _ in 0..5 {
         daemon.kill9();
         bus.clean_dead_nodes();
@@ -213,9 +199,19 @@ fn kills_of_readers_and_of_writers_leak_nothing() {
             1,
             "the dead one's is swept"
         );
+        let n_read = witness.lines().len();
+        eventually("the witness reads on", || {
+            assert!(witness.is_running(), "{:?}", witness.lines());
+            (witness.lines().len() > n_read + 3).then_some(())
+        });
+        counts.push(n_open(witness.pid()));
     }
-    // Other tests of this process open and close descriptors meanwhile.
-    assert!(n_open(std::process::id()) < own_before + 50);
+    assert!(
+        counts[4] <= counts[0] + 3,
+        "a reader's descriptors: {counts:?}"
+    );
+    witness.kill9();
+    bus.clean_dead_nodes();
     assert_eq!(gpu.counts().refused, 0);
     drop(gpu);
     drop(bus);

@@ -1,10 +1,10 @@
 //! Batches across processes: the images of several cameras in one frame, in shared memory and on the
 //! GPU (whose memory is mapped here), compared with the cameras' own topics byte for byte.
 
-mod common;
+use crate::common;
 
-use common::{child, on_gpu, parents_bus, start, take};
-use consumer_gpu::{Device, GpuTopic};
+use common::{child, on_gpu, start, take};
+use consumer_gpu::GpuTopic;
 use schema_bus::{Bus, CommandClient, FrameReader, names};
 use schema_frames::{Command, CommandReply, FrameHeader, Modality, WorldInfo};
 use test_kit::client::{ask, assert_nothing_left, counter, document, join_bus, reader, step};
@@ -199,23 +199,6 @@ fn a_batch_alone_is_drawn_once_and_only_where_it_is_read() {
     assert_eq!(copies(&mut client), 0);
 }
 
-/// The child of the test below: reads batches until it is killed, with frames in its hands.
-#[test]
-fn child_that_reads_a_batch() {
-    let Some(bus) = parents_bus() else {
-        return;
-    };
-    let mut gpu = GpuTopic::open(&bus, "batch/fleet/rgb", Device::Mapped).unwrap();
-    let mut host = bus.frame_reader("batch/fleet/rgb").unwrap();
-    let mut held = Vec::new();
-    loop {
-        let frame = gpu.wait(&bus, std::time::Duration::from_secs(60)).unwrap();
-        let frame = frame.expect("frames come");
-        println!("read tick {}", frame.header().tick);
-        held = vec![(frame, host.latest().unwrap(), held.pop().map(drop))];
-    }
-}
-
 #[test]
 fn readers_of_a_batch_may_be_killed() {
     let sandbox = Sandbox::new("batch-kills");
@@ -226,7 +209,7 @@ fn readers_of_a_batch_may_be_killed() {
         reader(&bus, "batch/fleet/rgb"),
     );
     for _ in 0..8 {
-        let mut child = child(&sandbox, "child_that_reads_a_batch", &[]);
+        let mut child = child(&sandbox, "read_batch", &[]);
         child.wait_line("read tick");
         child.kill9();
         bus.clean_dead_nodes();

@@ -1,12 +1,14 @@
-//! What the tests share: a rig, a daemon, readers on its GPU, and this test as a child process.
+//! What the tests and their child processes share: a rig, a daemon, readers on its GPU, and what the
+//! results of a tick are.
 
-#![allow(dead_code, reason = "each test uses a part")]
+#![allow(dead_code, reason = "tests and their children use a part each")]
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use consumer_gpu::{Device, FrameOnGpu, GpuTopic};
 use schema_bus::Bus;
+use test_kit::sandbox::binary_path;
 use test_kit::{Process, Sandbox};
 
 /// Every kind of frame that can stay on the GPU, in steps.
@@ -55,6 +57,28 @@ cameras = ["ego/front", "ego/side"]
 modalities = ["depth"]
 "#;
 
+/// The topic that is read through CUDA.
+pub const DEPTH_TOPIC: &str = "ego/front/depth";
+
+/// The topic that writers on several GPUs take turns to write.
+pub const CARD_TOPIC: &str = "ego/card/semantic";
+
+/// The topic of results.
+pub const RESULT_TOPIC: &str = "detector/features";
+
+/// The shape of most results.
+pub const RESULT_SHAPE: [u32; 3] = [4, 33, 8];
+
+/// The elements of the result of a tick.
+pub fn pattern(tick: u64, n: usize) -> Vec<u8> {
+    (0..n).map(|i| (i as u64 * 7 + tick * 13) as u8).collect()
+}
+
+/// Bytes of a result of this shape.
+pub fn n_bytes(shape: &[u32]) -> usize {
+    4 * shape.iter().product::<u32>() as usize
+}
+
 /// Starts a simulator.
 pub fn start(sandbox: &Sandbox, launch: &str, extra: &[&str]) -> Process {
     let file = sandbox.write("launch.toml", launch);
@@ -77,17 +101,17 @@ pub fn take(topic: &mut GpuTopic, bus: &Bus) -> Option<FrameOnGpu> {
     topic.next(bus).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Starts this test's own program as a process that runs the test `child` alone.
-pub fn child(sandbox: &Sandbox, child: &str, env: &[(&str, &str)]) -> Process {
+/// Starts the example `gpu_child` as a process with this role.
+pub fn child(sandbox: &Sandbox, role: &str, env: &[(&str, &str)]) -> Process {
     let place = format!(
         "{}|{}|{}",
         sandbox.iceoryx_root().display(),
         sandbox.prefix(),
         sandbox.domain()
     );
-    let this = std::env::current_exe().expect("path of this test");
     let env = [env, &[("GPU_CHILD", place.as_str())]].concat();
-    sandbox.spawn_program(child, &this, &["--exact", child, "--nocapture"], &env)
+    let program = binary_path("examples/gpu_child");
+    sandbox.spawn_program(role, &program, &[role], &env)
 }
 
 /// Builds the driver for tests in the sandbox; returns its folder.
@@ -105,14 +129,14 @@ pub fn fake_driver(sandbox: &Sandbox) -> PathBuf {
     folder
 }
 
-/// The bus of the parent, in a child; `None` in the parent.
-pub fn parents_bus() -> Option<Bus> {
-    let place = std::env::var("GPU_CHILD").ok()?;
+/// The bus of the parent, in a child.
+pub fn parents_bus() -> Bus {
+    let place = std::env::var("GPU_CHILD").expect("the parent says where its bus is");
     let parts: Vec<&str> = place.split('|').collect();
     let options = schema_bus::BusOptions {
         iceoryx_root: Some(PathBuf::from(parts[0])),
         prefix: Some(parts[1].to_owned()),
     };
     let bus = Bus::open_with(parts[2], "child", &options);
-    Some(bus.unwrap_or_else(|error| panic!("{error}")))
+    bus.unwrap_or_else(|error| panic!("{error}"))
 }

@@ -1,23 +1,19 @@
 //! The way through CUDA, with a driver for tests in the place of NVIDIA's (`fake_cuda.c`): imports,
 //! what is released when, the way over page-locked memory, and sentences.
 
-mod common;
+use crate::common;
 
 use std::fs::File;
 use std::os::unix::fs::FileExt as _;
 use std::path::Path;
-use std::time::Duration;
 
-use common::{BATCH, RIG, child, fake_driver, parents_bus, start, take};
-use consumer_gpu::{Device, GpuTopic};
+use common::{BATCH, CARD_TOPIC, DEPTH_TOPIC, RIG, child, fake_driver, start};
 use schema_bus::{
     Bus, FramePublisher, FrameTopic, GpuDevice, GpuServer, Notifier, SharedMemory, names,
 };
 use schema_frames::{FrameHeader, GPU_PLACE_BYTES, GpuAnswer, GpuPlace, Modality};
-use test_kit::client::{join_bus, reader, step};
+use test_kit::client::{join_bus, step};
 use test_kit::{Sandbox, eventually};
-
-const TOPIC: &str = "ego/front/depth";
 
 /// Runs a child beside a simulator; `uuid` is what the driver says, `None` for the simulator's own.
 fn run(name: &str, test: &str, uuid: Option<&str>, env: &[(&str, &str)]) -> (Sandbox, String) {
@@ -26,7 +22,7 @@ fn run(name: &str, test: &str, uuid: Option<&str>, env: &[(&str, &str)]) -> (San
     let free = format!("{RIG}{BATCH}").replace("mode = \"stepped\"\n", "");
     let _daemon = start(&sandbox, &free, &[]);
     let bus = join_bus(&sandbox, "test");
-    let own = bus.gpu_offer(TOPIC).unwrap().device_uuid;
+    let own = bus.gpu_offer(DEPTH_TOPIC).unwrap().device_uuid;
     let own: String = own.iter().map(|byte| format!("{byte:02x}")).collect();
     let log = sandbox.path("cuda.log");
     let done = sandbox.path("done");
@@ -49,65 +45,16 @@ fn run(name: &str, test: &str, uuid: Option<&str>, env: &[(&str, &str)]) -> (San
 }
 
 #[test]
-fn child_on_the_same_gpu() {
-    let Some(bus) = parents_bus() else { return };
-    let mut host = reader(&bus, TOPIC);
-    let mut gpu = GpuTopic::open(&bus, TOPIC, Device::Cuda).unwrap();
-    assert_eq!((gpu.fallback(), gpu.device()), (None, Some(0)));
-    let mut n_compared = 0;
-    while n_compared < 5 {
-        let Some(frame) = gpu.wait(&bus, Duration::from_secs(60)).unwrap() else {
-            panic!("no frame came");
-        };
-        let same = eventually("the same tick", || {
-            let found = host.next().unwrap()?;
-            (found.header().tick >= frame.header().tick).then_some(found)
-        });
-        if same.header().tick == frame.header().tick {
-            assert!(*same == frame.to_bytes().unwrap()[..]);
-            n_compared += 1;
-        }
-    }
-}
-
-#[test]
 fn frames_are_imported_once_and_have_the_bytes_of_shared_memory() {
-    let (_sandbox, noted) = run("cuda-same", "child_on_the_same_gpu", None, &[]);
+    let (_sandbox, noted) = run("cuda-same", "compare", None, &[]);
     let n = |what: &str| noted.lines().filter(|line| line.starts_with(what)).count();
     assert_eq!((n("import"), n("destroy")), (1, 1), "{noted}");
     assert!(n("record") >= 5 && n("upload") == 0, "{noted}");
 }
 
 #[test]
-fn child_that_reads_a_batch() {
-    let Some(bus) = parents_bus() else { return };
-    let topic = "batch/pair/depth";
-    let mut host = reader(&bus, topic);
-    let mut gpu = GpuTopic::open(&bus, topic, Device::Cuda).unwrap();
-    let mut n_compared = 0;
-    while n_compared < 3 {
-        let frame = gpu.wait(&bus, Duration::from_secs(60)).unwrap().unwrap();
-        let header = frame.header();
-        assert_eq!(
-            (header.n_images, header.height, header.image_height()),
-            (2, 128, 64)
-        );
-        let bytes = frame.to_bytes().unwrap();
-        assert_eq!(bytes.len(), 2 * 96 * 64 * 4);
-        let same = eventually("the same tick", || {
-            let found = host.next().unwrap()?;
-            (found.header().tick >= header.tick).then_some(found)
-        });
-        if same.header().tick == header.tick {
-            assert!(*same == bytes[..]);
-            n_compared += 1;
-        }
-    }
-}
-
-#[test]
 fn a_batch_is_imported_once_for_all_of_its_images() {
-    let (_sandbox, noted) = run("cuda-batch", "child_that_reads_a_batch", None, &[]);
+    let (_sandbox, noted) = run("cuda-batch", "compare_batch", None, &[]);
     let n = |what: &str| noted.lines().filter(|line| line.starts_with(what)).count();
     assert_eq!(
         (n("import"), n("destroy"), n("upload")),
@@ -117,54 +64,10 @@ fn a_batch_is_imported_once_for_all_of_its_images() {
 }
 
 #[test]
-fn child_that_drops_before_the_gpu_is_done() {
-    let Some(bus) = parents_bus() else { return };
-    let mut gpu = GpuTopic::open(&bus, TOPIC, Device::Cuda).unwrap();
-    for _ in 0..3 {
-        drop(eventually("a frame", || take(&mut gpu, &bus)));
-    }
-    let done = std::env::var("FAKE_CUDA_DONE").unwrap();
-    let log = std::env::var("FAKE_CUDA_LOG").unwrap();
-    let waits = std::thread::spawn(move || {
-        // The fourth frame waits for the device; only then is it said to be done.
-        eventually("a wait", || {
-            let noted = std::fs::read_to_string(&log).ok()?;
-            noted.lines().any(|line| line == "wait").then_some(())
-        });
-        std::fs::write(done, "").unwrap();
-    });
-    eventually("a fourth frame", || take(&mut gpu, &bus));
-    waits.join().unwrap();
-}
-
-#[test]
 fn slots_go_back_only_after_the_work_that_was_queued_before() {
     let env = [("FAKE_CUDA_DONE", "DONE")];
-    let (sandbox, noted) = run(
-        "cuda-queued",
-        "child_that_drops_before_the_gpu_is_done",
-        None,
-        &env,
-    );
+    let (sandbox, noted) = run("cuda-queued", "drop_early", None, &env);
     assert!(sandbox.path("done").exists(), "{noted}");
-}
-
-#[test]
-fn child_on_another_gpu() {
-    let Some(bus) = parents_bus() else { return };
-    let mut gpu = GpuTopic::open(&bus, TOPIC, Device::Cuda).unwrap();
-    let why = gpu.fallback().expect("another GPU").to_owned();
-    let wanted = std::env::var("WANTED").unwrap();
-    assert!(why.contains(&wanted), "{why}");
-    for _ in 0..10 {
-        let frame = gpu.wait(&bus, Duration::from_secs(60)).unwrap().unwrap();
-        assert_eq!(frame.to_bytes().unwrap().len(), 96 * 64 * 4);
-    }
-    let asked = GpuTopic::open(&bus, TOPIC, Device::CudaNumber(3)).unwrap_err();
-    assert!(
-        asked.to_string().contains("CUDA has no device 3"),
-        "{asked}"
-    );
 }
 
 #[test]
@@ -174,22 +77,10 @@ fn another_gpu_gets_its_frames_over_page_locked_memory() {
         "WANTED",
         "the simulator draws on a software adapter, and CUDA computes on a device for tests",
     )];
-    let (_sandbox, noted) = run("cuda-other", "child_on_another_gpu", Some(other), &env);
+    let (_sandbox, noted) = run("cuda-other", "upload_frames", Some(other), &env);
     let n = |what: &str| noted.lines().filter(|line| line.starts_with(what)).count();
     assert!(n("upload 24576") >= 10 && n("import") == 0, "{noted}");
     assert!(n("alloc") <= 4, "memory is used again: {noted}");
-}
-
-#[test]
-fn child_without_cuda() {
-    let Some(bus) = parents_bus() else { return };
-    let error = GpuTopic::open(&bus, TOPIC, Device::Cuda)
-        .unwrap_err()
-        .to_string();
-    assert!(
-        error.contains("CUDA cannot be used here") && error.contains("leave the device out"),
-        "{error}"
-    );
 }
 
 #[test]
@@ -205,30 +96,8 @@ fn without_cuda_there_is_a_sentence() {
         return;
     }
     let env = [("LD_LIBRARY_PATH", folder.to_str().unwrap())];
-    child(&sandbox, "child_without_cuda", &env)
-        .wait()
-        .expect_code(0);
+    child(&sandbox, "lack_cuda", &env).wait().expect_code(0);
 }
-
-#[test]
-fn child_that_follows() {
-    let Some(bus) = parents_bus() else { return };
-    let mut gpu = GpuTopic::open(&bus, SMALL_TOPIC, Device::Cuda).unwrap();
-    println!("open");
-    let mut last_tick = 0;
-    loop {
-        let frame = gpu.wait(&bus, Duration::from_secs(60)).unwrap();
-        let frame = frame.expect("frames come");
-        let tick = frame.header().tick;
-        assert!(tick > last_tick, "{tick} after {last_tick}");
-        last_tick = tick;
-        assert_eq!(frame.to_bytes().unwrap(), [tick as u8; 64]);
-        assert_eq!(frame.device(), Some(0));
-        println!("tick {tick} {}", gpu.fallback().unwrap_or("stays"));
-    }
-}
-
-const SMALL_TOPIC: &str = "ego/card/semantic";
 
 /// A process that writes a topic, and keeps it on a GPU of some UUID, or on none.
 struct Scribe {
@@ -260,7 +129,7 @@ impl Scribe {
             });
             let server = server.unwrap();
             let spec = FrameTopic::on_gpu(2);
-            let name = names::gpu_topic(SMALL_TOPIC);
+            let name = names::gpu_topic(CARD_TOPIC);
             let publisher = bus.frame_publisher(&name, spec).unwrap();
             publisher.segment().unwrap();
             let n_bytes = (256 * spec.n_slots()) as u64;
@@ -280,13 +149,13 @@ impl Scribe {
                 memory: shared.unwrap(),
                 file,
                 slots: Vec::new(),
-                _offer: server.offer(SMALL_TOPIC, spec),
+                _offer: server.offer(CARD_TOPIC, spec),
                 _server: server,
             }
         };
         Scribe {
-            host: bus.frame_publisher(SMALL_TOPIC, host_topic()).unwrap(),
-            wake: bus.notifier(SMALL_TOPIC).unwrap(),
+            host: bus.frame_publisher(CARD_TOPIC, host_topic()).unwrap(),
+            wake: bus.notifier(CARD_TOPIC).unwrap(),
             on_gpu: uuid.map(kept),
         }
     }
@@ -345,7 +214,7 @@ fn a_reader_follows_its_topic_to_other_gpus_and_back() {
     let driver = fake_driver(&sandbox);
     let bus = join_bus(&sandbox, "writer");
     // As a simulator does that has the topic written by others.
-    let _service = bus.frame_service(SMALL_TOPIC, host_topic()).unwrap();
+    let _service = bus.frame_service(CARD_TOPIC, host_topic()).unwrap();
     let own = [7; 16];
     let digits = "07".repeat(16);
     let log = sandbox.path("cuda.log");
@@ -368,7 +237,7 @@ fn a_reader_follows_its_topic_to_other_gpus_and_back() {
     for (turn, (uuid, said)) in turns.into_iter().enumerate() {
         let mut scribe = Scribe::new(&bus, &sandbox.path(&format!("memory{turn}")), uuid);
         let reads = reads.get_or_insert_with(|| {
-            let mut reads = child(&sandbox, "child_that_follows", &env);
+            let mut reads = child(&sandbox, "follow", &env);
             reads.wait_line("open");
             reads
         });
