@@ -8,11 +8,10 @@ use sensor_core::Vertex;
 use simd_town::{Town, TownError};
 use triangles::check_triangles;
 
-#[path = "../../simd_body/tests/checks/triangles.rs"]
+#[path = "../../../simd_body/tests/it/triangles.rs"]
 mod triangles;
 
-#[path = "checks/clear_lanes.rs"]
-mod clear_lanes;
+use crate::clear_lanes;
 
 fn town(seed: u64) -> Town {
     Town::generate("Town10HD", seed).expect("the default town exists")

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use simd_body::{BodyStyle, VehicleShape, vehicle_meshes};
 use triangles::check_triangles;
 
-#[path = "checks/triangles.rs"]
+#[path = "triangles.rs"]
 mod triangles;
 
 fn shapes() -> Vec<VehicleShape> {

@@ -192,8 +192,10 @@ fn texts_bytes(act: &JournalAct) -> usize {
 pub struct Surroundings<'a> {
     pub settings: &'a Settings,
     pub epoch: u64,
-    /// Name and OpenDRIVE text of the first map.
-    pub map: (&'a str, &'a str),
+    /// Name of the first map.
+    pub map: &'a str,
+    /// OpenDRIVE text of the first map.
+    pub open_drive: &'a str,
     pub adapter: &'a str,
     pub quality: Quality,
     pub lidars_on: Writer,
@@ -201,7 +203,6 @@ pub struct Surroundings<'a> {
 
 /// The head of a journal.
 pub fn head(around: &Surroundings<'_>) -> JournalHead {
-    let (map, open_drive) = around.map;
     JournalHead {
         v: JOURNAL_VERSION,
         version: env!("CARGO_PKG_VERSION").into(),
@@ -210,10 +211,12 @@ pub fn head(around: &Surroundings<'_>) -> JournalHead {
         launch: around.settings.launch.to_toml_with_defaults(),
         added_sensors: around.settings.added_sensors.clone(),
         seed: around.settings.launch.scenario.seed,
-        map: map.to_owned(),
+        map: around.map.to_owned(),
         map_hash: format!(
             "{:016x}",
-            BytesHash::new().chunk(open_drive.as_bytes()).finish()
+            BytesHash::new()
+                .chunk(around.open_drive.as_bytes())
+                .finish()
         ),
         adapter: around.adapter.to_owned(),
         quality: match around.quality {

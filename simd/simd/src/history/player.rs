@@ -22,7 +22,7 @@ pub struct Player {
     path: PathBuf,
     line: u64,
     /// What the run began with.
-    pub head: JournalHead,
+    head: JournalHead,
     /// The entry that comes next; `None` behind the last one.
     next: Option<JournalEntry>,
     /// Simulated time up to which the journal holds, nanoseconds; without it, up to the last entry.
@@ -91,6 +91,11 @@ impl Player {
         }
         player.advance()?;
         Ok(player)
+    }
+
+    /// What the run began with.
+    pub fn head(&self) -> &JournalHead {
+        &self.head
     }
 
     /// The next act at the edge behind tick `edge`; `None` if there is none.

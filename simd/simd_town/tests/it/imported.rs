@@ -6,10 +6,9 @@ use schema_types::Class;
 use simd_town::Town;
 use simd_town::imported::{ImportOptions, import};
 
-#[path = "checks/clear_lanes.rs"]
-mod clear_lanes;
+use crate::clear_lanes;
 
-const SMALL: &str = include_str!("small.xodr");
+const SMALL: &str = include_str!("../small.xodr");
 
 fn world(text: &str, options: &ImportOptions) -> Town {
     import("small", text, &RoadMap::parse(text).unwrap(), 3, options).unwrap()

@@ -1,6 +1,6 @@
 //! What stepped mode does without a client: runs on by itself after a while, unless told to wait.
 
-use crate::cli::OnLostClient;
+use crate::settings::cli::OnLostClient;
 
 /// Time without any client after which stepped mode runs on by itself (`--on-lost-client resume`).
 const LOST_CLIENT_NANOS: u64 = 10_000_000_000;

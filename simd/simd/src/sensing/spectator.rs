@@ -10,8 +10,8 @@ use sensor_core::scene::DebugStroke;
 use sensor_spec::SensorSpec;
 use simd_world::World;
 
-use crate::carrier::carrier_of;
-use crate::debug_shapes::DebugShapes;
+use super::debug_shapes::DebugShapes;
+use crate::world::carrier_of;
 use simd_frames::frames::Sensors;
 use simd_frames::rig::Rig;
 use simd_frames::sensor::{

@@ -2,34 +2,32 @@
 
 use schema_types::ActorId;
 use sensor_spec::SensorSpec;
+use simd_frames::frames::Sensors;
 use simd_frames::sensor::{Maker, Model, Sensor};
 use simd_frames::share::{Group, divide as shares_of};
+use simd_world::World;
 
-use super::lists::{is_complete, is_shared, say_that_lists_changed, stays_here};
-use crate::daemon::Daemon;
-use crate::workers::{Listed, Standing};
+use super::lists::{Surroundings, header_of_lists, listed, shared, stays_here};
+use crate::faults::Faults;
+use crate::sensing::workers::Workers;
 
 /// Gives cameras their places if these may have to change: one step of it, the next when all workers
 /// have taken over the lists.
-pub fn divide(daemon: &mut Daemon) -> anyhow::Result<()> {
-    let listed = listed(&daemon.sensors.sensors);
-    let workers = &mut daemon.workers;
-    if listed != workers.listed {
-        workers.must_divide = true;
-    }
-    if !workers.must_divide || !workers.all_took_over() || !is_complete(daemon) {
+pub fn divide(
+    sensors: &mut Sensors,
+    workers: &mut Workers,
+    around: &Surroundings<'_>,
+    faults: &mut Faults,
+) -> anyhow::Result<()> {
+    if !workers.may_divide(&listed(sensors)) || !workers.is_complete(around.clock.tick()) {
         return Ok(());
     }
-    let wishes = wishes(daemon);
-    let is_working = |number: u32| {
-        let mut working = daemon.workers.working();
-        working.any(|worker| worker.number == number)
-    };
+    let wishes = wishes(sensors, workers, around);
     let (mut next, mut is_moving) = (wishes.clone(), false);
-    for (sensor, (_, maker)) in shared(&daemon.sensors.sensors).zip(&mut next) {
+    for (sensor, (_, maker)) in shared(sensors).zip(&mut next) {
         if let Maker::Worker(owner) = sensor.maker
             && sensor.maker != *maker
-            && is_working(owner)
+            && workers.is_working(owner)
         {
             // It closes its topics before anybody else opens them.
             *maker = Maker::Nobody;
@@ -40,56 +38,33 @@ pub fn divide(daemon: &mut Daemon) -> anyhow::Result<()> {
         let found = next.binary_search_by_key(&sensor.actor, |(actor, _)| *actor);
         found.map_or(sensor.maker, |idx| next[idx].1)
     };
-    daemon.sensors.hand_over(&daemon.bus, maker_of)?;
-    let now = self::listed(&daemon.sensors.sensors);
-    if now != daemon.workers.listed {
-        daemon.workers.listed = now;
-        say_that_lists_changed(daemon);
+    sensors.hand_over(around.bus, maker_of)?;
+    let now = listed(sensors);
+    if !workers.has_listed(&now) {
+        let assets = around.world.episode().assets();
+        if let Err(error) = workers.set_lists(now, header_of_lists(around), assets) {
+            faults.unsent("a scene for render workers", &error);
+        }
     }
-    daemon.workers.must_divide = is_moving;
-    if wishes.iter().any(|(_, maker)| *maker == Maker::Nobody)
-        && daemon
-            .workers
-            .workers
-            .iter()
-            .all(|it| it.standing != Standing::Joins)
-        && !std::mem::replace(&mut daemon.workers.is_lack_said, true)
-    {
-        tracing::warn!(
-            "the cameras have no frames: this simulator renders nothing (--no-gpu), and no render worker is there; start one with: gantry-render --domain {}",
-            daemon.settings.domain
-        );
-    }
-    if daemon.workers.has_any() {
-        daemon.workers.is_lack_said = false;
-    }
+    workers.has_divided(is_moving);
+    let is_any_without = wishes.iter().any(|(_, maker)| *maker == Maker::Nobody);
+    workers.say_lack(is_any_without, around.bus.domain());
     Ok(())
 }
 
 /// Whether the lists of workers are those of the cameras that there are.
-pub fn are_listed(daemon: &Daemon) -> bool {
-    listed(&daemon.sensors.sensors) == daemon.workers.listed
-}
-
-/// The cameras as the lists of workers have them.
-fn listed(sensors: &[Sensor]) -> Vec<Listed> {
-    shared(sensors)
-        .map(|it| (it.actor, it.n_beginnings, it.maker, it.hidden.clone()))
-        .collect()
-}
-
-fn shared(sensors: &[Sensor]) -> impl Iterator<Item = &Sensor> {
-    sensors.iter().filter(|sensor| is_shared(sensor))
+pub fn are_listed(sensors: &Sensors, workers: &Workers) -> bool {
+    workers.has_listed(&listed(sensors))
 }
 
 /// Who is to make the frames of each camera, by rising actor.
-fn wishes(daemon: &Daemon) -> Vec<(ActorId, Maker)> {
-    let has_gpu = daemon.sensors.gpu().is_some();
-    let workers: Vec<(u32, f64)> = daemon
-        .workers
-        .working()
-        .map(|worker| (worker.number, worker.weight))
-        .collect();
+fn wishes(
+    sensors: &Sensors,
+    workers: &Workers,
+    around: &Surroundings<'_>,
+) -> Vec<(ActorId, Maker)> {
+    let has_gpu = sensors.gpu().is_some();
+    let workers = workers.shares();
     // Who has no worker: rays need no GPU.
     let alone = |sensor: &Sensor| match sensor.model {
         Model::View(_) if !has_gpu => Maker::Nobody,
@@ -98,18 +73,18 @@ fn wishes(daemon: &Daemon) -> Vec<(ActorId, Maker)> {
     // Sensors of one rig that see the same are drawn once.
     let mut groups: Vec<(Alike, Group, Members)> = Vec::new();
     let mut wishes = Vec::new();
-    for sensor in shared(&daemon.sensors.sensors) {
-        if stays_here(daemon, sensor) {
+    for sensor in shared(sensors) {
+        if stays_here(sensors, around.world.episode().assets(), sensor) {
             wishes.push((sensor.actor, Maker::Here));
             continue;
         }
-        let alike = alike(daemon, sensor);
+        let alike = alike(around.world.world(), sensor);
         let now = match sensor.maker {
             Maker::Worker(worker) => Some(worker),
             _ => None,
         };
         let member = (sensor.actor, alone(sensor));
-        let cost = cost(sensor, daemon.clock.period_nanos());
+        let cost = cost(sensor, around.clock.period_nanos());
         match groups.iter_mut().find(|(of, ..)| *of == alike) {
             Some((_, group, members)) => {
                 group.cost += cost;
@@ -135,9 +110,8 @@ type Alike = (String, [u32; 2], [u64; 7]);
 /// Sensors of a group, and who makes the frames of each without workers.
 type Members = Vec<(ActorId, Maker)>;
 
-fn alike(daemon: &Daemon, sensor: &Sensor) -> Alike {
-    let pose = daemon
-        .world
+fn alike(world: &World, sensor: &Sensor) -> Alike {
+    let pose = world
         .record(sensor.actor)
         .map(|record| bytemuck::cast(record.world_from_actor))
         .unwrap_or_default();

@@ -2,11 +2,14 @@
 //! they change.
 
 use anyhow::Context as _;
-use schema_bus::{Bus, BusError, DocumentPublisher, Gate, names};
+use schema_bus::{Bus, BusError, DocumentPublisher, names};
 use schema_frames::{SpawnPoints, WorldInfo};
 use simd_world::World;
 
-use crate::episode::Episode;
+use crate::clock::Clock;
+use crate::participants::Participants;
+use crate::settings::adapter_of;
+use crate::world::LiveWorld;
 use simd_frames::frames::Sensors;
 
 /// Writers of the five documents, and what each sent last.
@@ -26,16 +29,12 @@ pub struct Documents {
 
 /// The state that the documents describe.
 pub struct State<'a> {
-    /// Has the actors, the weather and the catalogue.
-    pub world: &'a World,
-    /// Has the mode and the participants.
-    pub gate: &'a Gate,
-    /// Has the map and the epoch.
-    pub episode: &'a Episode,
-    /// Length of a tick.
-    pub period_nanos: u64,
-    /// Tick after which the documents are true.
-    pub tick: u64,
+    /// Has the actors, the weather, the catalogue, the map and the epoch.
+    pub world: &'a LiveWorld,
+    /// Have the mode and the names of those in lockstep.
+    pub participants: &'a Participants,
+    /// Has the tick after which the documents are true, and its length.
+    pub clock: &'a Clock,
     /// Has the topics.
     pub sensors: &'a Sensors,
 }
@@ -93,29 +92,27 @@ impl Documents {
     /// [`BusError`] for the first one that cannot be sent; it and those after it are sent with the
     /// next call.
     pub fn publish(&mut self, state: &State<'_>) -> Result<(), BusError> {
-        let epoch = state.episode.stamp.epoch;
-        let new_episode = self.sent_episode != state.episode.stamp.episode;
+        let (world, stamp) = (state.world.world(), state.world.episode().stamp());
+        let (epoch, tick) = (stamp.epoch, state.clock.tick().0);
+        let new_episode = self.sent_episode != stamp.episode;
         if new_episode {
-            self.map
-                .send(&state.world.map().open_drive, epoch, state.tick)?;
-            self.catalogue
-                .send_json(state.world.catalogue(), epoch, state.tick)?;
-            let points = state
-                .world
+            self.map.send(&world.map().open_drive, epoch, tick)?;
+            self.catalogue.send_json(world.catalogue(), epoch, tick)?;
+            let points = world
                 .map()
                 .spawn_points
                 .iter()
                 .map(|pose| (*pose).into())
                 .collect();
             self.spawn_points
-                .send_json(&SpawnPoints { points }, epoch, state.tick)?;
-            self.sent_episode = state.episode.stamp.episode;
+                .send_json(&SpawnPoints { points }, epoch, tick)?;
+            self.sent_episode = stamp.episode;
         }
-        let list = self.send_list(state);
+        let list = self.send_list(world, epoch, tick);
         if self.info_changed || new_episode {
             let info = info(state);
             if self.sent_info.as_ref() != Some(&info) {
-                self.info.send_json(&info, epoch, state.tick)?;
+                self.info.send_json(&info, epoch, tick)?;
                 self.sent_info = Some(info);
             }
             self.info_changed = false;
@@ -123,41 +120,36 @@ impl Documents {
         list
     }
 
-    fn send_list(&mut self, state: &State<'_>) -> Result<(), BusError> {
-        if self.sent_actors == Some(state.world.actors_revision()) {
+    fn send_list(&mut self, world: &World, epoch: u64, tick: u64) -> Result<(), BusError> {
+        if self.sent_actors == Some(world.actors_revision()) {
             return Ok(());
         }
         self.is_list_late = true;
-        let epoch = state.episode.stamp.epoch;
-        self.actors
-            .send_json(&state.world.actor_list(), epoch, state.tick)?;
+        self.actors.send_json(&world.actor_list(), epoch, tick)?;
         self.is_list_late = false;
-        self.sent_actors = Some(state.world.actors_revision());
+        self.sent_actors = Some(world.actors_revision());
         Ok(())
     }
 }
 
 fn info(state: &State<'_>) -> WorldInfo {
+    let (world, episode) = (state.world.world(), state.world.episode());
+    let stamp = episode.stamp();
     let batches = state.sensors.batches.iter();
     let targets = state.sensors.topics().filter_map(|topic| topic.target());
     WorldInfo {
         source: "live".into(),
         version: env!("CARGO_PKG_VERSION").into(),
-        epoch: state.episode.stamp.epoch.to_string(),
-        episode: state.episode.stamp.episode,
-        map: state.world.map().name.clone(),
-        seed: state.episode.stamp.seed,
-        mode: state.gate.mode(),
-        period_nanos: state.period_nanos,
-        episode_start_nanos: state.episode.start.0,
-        lockstep: state
-            .gate
-            .participants()
-            .iter()
-            .map(|participant| participant.name.clone())
-            .collect(),
-        weather: *state.world.weather(),
-        adapter: crate::settings::adapter_of(state.sensors.gpu()).to_owned(),
+        epoch: stamp.epoch.to_string(),
+        episode: stamp.episode,
+        map: world.map().name.clone(),
+        seed: stamp.seed,
+        mode: state.participants.mode(),
+        period_nanos: state.clock.period_nanos(),
+        episode_start_nanos: episode.start().0,
+        lockstep: state.participants.names(),
+        weather: *world.weather(),
+        adapter: adapter_of(state.sensors.gpu()).to_owned(),
         batches: batches
             .map(|batch| batch.info(&state.sensors.sensors))
             .collect(),

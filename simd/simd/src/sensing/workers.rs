@@ -4,17 +4,23 @@
 //! closes its topics first: cameras that move belong to nobody until everybody has taken over the
 //! list that says so. Nothing here waits; the tick loop asks whether the world may go on.
 
+use std::sync::Arc;
+
 use schema_bus::{
-    Bus, BusError, Life, Origin, RenderServer, RenderedReader, ScenePublisher, mono_now,
+    Bus, BusError, Life, Origin, RenderQuestion, RenderServer, RenderedReader, ScenePublisher,
+    mono_now,
 };
 use schema_frames::{RenderedRecord, SceneFiring, SceneHeader};
-use schema_types::ActorId;
+use schema_types::{ActorId, Tick};
+use sensor_core::scene::{Scene, SceneAssets};
 use simd_frames::frames::TickView;
 use simd_frames::sensor::Maker;
-use simd_frames::share::{Scenery, SentScene};
+use simd_frames::share::{Scenery, SentScene, scene_of};
 
 /// Most workers.
-pub const MAX_WORKERS: usize = 16;
+const MAX_WORKERS: usize = 16;
+/// Longest name of a worker.
+const MAX_NAME: usize = 64;
 /// How often a worker is looked for whose process cannot be seen from here.
 const LOOK_NANOS: u64 = 100_000_000;
 /// How long a world that runs freely waits for a worker whose process is stopped.
@@ -28,60 +34,130 @@ const SAY_NANOS: u64 = 5_000_000_000;
 
 /// The workers, and what they were told last.
 pub struct Workers {
-    pub scenes: ScenePublisher,
-    pub answers: RenderedReader,
-    pub questions: RenderServer,
-    pub epoch: u64,
-    pub workers: Vec<Worker>,
-    pub next_worker: u32,
+    scenes: ScenePublisher,
+    answers: RenderedReader,
+    questions: RenderServer,
+    epoch: u64,
+    /// Workers that the first tick waits for.
+    n_awaited: usize,
+    workers: Vec<Worker>,
+    next_worker: u32,
     /// Number of the last message.
-    pub number: u64,
-    pub cameras_version: u64,
-    pub scenery: Scenery,
-    pub last: Option<LastScene>,
+    number: u64,
+    cameras_version: u64,
+    scenery: Scenery,
+    last: Option<LastScene>,
     /// Cameras as the newest lists have them.
-    pub listed: Vec<Listed>,
+    listed: Vec<Listed>,
     /// Whether shares may have to change.
-    pub must_divide: bool,
+    must_divide: bool,
     /// Message that all must have taken over before cameras move on, or the world.
-    pub taken_over_by: u64,
+    taken_over_by: u64,
     /// Firings whose worker ended before their frames were sent.
-    pub unfinished: Vec<SceneFiring>,
-    pub is_lack_said: bool,
+    unfinished: Vec<SceneFiring>,
+    is_lack_said: bool,
     /// Frames sent and lost of workers that have gone.
-    pub gone: RenderedRecord,
+    gone: RenderedRecord,
 }
 
-/// What a change of means that the lists are others.
-pub type Listed = (ActorId, u32, Maker, Vec<ActorId>);
+/// A camera on the lists of workers. Where one of these changes, the lists are others.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Listed {
+    /// Its actor.
+    pub actor: ActorId,
+    /// How often it began anew.
+    pub n_beginnings: u32,
+    /// Which process makes its frames.
+    pub maker: Maker,
+    /// Actors that its images leave out.
+    pub hidden: Vec<ActorId>,
+}
+
+/// A process that asks for a share.
+#[derive(Debug)]
+pub struct Newcomer<'a> {
+    name: String,
+    adapter: String,
+    /// Size of its share beside the others'.
+    weight: f64,
+    origin: &'a Origin,
+}
+
+impl Newcomer<'_> {
+    /// The process `origin`, under this name.
+    ///
+    /// # Errors
+    /// [`JoinError`] if the name or the weight cannot be used.
+    pub fn new(
+        name: String,
+        adapter: String,
+        weight: f64,
+        origin: &Origin,
+    ) -> Result<Newcomer<'_>, JoinError> {
+        if name.is_empty() || name.len() > MAX_NAME {
+            return Err(JoinError::Name(name));
+        }
+        if !(weight.is_finite() && weight > 0.0) {
+            return Err(JoinError::Weight(weight));
+        }
+        Ok(Newcomer {
+            name,
+            adapter,
+            weight,
+            origin,
+        })
+    }
+}
+
+/// Why a process cannot have a share.
+#[derive(Debug, thiserror::Error)]
+pub enum JoinError {
+    /// The name is empty or too long.
+    #[error("name is {0:?}, but must have 1 to {max} characters", max = MAX_NAME)]
+    Name(String),
+    /// The share would have no size.
+    #[error("weight is {0}, but must be above 0")]
+    Weight(f64),
+    /// Another process has the name.
+    #[error("name is {name:?}, but {owner} has joined under it; choose another with --name")]
+    Taken {
+        /// The name.
+        name: String,
+        /// The process that has joined under it.
+        owner: Origin,
+    },
+    /// There are as many as there can be.
+    #[error("there are {max} render workers already, which is the most", max = MAX_WORKERS)]
+    Full,
+}
 
 /// The last scene that was sent, and its firings with the numbers of their messages.
-pub struct LastScene {
-    pub scene: SentScene,
-    pub firings: Vec<(u64, SceneFiring)>,
+struct LastScene {
+    scene: SentScene,
+    firings: Vec<(u64, SceneFiring)>,
 }
 
 /// A worker.
-pub struct Worker {
-    pub number: u32,
-    pub name: String,
-    pub adapter: String,
-    pub weight: f64,
-    pub origin: Origin,
+struct Worker {
+    number: u32,
+    name: String,
+    adapter: String,
+    weight: f64,
+    origin: Origin,
     /// `None` if its process cannot be looked at from here.
-    pub life: Option<Life>,
-    pub looked_nanos: u64,
-    pub standing: Standing,
+    life: Option<Life>,
+    looked_nanos: u64,
+    standing: Standing,
     /// Its last answer.
-    pub answer: RenderedRecord,
+    answer: RenderedRecord,
     /// Since when the world waits for it.
-    pub owes_since_nanos: Option<u64>,
-    pub said_nanos: u64,
+    owes_since_nanos: Option<u64>,
+    said_nanos: u64,
 }
 
 /// What a worker is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Standing {
+enum Standing {
     /// It has no scenery yet.
     Joins,
     /// It has a share.
@@ -91,13 +167,14 @@ pub enum Standing {
 }
 
 impl Workers {
-    /// Opens the services.
-    pub fn open(bus: &Bus, epoch: u64) -> anyhow::Result<Workers> {
+    /// Opens the services. The first tick waits for `n_awaited` workers.
+    pub fn open(bus: &Bus, epoch: u64, n_awaited: usize) -> anyhow::Result<Workers> {
         Ok(Workers {
             scenes: bus.scene_publisher()?,
             answers: bus.rendered_reader()?,
             questions: bus.render_server()?,
             epoch,
+            n_awaited,
             workers: Vec::new(),
             next_worker: 1,
             number: 0,
@@ -123,10 +200,27 @@ impl Workers {
         self.working().count()
     }
 
-    pub fn working(&self) -> impl Iterator<Item = &Worker> {
+    fn working(&self) -> impl Iterator<Item = &Worker> {
         self.workers
             .iter()
             .filter(|worker| worker.standing == Standing::Works)
+    }
+
+    /// Whether the worker of this number has a share.
+    pub fn is_working(&self, number: u32) -> bool {
+        self.working().any(|worker| worker.number == number)
+    }
+
+    /// Numbers of the workers that have a share, with its size.
+    pub fn shares(&self) -> Vec<(u32, f64)> {
+        self.working()
+            .map(|worker| (worker.number, worker.weight))
+            .collect()
+    }
+
+    /// Whether all workers are there that the first tick waits for.
+    pub fn is_complete(&self, last_tick: Tick) -> bool {
+        last_tick > Tick(0) || self.n_working() >= self.n_awaited
     }
 
     /// Whether every camera has its place.
@@ -134,7 +228,7 @@ impl Workers {
         !self.must_divide && self.unfinished.is_empty() && self.all_took_over()
     }
 
-    pub fn all_took_over(&self) -> bool {
+    fn all_took_over(&self) -> bool {
         self.working()
             .all(|worker| worker.answer.number >= self.taken_over_by)
     }
@@ -143,6 +237,211 @@ impl Workers {
     pub fn has_sent(&self, behind: u64) -> bool {
         self.working()
             .all(|worker| !worker.owes(self.number, behind))
+    }
+
+    /// Whether all frames of all messages are sent.
+    pub fn has_sent_all(&self) -> bool {
+        self.unfinished.is_empty() && self.has_sent(0)
+    }
+
+    /// Whether one has taken so long that it was said.
+    pub fn any_is_slow(&self) -> bool {
+        self.working().any(|worker| worker.said_nanos > 0)
+    }
+
+    /// Sends the latest message to workers that joined since the last call.
+    pub fn greet(&self) {
+        self.scenes.greet();
+    }
+
+    /// The next question that waits.
+    ///
+    /// # Errors
+    /// [`BusError`] if the service cannot be read.
+    pub fn next_question(&mut self) -> Result<Option<RenderQuestion>, BusError> {
+        self.questions.take()
+    }
+
+    /// Answers a question.
+    ///
+    /// # Errors
+    /// [`BusError`] if the answer cannot be sent.
+    pub fn answer(&self, question: RenderQuestion, bytes: &[u8]) -> Result<(), BusError> {
+        self.questions.answer(question, bytes)
+    }
+
+    /// Version of the lists of cameras.
+    pub fn cameras_version(&self) -> u64 {
+        self.cameras_version
+    }
+
+    /// The still scenery as workers ask for it.
+    pub fn scenery(&mut self) -> &mut Scenery {
+        &mut self.scenery
+    }
+
+    /// Lets a process have a share from now on, once it has this scenery; returns its number. A worker
+    /// that asks again begins anew.
+    ///
+    /// # Errors
+    /// [`JoinError`].
+    pub fn join(
+        &mut self,
+        newcomer: Newcomer<'_>,
+        assets: &Arc<SceneAssets>,
+    ) -> Result<u32, JoinError> {
+        self.check(&newcomer)?;
+        let Newcomer {
+            name,
+            adapter,
+            weight,
+            origin,
+        } = newcomer;
+        let before = self
+            .workers
+            .iter()
+            .position(|it| it.origin.pid == origin.pid);
+        if let Some(idx) = before {
+            let gone = self.workers.remove(idx);
+            self.give_up(gone.number, gone.answer.sent_number);
+        }
+        let number = self.next_worker;
+        self.next_worker += 1;
+        self.workers.push(Worker {
+            number,
+            name,
+            adapter,
+            weight,
+            origin: origin.clone(),
+            life: origin.life(),
+            looked_nanos: mono_now().0,
+            standing: Standing::Joins,
+            answer: bytemuck::Zeroable::zeroed(),
+            owes_since_nanos: None,
+            said_nanos: 0,
+        });
+        // The scenery that it is about to ask for.
+        self.scenery.version_of(assets);
+        Ok(number)
+    }
+
+    fn check(&self, newcomer: &Newcomer<'_>) -> Result<(), JoinError> {
+        let others = || {
+            let all = self.workers.iter();
+            all.filter(|it| it.origin.pid != newcomer.origin.pid)
+        };
+        if let Some(other) = others().find(|it| it.name == newcomer.name) {
+            return Err(JoinError::Taken {
+                name: newcomer.name.clone(),
+                owner: other.origin.clone(),
+            });
+        }
+        match others().count() >= MAX_WORKERS {
+            true => Err(JoinError::Full),
+            false => Ok(()),
+        }
+    }
+
+    /// Whether the newest lists are these.
+    pub fn has_listed(&self, listed: &[Listed]) -> bool {
+        self.listed == listed
+    }
+
+    /// Whether cameras may have to change their places, and can: `listed` are the cameras as they are.
+    pub fn may_divide(&mut self, listed: &[Listed]) -> bool {
+        if !self.has_listed(listed) {
+            self.must_divide = true;
+        }
+        self.must_divide && self.all_took_over()
+    }
+
+    /// The cameras have their places; some of them are only on their way if `is_moving`.
+    pub fn has_divided(&mut self, is_moving: bool) {
+        self.must_divide = is_moving;
+    }
+
+    /// Says once that cameras have no frames, if `is_any_without` says so and no worker is about to
+    /// help.
+    pub fn say_lack(&mut self, is_any_without: bool, domain: &str) {
+        let nobody_joins = self.workers.iter().all(|it| it.standing != Standing::Joins);
+        if is_any_without && nobody_joins && !std::mem::replace(&mut self.is_lack_said, true) {
+            tracing::warn!(
+                "the cameras have no frames: this simulator renders nothing (--no-gpu), and no render worker is there; start one with: gantry-render --domain {domain}"
+            );
+        }
+        if self.has_any() {
+            self.is_lack_said = false;
+        }
+    }
+
+    /// Takes these lists over, and sends a message without firings, which says that they are others.
+    ///
+    /// # Errors
+    /// [`BusError`] if it cannot be sent.
+    pub fn set_lists(
+        &mut self,
+        listed: Vec<Listed>,
+        header: SceneHeader,
+        assets: &Arc<SceneAssets>,
+    ) -> Result<(), BusError> {
+        self.listed = listed;
+        self.cameras_version += 1;
+        if self.workers.is_empty() {
+            return Ok(());
+        }
+        let header = SceneHeader {
+            scenery_version: self.scenery.version_of(assets),
+            ..header
+        };
+        self.send(header, &[], &[])?;
+        self.taken_over_by = self.number;
+        Ok(())
+    }
+
+    /// The firings that workers left undone, once their cameras have new places.
+    pub fn take_unfinished(&mut self) -> Vec<SceneFiring> {
+        match self.must_divide || !self.all_took_over() {
+            true => Vec::new(),
+            false => std::mem::take(&mut self.unfinished),
+        }
+    }
+
+    /// The last scene that was sent, with its header; `None` if none was.
+    ///
+    /// # Errors
+    /// If it does not go with `assets`.
+    pub fn last_scene(
+        &self,
+        assets: &Arc<SceneAssets>,
+    ) -> anyhow::Result<Option<(SceneHeader, Scene)>> {
+        let Some(last) = &self.last else {
+            return Ok(None);
+        };
+        let header = SceneHeader {
+            n_firings: 0,
+            ..last.scene.header
+        };
+        let (scene, _) = scene_of(&header, &last.scene.rest, assets)?;
+        Ok(Some((header, scene)))
+    }
+
+    /// Sends the last scene again, for firings that have other workers now.
+    ///
+    /// # Errors
+    /// [`BusError`] if it cannot be sent.
+    pub fn send_again(&mut self, firings: &[SceneFiring]) -> Result<(), BusError> {
+        let Some(mut last) = self.last.take() else {
+            return Ok(());
+        };
+        let header = SceneHeader {
+            n_firings: 0,
+            ..last.scene.header
+        };
+        let sent = self.send(header, firings, &last.scene.rest);
+        let numbered = firings.iter().map(|firing| (self.number, *firing));
+        last.firings.extend(numbered);
+        self.last = Some(last);
+        sent
     }
 
     /// What all workers together have sent, lost and drawn.
@@ -181,7 +480,7 @@ impl Workers {
         Ok(())
     }
 
-    pub fn send(
+    fn send(
         &mut self,
         header: SceneHeader,
         firings: &[SceneFiring],
@@ -289,7 +588,7 @@ impl Workers {
     }
 
     /// Lets others finish what a worker has not sent.
-    pub fn give_up(&mut self, worker: u32, sent_number: u64) {
+    fn give_up(&mut self, worker: u32, sent_number: u64) {
         self.must_divide = true;
         let Some(last) = &mut self.last else {
             return;
@@ -351,7 +650,7 @@ impl Workers {
 }
 
 impl Worker {
-    pub fn owes(&self, number: u64, behind: u64) -> bool {
+    fn owes(&self, number: u64, behind: u64) -> bool {
         self.answer.sent_number.saturating_add(behind) < number
     }
 }

@@ -6,35 +6,36 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use launch_cli::wrong_usage;
 use launch_spec::{Launch, Rig as RigSpec};
+use nalgebra::{Point3, Vector3};
 use schema_frames::SnapshotHeader;
 use schema_roads::DEFAULT_GEO_REFERENCE;
-use schema_types::{ActorId, Pose, SimTime};
+use schema_types::{ActorId, Pose, SimTime, Tick};
 use sensor_core::gnss::GeoReference;
 use sensor_core::scene::SceneAssets;
 use sensor_core::stream::Tiles;
 use sensor_spec::SensorSpec;
 use simd_world::{EgoSpawn, Scenario, SceneryRevisions, World};
 
-use crate::maps::LoadedMap;
-use crate::scenery_stream::SceneryStream;
-use simd_frames::frames::Stamp;
+use crate::world::maps::LoadedMap;
+use crate::world::scenery_stream::SceneryStream;
+use simd_frames::frames::{Sensors, Stamp};
 
 /// The episode that runs.
 pub struct Episode {
     /// The part of the map's static scenery that is visible.
-    pub assets: Arc<SceneAssets>,
+    assets: Arc<SceneAssets>,
     /// The map's complete static scenery; `assets` is the part that is currently visible.
     whole: Arc<SceneAssets>,
     /// On a large map, what of the visible scenery is there.
-    pub stream: Option<SceneryStream>,
+    stream: Option<SceneryStream>,
     /// Revisions of the scenery that `assets` shows.
     shown: SceneryRevisions,
     /// What is the same in all headers.
-    pub stamp: Stamp,
+    stamp: Stamp,
     /// Simulated time at which it began.
-    pub start: SimTime,
+    start: SimTime,
     /// Ego and other vehicles.
-    pub scenario: Scenario,
+    scenario: Scenario,
 }
 
 /// Which episode begins, and when.
@@ -67,6 +68,65 @@ impl SceneryChange {
 }
 
 impl Episode {
+    /// The part of the map's static scenery that is visible.
+    pub fn assets(&self) -> &Arc<SceneAssets> {
+        &self.assets
+    }
+
+    /// What is the same in all headers.
+    pub fn stamp(&self) -> &Stamp {
+        &self.stamp
+    }
+
+    /// Simulated time at which it began.
+    pub fn start(&self) -> SimTime {
+        self.start
+    }
+
+    /// Ego and other vehicles.
+    pub fn scenario(&self) -> &Scenario {
+        &self.scenario
+    }
+
+    /// It counts as begun at another time.
+    pub fn start_at(&mut self, start: SimTime) {
+        self.start = start;
+    }
+
+    /// On a large map, brings the scenery near the sensors.
+    ///
+    /// # Errors
+    /// When frames in flight cannot be sent.
+    pub fn follow(
+        &mut self,
+        sensors: &mut Sensors,
+        world: &World,
+        Tick(tick): Tick,
+    ) -> anyhow::Result<()> {
+        if let Some(stream) = &mut self.stream {
+            stream.follow(sensors, world, tick)?;
+            self.assets = stream.shown().clone();
+        }
+        Ok(())
+    }
+
+    /// On a large map, brings the scenery that rays of a query pass.
+    pub fn ask(
+        &mut self,
+        sensors: &mut Sensors,
+        rays: &[(Point3<f64>, Vector3<f64>, f64)],
+        Tick(tick): Tick,
+    ) {
+        if let Some(stream) = &mut self.stream {
+            stream.ask(sensors, rays, tick);
+        }
+    }
+
+    /// On a large map, the scenery that rays have.
+    pub fn ray_scenery(&self) -> Option<Arc<SceneAssets>> {
+        self.stream.as_ref().map(SceneryStream::hit)
+    }
+
     /// Takes over what was hidden, shown or switched in the world since the last call; `None` if
     /// nothing was.
     pub fn take_scenery(&mut self, world: &World) -> Option<SceneryChange> {
