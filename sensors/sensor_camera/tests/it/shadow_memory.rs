@@ -1,6 +1,6 @@
 //! The memory of shadow maps is bounded, and images do not depend on the limit.
 
-mod common;
+use crate::common;
 
 use schema_frames::Modality;
 use sensor_camera::{CameraRenderer, Output, Place, Quality, Rasteriser, View, ViewJob, ViewSpec};

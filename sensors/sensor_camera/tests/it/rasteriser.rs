@@ -1,7 +1,7 @@
 //! The computed rasteriser: no gaps or overlaps at common edges, near and huge triangles, and the
 //! same image as the adapter draws.
 
-mod common;
+use crate::common;
 
 use std::sync::Arc;
 

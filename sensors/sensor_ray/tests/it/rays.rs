@@ -1,7 +1,7 @@
 //! Rays against a brute-force loop in `f64` on random scenes, and against planes and boxes of known
 //! distance.
 
-mod common;
+use crate::common;
 
 use common::{
     brute_force, cuboid, loose_triangles, moving, random_direction, random_pose, surface,

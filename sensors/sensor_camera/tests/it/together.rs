@@ -1,6 +1,6 @@
 //! The GPU processes the views of a tick together; no view's bytes may depend on the others.
 
-mod common;
+use crate::common;
 
 use std::sync::Arc;
 

@@ -1,8 +1,7 @@
 //! The event camera against closed forms: when an edge crosses a pixel, how many thresholds lie in
 //! its contrast, and silence.
 
-#[path = "common/mod.rs"]
-mod common;
+use crate::common;
 
 use nalgebra::Isometry3;
 use schema_frames::{DvsEvent, Modality};

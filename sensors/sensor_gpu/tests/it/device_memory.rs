@@ -95,16 +95,16 @@ fn the_processor_does_not_reach_memory_of_the_device() {
 }
 
 #[test]
-fn a_hundred_exports_leave_no_descriptor_open() {
+fn many_exports_leave_no_descriptor_open() {
     let gpu = gpu(CopyPath::Behind);
     let n_open = || std::fs::read_dir("/proc/self/fd").unwrap().count();
     drop(ShmTarget::export(&gpu, 1 << 20).unwrap());
     gpu.wait_idle();
     let before = n_open();
-    for _ in 0..100 {
+    for _ in 0..200 {
         drop(ShmTarget::export(&gpu, 1 << 20).unwrap());
         gpu.wait_idle();
     }
-    // Other tests of this process open and close descriptors meanwhile.
-    assert!(n_open() < before + 50, "{} then {}", before, n_open());
+    // Other tests of this process open and close up to a hundred descriptors meanwhile.
+    assert!(n_open() < before + 150, "{} then {}", before, n_open());
 }

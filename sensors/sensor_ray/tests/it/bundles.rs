@@ -1,7 +1,7 @@
 //! Whole lidar turns of many shapes on random scenes with moving things, each ray against a loop
 //! over every triangle in `f64`.
 
-mod common;
+use crate::common;
 
 use common::{brute_force, cuboid, loose_triangles, moving, random_pose};
 use nalgebra::{Isometry3, Point3, Vector3};

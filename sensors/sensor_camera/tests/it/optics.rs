@@ -1,8 +1,7 @@
 //! Effect of exposure, film and lens on colour, against a photographer's arithmetic; `lens.rs` and
 //! `blur.rs` hold distortion and blur.
 
-#[path = "common/mod.rs"]
-mod common;
+use crate::common;
 
 use std::sync::Arc;
 

@@ -4,8 +4,7 @@
 //! The oracle casts a ray per pixel at a plane: bend by the documented formula, focal length,
 //! rotation. For flow it finds where the point was by bisection.
 
-#[path = "common/mod.rs"]
-mod common;
+use crate::common;
 
 use std::sync::Arc;
 

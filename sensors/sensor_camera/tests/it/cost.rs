@@ -1,8 +1,7 @@
 //! Outputs without readers cost nothing, outputs that are read together are drawn once, and the
 //! same input gives the same bytes.
 
-#[path = "common/mod.rs"]
-mod common;
+use crate::common;
 
 use std::collections::BTreeMap;
 

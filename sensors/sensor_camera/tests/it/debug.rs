@@ -1,8 +1,7 @@
 //! Debug strokes: they appear in colour where a pinhole projects them, behind nearer surfaces, and
 //! in no other image.
 
-#[path = "common/mod.rs"]
-mod common;
+use crate::common;
 
 use std::sync::Arc;
 

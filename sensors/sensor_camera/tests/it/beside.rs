@@ -9,7 +9,7 @@
     reason = "targets are raw memory; each block carries its proof"
 )]
 
-mod common;
+use crate::common;
 
 use std::collections::VecDeque;
 use std::hash::{DefaultHasher, Hash, Hasher};

@@ -1,8 +1,7 @@
 //! Motion blur and depth of field against what they stand for: the mean of many sharp pictures
 //! while the shutter is open, and the disc that a point out of focus becomes.
 
-#[path = "common/mod.rs"]
-mod common;
+use crate::common;
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;

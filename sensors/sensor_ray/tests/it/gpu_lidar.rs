@@ -6,7 +6,7 @@
     reason = "targets are raw memory; each block carries its proof"
 )]
 
-mod common;
+use crate::common;
 
 use std::sync::Arc;
 

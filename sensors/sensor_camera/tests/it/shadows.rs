@@ -1,7 +1,7 @@
 //! Shadows lie where the sun puts them: near the camera in the near map, and far from it in the far
 //! map, also with the smaller maps of small images.
 
-mod common;
+use crate::common;
 
 use std::sync::Arc;
 

@@ -1,8 +1,7 @@
 //! Events from the GPU against events from the CPU, on the same images: one model, two
 //! implementations.
 
-#[path = "common/mod.rs"]
-mod common;
+use crate::common;
 
 use std::collections::BTreeMap;
 

@@ -1,8 +1,7 @@
 //! Depth, class, instance, normals and flow against a slow ray caster that shares no code with the
 //! renderer.
 
-#[path = "common/mod.rs"]
-mod common;
+use crate::common;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use schema_frames::Modality;

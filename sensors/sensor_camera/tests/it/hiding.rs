@@ -1,8 +1,7 @@
 //! Objects of the scenery are hidden and shown again: images equal those of a scene without them,
 //! and only changes are uploaded.
 
-#[path = "common/mod.rs"]
-mod common;
+use crate::common;
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
