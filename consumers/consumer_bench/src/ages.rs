@@ -6,14 +6,15 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::ensure;
-use launch_cli::{Exit, Machine, Shutdown};
+use consumer_report::numbers::micros;
+use launch_cli::{Exit, Machine, Shutdown, bench};
 use schema_bus::{Bus, FrameTopic, names};
 use schema_frames::{Modality, SensorKind};
 use serde::Serialize;
 
 use crate::output;
-use crate::spread::{Spread, Summary};
 use crate::wakes::reader::WakeReader;
+use consumer_report::{Summary, Times};
 
 /// What a writer of 64-byte frames does after it has woken its reader, and its name in the table. One
 /// that sleeps leaves its processor to the reader, which is the shortest way there is; one that
@@ -113,8 +114,8 @@ pub fn run(args: &AgesArgs, domain: &str) -> anyhow::Result<Exit> {
     let ways: Vec<(usize, Wake)> = (0..topics.len())
         .flat_map(|topic| [(topic, Wake::Rig), (topic, Wake::Own)])
         .collect();
-    let mut ages: Vec<Spread> = ways.iter().map(|_| Spread::default()).collect();
-    let mut shortest = WRITERS.map(|_| Spread::default());
+    let mut ages: Vec<Times> = ways.iter().map(|_| Times::default()).collect();
+    let mut shortest = WRITERS.map(|_| Times::default());
     for turn in 1..=args.turns {
         eprintln!("turn {turn} of {} …", args.turns);
         for wake in [Wake::Rig, Wake::Own] {
@@ -170,7 +171,7 @@ pub fn run(args: &AgesArgs, domain: &str) -> anyhow::Result<Exit> {
         rows,
     };
     print!("{}", text(&report.rows));
-    output::write_json(args.json.as_deref(), &report)?;
+    bench::write_json(args.json.as_deref(), &report)?;
     Ok(Exit::Done)
 }
 
@@ -189,7 +190,7 @@ fn frame_topics(bus: &Bus) -> anyhow::Result<(Vec<String>, Vec<String>)> {
 }
 
 /// Sends 64-byte frames to a reader of their own for so long, and works for a while after each.
-fn send_shortest(length: Duration, works: Duration, ages: &mut Spread) -> anyhow::Result<()> {
+fn send_shortest(length: Duration, works: Duration, ages: &mut Times) -> anyhow::Result<()> {
     let domain = format!("ages-{}", std::process::id());
     let bus = Bus::open(&domain, "gantry-bench")?;
     let topic = "bench/view/semantic".to_owned();
@@ -231,9 +232,9 @@ fn text(rows: &[Row]) -> String {
         vec![
             row.topic.clone(),
             row.wake.to_owned(),
-            output::micros(row.age.p50_us),
-            output::micros(row.age.p99_us),
-            output::micros(row.age.max_us),
+            micros(row.age.p50_us),
+            micros(row.age.p99_us),
+            micros(row.age.max_us),
             format!("{:.2}", row.against_shortest),
             row.age.n.to_string(),
         ]

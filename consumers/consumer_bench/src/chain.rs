@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
-use launch_cli::{Exit, Machine};
+use consumer_report::numbers::micros;
+use launch_cli::{Exit, Machine, bench};
 use schema_bus::{Answerable, Bus, Frame, FrameReader, FrameTopic, ResultReader, ResultSample};
 use schema_bus::{ResultTopic, mono_now};
 use schema_frames::{Modality, PixelFormat, ResultType};
@@ -14,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::output;
 use crate::part::{Parent, Part};
-use crate::spread::{Spread, Summary};
+use consumer_report::{Summary, Times};
 
 /// Images before counting begins.
 const WARM_UP: u64 = 50;
@@ -127,12 +128,12 @@ pub fn run(args: &ChainArgs) -> anyhow::Result<Exit> {
                     height_px: height,
                     link: i + 1,
                     polled,
-                    hop: seen.hop.iter().copied().collect::<Spread>().summary(),
+                    hop: seen.hop.iter().copied().collect::<Times>().summary(),
                     since_camera: seen
                         .since_camera
                         .iter()
                         .copied()
-                        .collect::<Spread>()
+                        .collect::<Times>()
                         .summary(),
                     lost: seen.lost,
                 }
@@ -147,7 +148,7 @@ pub fn run(args: &ChainArgs) -> anyhow::Result<Exit> {
         rows,
     };
     print!("{}", text(&report.rows));
-    output::write_json(args.json.as_deref(), &report)?;
+    bench::write_json(args.json.as_deref(), &report)?;
     Ok(Exit::Done)
 }
 
@@ -356,10 +357,10 @@ fn text(rows: &[Row]) -> String {
             format!("{}x{}", row.width_px, row.height_px),
             way(row.polled).to_owned(),
             row.link.to_string(),
-            output::micros(row.hop.p50_us),
-            output::micros(row.hop.p99_us),
-            output::micros(row.since_camera.p50_us),
-            output::micros(row.since_camera.p99_us),
+            micros(row.hop.p50_us),
+            micros(row.hop.p99_us),
+            micros(row.since_camera.p50_us),
+            micros(row.since_camera.p99_us),
             row.hop.n.to_string(),
             row.lost.to_string(),
         ]

@@ -19,12 +19,13 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, ensure};
-use launch_cli::{Exit, Machine};
+use consumer_report::numbers::micros;
+use launch_cli::{Exit, Machine, bench};
 use schema_bus::{Bus, FrameTopic, mono_now, qos};
 use serde::Serialize;
 
 use crate::output;
-use crate::spread::{Spread, Summary};
+use consumer_report::{Summary, Times};
 use reader::{ReaderProcess, WARM_UP, Way};
 
 /// Smallest frame, bytes: a time stamp and a number for TCP, and a first and a last byte to check.
@@ -141,7 +142,7 @@ pub fn run(args: &LatencyArgs) -> anyhow::Result<Exit> {
     }
     let report = Report { machine, rows };
     print!("{}", text(&report.rows));
-    output::write_json(args.json.as_deref(), &report)?;
+    bench::write_json(args.json.as_deref(), &report)?;
     Ok(Exit::Done)
 }
 
@@ -167,7 +168,7 @@ impl Case<'_> {
     }
 
     fn run(&self) -> anyhow::Result<Row> {
-        let mut sending = Spread::default();
+        let mut sending = Times::default();
         let (received, rate_hz) = match self.way {
             Way::Tcp => self.over_tcp(&mut sending)?,
             Way::Event | Way::Polled => self.over_shared_memory(&mut sending)?,
@@ -176,7 +177,7 @@ impl Case<'_> {
         let latency = received
             .into_iter()
             .flat_map(|r| r.nanos)
-            .collect::<Spread>()
+            .collect::<Times>()
             .summary();
         ensure!(
             latency.n + lost == self.count * self.n_readers as u64,
@@ -196,7 +197,7 @@ impl Case<'_> {
 
     fn over_shared_memory(
         &self,
-        sending: &mut Spread,
+        sending: &mut Times,
     ) -> anyhow::Result<(Vec<reader::Received>, f64)> {
         // A domain of its own, so that this neither meets nor disturbs a running simulator.
         let domain = format!("bench-{}", std::process::id());
@@ -236,7 +237,7 @@ impl Case<'_> {
         Ok((received, rate_hz))
     }
 
-    fn over_tcp(&self, sending: &mut Spread) -> anyhow::Result<(Vec<reader::Received>, f64)> {
+    fn over_tcp(&self, sending: &mut Times) -> anyhow::Result<(Vec<reader::Received>, f64)> {
         let listener =
             TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).context("cannot listen on 127.0.0.1")?;
         let address = listener.local_addr()?.to_string();
@@ -302,7 +303,7 @@ impl Case<'_> {
 /// Times one copy of a freshly filled frame in this process.
 fn memcpy(size_bytes: usize, count: u64) -> Row {
     let (mut source, mut target) = (vec![0u8; size_bytes], vec![0u8; size_bytes]);
-    let mut spread = Spread::default();
+    let mut spread = Times::default();
     for seq in 0..count {
         source.fill(seq as u8);
         let started = mono_now();
@@ -328,11 +329,11 @@ fn text(rows: &[Row]) -> String {
             row.size_bytes.to_string(),
             row.n_readers.to_string(),
             format!("{:.0}", row.rate_hz),
-            output::micros(row.latency.p50_us),
-            output::micros(row.latency.p99_us),
-            output::micros(row.latency.p999_us),
-            output::micros(row.latency.max_us),
-            output::micros(row.sending.p50_us),
+            micros(row.latency.p50_us),
+            micros(row.latency.p99_us),
+            micros(row.latency.p999_us),
+            micros(row.latency.max_us),
+            micros(row.sending.p50_us),
             row.latency.n.to_string(),
             row.lost.to_string(),
         ]

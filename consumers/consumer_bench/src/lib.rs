@@ -14,7 +14,6 @@ mod memory;
 mod output;
 mod pages;
 mod part;
-mod spread;
 mod tick;
 mod topics;
 mod wakes;

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, ensure};
 use consumer_kit::Steps;
-use launch_cli::{Exit, Machine};
+use launch_cli::{Exit, Machine, bench};
 use schema_bus::Bus;
 use serde::Serialize;
 
@@ -109,7 +109,7 @@ pub fn run(args: &LockstepArgs) -> anyhow::Result<Exit> {
         "{}",
         output::table(&["participants", "ticks/s", "turns"], &rows)
     );
-    output::write_json(args.json.as_deref(), &report)?;
+    bench::write_json(args.json.as_deref(), &report)?;
     Ok(Exit::Done)
 }
 

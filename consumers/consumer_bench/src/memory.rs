@@ -7,7 +7,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use launch_cli::{Exit, Machine, Shutdown};
+use launch_cli::{Exit, Machine, Shutdown, bench};
 use serde::Serialize;
 
 use crate::output;
@@ -84,7 +84,7 @@ pub fn run(args: &MemoryArgs) -> anyhow::Result<Exit> {
     let all_lived = processes.iter().all(|process| process.lived);
     let report = Report { machine, processes };
     print!("{}\n{}", report.machine.heading(), text(&report.processes));
-    output::write_json(args.json.as_deref(), &report)?;
+    bench::write_json(args.json.as_deref(), &report)?;
     Ok(if all_lived { Exit::Done } else { Exit::Failed })
 }
 

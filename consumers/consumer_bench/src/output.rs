@@ -1,57 +1,12 @@
-//! Tables for people, JSON for files, and durations on the command line.
+//! Tables for people, and durations on the command line.
 
-use std::path::Path;
 use std::time::Duration;
 
-use anyhow::Context as _;
-use serde::Serialize;
+use consumer_report::terminal::TextTable;
 
-/// Columns as wide as their widest cell: the first to the left, the others to the right.
+/// A table of lines, with a head for each column.
 pub fn table(heads: &[&str], rows: &[Vec<String>]) -> String {
-    let width = |column: usize| {
-        rows.iter()
-            .map(|row| row[column].chars().count())
-            .chain([heads[column].chars().count()])
-            .max()
-            .unwrap_or(0)
-    };
-    let widths: Vec<usize> = (0..heads.len()).map(width).collect();
-    let line = |cells: &mut dyn Iterator<Item = &str>| {
-        let cells: Vec<String> = cells
-            .zip(&widths)
-            .enumerate()
-            .map(|(i, (cell, width))| {
-                if i == 0 {
-                    format!("{cell:<width$}")
-                } else {
-                    format!("{cell:>width$}")
-                }
-            })
-            .collect();
-        cells.join("  ").trim_end().to_owned() + "\n"
-    };
-    let mut text = line(&mut heads.iter().copied());
-    for row in rows {
-        text += &line(&mut row.iter().map(String::as_str));
-    }
-    text
-}
-
-/// Microseconds with a sensible number of digits.
-pub fn micros(value: f64) -> String {
-    match value {
-        v if v < 1.0 => format!("{v:.2}"),
-        v if v < 100.0 => format!("{v:.1}"),
-        v => format!("{v:.0}"),
-    }
-}
-
-/// Writes `report` as JSON if a file was asked for.
-pub fn write_json(file: Option<&Path>, report: &impl Serialize) -> anyhow::Result<()> {
-    let Some(file) = file else { return Ok(()) };
-    let text = serde_json::to_string_pretty(report).context("cannot write the report as JSON")?;
-    std::fs::write(file, text + "\n")
-        .with_context(|| format!("cannot write the report to {}", file.display()))
+    TextTable::new(heads).rows(rows.iter().cloned()).text()
 }
 
 /// `500ms`, `20s`, `10m`, `1h`.
@@ -99,17 +54,5 @@ mod tests {
         ] {
             assert!(duration(bad).is_err(), "{bad:?}");
         }
-    }
-
-    #[test]
-    fn columns_line_up() {
-        let text = table(
-            &["name", "n"],
-            &[
-                vec!["a".into(), "1".into()],
-                vec!["longer".into(), "1000".into()],
-            ],
-        );
-        assert_eq!(text, "name       n\na          1\nlonger  1000\n");
     }
 }

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use launch_cli::{Exit, Machine, Shutdown};
+use launch_cli::{Exit, Machine, Shutdown, bench};
 use schema_bus::names::WORLD_SNAPSHOT;
 use schema_bus::{Bus, ServicePorts, Watch};
 use schema_stages::read::{Look, Process};
@@ -122,7 +122,7 @@ pub fn run(args: &TickArgs, domain: &str) -> anyhow::Result<Exit> {
         report.machine.heading(),
         text(&report, args.profile)
     );
-    output::write_json(args.json.as_deref(), &report)?;
+    bench::write_json(args.json.as_deref(), &report)?;
     Ok(Exit::Done)
 }
 

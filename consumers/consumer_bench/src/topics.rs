@@ -12,13 +12,14 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use consumer_kit::{MAX_WAIT, WakeUps};
-use launch_cli::{Exit, Machine, Shutdown};
+use consumer_report::numbers::micros;
+use launch_cli::{Exit, Machine, Shutdown, bench};
 use schema_bus::{Bus, BusError, Frame, FrameReader, TopicDetails, TopicKind, mono_now};
 use schema_types::MonoTime;
 use serde::Serialize;
 
 use crate::output;
-use crate::spread::{Spread, Summary};
+use consumer_report::{Summary, Times};
 use rate::per_sec;
 use results::{ResultRow, ResultWatch, results_text};
 
@@ -120,7 +121,7 @@ pub fn run(args: &TopicsArgs, domain: &str) -> anyhow::Result<Exit> {
     if !report.results.is_empty() {
         println!("{}", results_text(&report.results));
     }
-    output::write_json(args.json.as_deref(), &report)?;
+    bench::write_json(args.json.as_deref(), &report)?;
     let frames = report.topics.iter().map(|topic| topic.lost + topic.refused);
     let results = report
         .results
@@ -157,8 +158,8 @@ fn open_results(bus: &Bus, topics: &[TopicDetails]) -> Result<Vec<ResultWatch>, 
 /// One topic being read.
 struct Watch {
     reader: FrameReader,
-    age: Spread,
-    publishing: Spread,
+    age: Times,
+    publishing: Times,
     n_bytes: u64,
     cpu_copies: u32,
     /// Publishing times of the first and the newest frame.
@@ -169,8 +170,8 @@ impl Watch {
     fn new(reader: FrameReader) -> Self {
         Watch {
             reader,
-            age: Spread::default(),
-            publishing: Spread::default(),
+            age: Times::default(),
+            publishing: Times::default(),
             n_bytes: 0,
             cpu_copies: 0,
             span: None,
@@ -293,11 +294,11 @@ fn topics_text(rows: &[TopicRow]) -> String {
             format!("{:.1}", row.mebibytes_per_sec),
             row.n.to_string(),
             row.lost.to_string(),
-            output::micros(row.age.p50_us),
-            output::micros(row.age.p99_us),
-            output::micros(row.age.max_us),
-            output::micros(row.publishing.p50_us),
-            output::micros(row.publishing.p99_us),
+            micros(row.age.p50_us),
+            micros(row.age.p99_us),
+            micros(row.age.max_us),
+            micros(row.publishing.p50_us),
+            micros(row.publishing.p99_us),
             row.cpu_copies.to_string(),
         ]
     };

@@ -7,13 +7,14 @@ pub mod reader;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use launch_cli::{Exit, Machine};
+use consumer_report::numbers::micros;
+use launch_cli::{Exit, Machine, bench};
 use schema_bus::{Bus, FramePublisher, FrameTopic, Notifier, mono_now};
 use schema_frames::Modality;
 use serde::Serialize;
 
 use crate::output;
-use crate::spread::{Spread, Summary};
+use consumer_report::{Summary, Times};
 use reader::WakeReader;
 
 /// Bytes of every frame.
@@ -111,8 +112,8 @@ struct Case {
     wake: Wake,
     n_topics: usize,
     n_readers: usize,
-    writing: Spread,
-    age: Spread,
+    writing: Times,
+    age: Times,
     n_wakes: u64,
     n_ticks: u64,
     lost: u64,
@@ -126,8 +127,8 @@ pub fn run(args: &WakesArgs) -> anyhow::Result<Exit> {
         wake,
         n_topics,
         n_readers,
-        writing: Spread::default(),
-        age: Spread::default(),
+        writing: Times::default(),
+        age: Times::default(),
         n_wakes: 0,
         n_ticks: 0,
         lost: 0,
@@ -163,7 +164,7 @@ pub fn run(args: &WakesArgs) -> anyhow::Result<Exit> {
     for slope in &report.extra_subscriber_us {
         println!("one more subscriber, {}: {:.1} µs", slope.wake, slope.us);
     }
-    output::write_json(args.json.as_deref(), &report)?;
+    bench::write_json(args.json.as_deref(), &report)?;
     Ok(Exit::Done)
 }
 
@@ -281,10 +282,10 @@ fn text(rows: &[Row]) -> String {
             row.wake.to_owned(),
             row.n_topics.to_string(),
             row.n_readers.to_string(),
-            output::micros(row.writing.p50_us),
-            output::micros(row.writing.p99_us),
-            output::micros(row.age.p50_us),
-            output::micros(row.age.p99_us),
+            micros(row.writing.p50_us),
+            micros(row.writing.p99_us),
+            micros(row.age.p50_us),
+            micros(row.age.p99_us),
             format!("{:.2}", row.wakes_per_tick),
             row.lost.to_string(),
         ]
@@ -315,9 +316,9 @@ mod tests {
             n_readers,
             writing: Summary {
                 p50_us,
-                ..Spread::default().summary()
+                ..Times::default().summary()
             },
-            age: Spread::default().summary(),
+            age: Times::default().summary(),
             wakes_per_tick: 1.0,
             lost: 0,
         };

@@ -1,12 +1,13 @@
 //! Latency and throughput of frames through two bridges, beside zenoh alone and TCP alone with the
 //! same bytes, in turns of one run over the loopback.
 //!
-//! Usage: `compare_links [ROUNDS]`. Each line is one turn: paced at 20 frames a second, then as fast
+//! Usage: `compare_links [ROUNDS] [--json FILE]`. Each line is one turn: paced at 20 frames a second, then as fast
 //! as it goes.
 
 use std::collections::HashMap;
 use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
+use std::process::ExitCode;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
@@ -14,6 +15,7 @@ use anyhow::Context as _;
 use consumer_bridge::bridge::bridge;
 use consumer_bridge::options::Options;
 use launch_cli::Shutdown;
+use launch_cli::bench::{self, BenchResult, Samples, clap};
 use schema_bus::{Bus, FramePublisher, FrameReader, FrameTopic, LoanError};
 use schema_frames::Modality;
 use zenoh::Wait as _;
@@ -37,10 +39,20 @@ trait Way {
     fn receive(&mut self, wait: Duration) -> Option<(u64, Instant)>;
 }
 
-fn main() -> anyhow::Result<()> {
-    let rounds: u32 = std::env::args().nth(1).map_or(Ok(3), |text| text.parse())?;
+/// Compares two bridges with zenoh and TCP alone
+#[derive(Debug, clap::Args)]
+struct Args {
+    #[arg(default_value_t = 3)]
+    rounds: u32,
+}
+
+fn main() -> ExitCode {
+    bench::run("compare_links", measure_all)
+}
+
+fn measure_all(args: &Args, result: &mut BenchResult) -> anyhow::Result<()> {
     println!("way      size_px    round  sent  got   p50_ms  p99_ms  max_ms   fast_mb_s  fast_hz");
-    for round in 1..=rounds {
+    for round in 1..=args.rounds {
         for (width, height) in SIZES {
             let payload: Vec<u8> = (0..width * height * 4)
                 .map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8)
@@ -51,14 +63,21 @@ fn main() -> anyhow::Result<()> {
                 ("tcp", Box::new(Tcp::open()?)),
             ];
             for (name, way) in &mut ways {
-                measure(name, (width, height), round, way.as_mut(), &payload);
+                measure(name, (width, height), round, way.as_mut(), &payload, result);
             }
         }
     }
     Ok(())
 }
 
-fn measure(name: &str, (width, height): (u32, u32), round: u32, way: &mut dyn Way, payload: &[u8]) {
+fn measure(
+    name: &str,
+    (width, height): (u32, u32),
+    round: u32,
+    way: &mut dyn Way,
+    payload: &[u8],
+    result: &mut BenchResult,
+) {
     // Until the other end listens.
     let mut seq = 0;
     let began = Instant::now();
@@ -88,14 +107,9 @@ fn measure(name: &str, (width, height): (u32, u32), round: u32, way: &mut dyn Wa
         while note(way, &sent, PAUSE.saturating_sub(now.elapsed())) {}
     }
     while note(way, &sent, Duration::from_millis(300)) {}
-    delays_ms.sort_by(f64::total_cmp);
-    let at = |share: f64| {
-        let idx = (delays_ms.len() as f64 * share) as usize;
-        delays_ms
-            .get(idx.min(delays_ms.len().saturating_sub(1)))
-            .copied()
-            .unwrap_or(f64::NAN)
-    };
+    let n_got = delays_ms.len();
+    let delays_ms: Samples = delays_ms.into_iter().collect();
+    let [p50, p99, max] = [0.5, 0.99, 1.0].map(|share| delays_ms.at(share));
     let began = Instant::now();
     let mut n_fast = 0u64;
     while began.elapsed() < FAST {
@@ -107,14 +121,18 @@ fn measure(name: &str, (width, height): (u32, u32), round: u32, way: &mut dyn Wa
     }
     let hz = n_fast as f64 / began.elapsed().as_secs_f64();
     println!(
-        "{name:8} {:10} {round:5} {PACED:5} {:4} {:8.2} {:7.2} {:7.2} {:10.0} {hz:9.1}",
+        "{name:8} {:10} {round:5} {PACED:5} {n_got:4} {p50:8.2} {p99:7.2} {max:7.2} {:10.0} {hz:9.1}",
         format!("{width}x{height}"),
-        delays_ms.len(),
-        at(0.5),
-        at(0.99),
-        at(1.0),
         hz * payload.len() as f64 / 1e6,
     );
+    let figures = [
+        ("round", f64::from(round)),
+        ("p50_ms", p50),
+        ("p99_ms", p99),
+        ("max_ms", max),
+        ("fast_hz", hz),
+    ];
+    result.row(&format!("{name}, {width}x{height}"), &figures);
     while way.receive(Duration::from_millis(300)).is_some() {}
 }
 

@@ -13,7 +13,7 @@ use crate::export::{Exporter, Imported};
 use crate::import::Importer;
 use crate::keys::Keys;
 use crate::link;
-use crate::lookout::Lookout;
+use crate::lookout;
 use crate::options::Options;
 use crate::people::People;
 use crate::ros2::Ros2;
@@ -68,7 +68,7 @@ fn run(
         threads.push(thread);
         anyhow::Ok(())
     };
-    let lookout = Lookout::start(options)?;
+    let listing = lookout::list(options)?;
     let mut service = None;
     if options.direction.exports() {
         service = Some(Service::open(session, &keys, options)?);
@@ -76,7 +76,7 @@ fn run(
             session,
             &keys,
             options,
-            lookout.view(),
+            listing.clone(),
             names.clone(),
             counts.clone(),
         )?;
@@ -87,11 +87,11 @@ fn run(
         spawn("import", Box::new(move || importer.turn()))?;
     }
     if let Some(ros2) = &options.ros2 {
-        let mut ros2 = Ros2::open(session, options, ros2, lookout.view())?;
+        let mut ros2 = Ros2::open(session, options, ros2, listing.clone())?;
         spawn("ros2", Box::new(move || ros2.turn()))?;
     }
     if let Some(address) = options.foxglove {
-        let mut people = People::open(options, address, lookout.view())?;
+        let mut people = People::open(options, address, listing.clone())?;
         spawn("foxglove", Box::new(move || people.turn()))?;
     }
     // Others look when they see the token, so it comes last.

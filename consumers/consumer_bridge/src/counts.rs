@@ -1,10 +1,11 @@
 //! What crossed, topic by topic, for the log and for the last words.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-use std::sync::{Arc, Mutex};
 
-use crate::locked::lock;
+use parking_lot::Mutex;
+
 use crate::outbox::Sent;
 
 /// Which way a topic crosses.
@@ -69,14 +70,14 @@ pub struct Line {
 impl Counts {
     /// Adds what a sending end of a topic sends; the end itself closes with its topic.
     pub fn add(&self, topic: &str, way: Way, sent: Arc<Sent>) {
-        let mut rows = lock(&self.0);
+        let mut rows = self.0.lock();
         let row = rows.entry((way, topic.to_owned())).or_default();
         row.sent.push(sent);
     }
 
     /// Notes what the reader that is closed now had lost.
     pub fn lost(&self, topic: &str, lost: u64) {
-        if let Some(row) = lock(&self.0).get_mut(&(Way::Out, topic.to_owned())) {
+        if let Some(row) = self.0.lock().get_mut(&(Way::Out, topic.to_owned())) {
             row.lost_before += lost;
             row.lost = 0;
         }
@@ -87,14 +88,14 @@ impl Counts {
         if lost == 0 {
             return;
         }
-        if let Some(row) = lock(&self.0).get_mut(&(Way::Out, topic.to_owned())) {
+        if let Some(row) = self.0.lock().get_mut(&(Way::Out, topic.to_owned())) {
             row.lost = lost;
         }
     }
 
     /// Changes what was received of a topic.
     pub fn receive(&self, topic: &str, change: impl FnOnce(&mut Received)) {
-        let mut rows = lock(&self.0);
+        let mut rows = self.0.lock();
         change(
             &mut rows
                 .entry((Way::In, topic.to_owned()))
@@ -105,7 +106,7 @@ impl Counts {
 
     /// All topics of which anything crossed or was lost.
     pub fn lines(&self) -> Vec<Line> {
-        let rows = lock(&self.0);
+        let rows = self.0.lock();
         let line = |((way, topic), row): (&(Way, String), &Row)| {
             let mut line = Line {
                 way: *way,

@@ -2,18 +2,20 @@
 //! machine wants.
 //!
 //! A topic is read only while somebody elsewhere reads it, so a camera that nobody looks at is not
-//! rendered for the link either. Documents and the newest snapshot are kept for those who come later.
+//! rendered for the link either. Documents and the newest snapshot are kept for those who come
+//! later.
 
 mod source;
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use consumer_kit::{FollowedDocument, WakeUps};
+use consumer_kit::{Change, Domain, ListedTopic, Listing, Take, TopicId, Wish};
+use parking_lot::Mutex;
 use schema_bus::qos::Qos;
-use schema_bus::{Bus, Exchange, ServicePorts, TopicKind, names};
+use schema_bus::{TopicDetails, TopicKind};
 use schema_frames::{About, Modality, ResultType, SCHEMA_VERSION, SensorKind};
 use zenoh::query::Queryable;
 use zenoh::{Session, Wait as _};
@@ -21,12 +23,11 @@ use zenoh::{Session, Wait as _};
 use crate::announce::{Announcement, DOCUMENTS, Kind, Offer};
 use crate::counts::{Counts, Way};
 use crate::keys::Keys;
-use crate::locked::lock;
-use crate::lookout::{Left, View};
+use crate::lookout;
 use crate::options::Options;
 use crate::outbox::{Outbox, Outlet, Parcel};
 use crate::wire::{Envelope, VERSION};
-use source::{Source, Taken};
+use source::{Taken, take};
 
 /// Longest wait for a sample.
 const WAIT: Duration = Duration::from_millis(50);
@@ -42,10 +43,8 @@ type Latest = Arc<Mutex<HashMap<String, (Vec<u8>, Vec<u8>)>>>;
 /// Offers this machine's topics and sends them.
 #[derive(Debug)]
 pub struct Exporter {
-    // Ports go before their node.
+    domain: Domain,
     topics: BTreeMap<String, Exported>,
-    wake_ups: WakeUps,
-    bus: Bus,
     session: Session,
     keys: Keys,
     id: String,
@@ -57,7 +56,6 @@ pub struct Exporter {
     announced: Arc<Mutex<Vec<u8>>>,
     /// Whether another machine began or ended to want a topic.
     woken: Arc<AtomicBool>,
-    view: View,
     /// What was published here for others at the last look.
     was_imported: BTreeSet<String>,
     _answers: [Queryable<()>; 2],
@@ -66,11 +64,9 @@ pub struct Exporter {
 /// One topic on offer.
 #[derive(Debug)]
 struct Exported {
+    id: TopicId,
     offer: Offer,
     outlet: Arc<Outlet>,
-    source: Source,
-    description: Option<FollowedDocument>,
-    left: Left,
     refusal_said: bool,
 }
 
@@ -83,21 +79,20 @@ impl Exporter {
         session: &Session,
         keys: &Keys,
         options: &Options,
-        view: View,
+        listing: Listing,
         imported: Imported,
         counts: Counts,
     ) -> anyhow::Result<Exporter> {
         let id = session.zid().to_string();
-        let bus = Bus::open_with(&options.domain, "gantry-bridge", &options.bus)?;
+        let domain = lookout::join(options, listing)?;
         let (latest, announced) = (Latest::default(), Arc::new(Mutex::new(Vec::new())));
         let answers = [
             answer_announcement(session, &keys.topics(&id), announced.clone())?,
             answer_latest(session, keys, &id, latest.clone())?,
         ];
         Ok(Exporter {
+            domain,
             topics: BTreeMap::new(),
-            wake_ups: WakeUps::new(),
-            bus,
             session: session.clone(),
             keys: keys.clone(),
             id,
@@ -108,7 +103,6 @@ impl Exporter {
             latest,
             announced,
             woken: Arc::new(AtomicBool::new(false)),
-            view,
             was_imported: BTreeSet::new(),
             _answers: answers,
         })
@@ -120,58 +114,69 @@ impl Exporter {
     /// # Errors
     /// What going on cannot heal.
     pub fn turn(&mut self) -> anyhow::Result<()> {
-        let services = self.view.changed();
-        if let Some(services) = &services {
-            self.look(services)?;
+        let is_new = self.look();
+        self.take_over()?;
+        if is_new {
+            self.describe();
+            self.announce()?;
         }
-        if self.woken.swap(false, Relaxed) || services.is_some() {
+        if self.woken.swap(false, Relaxed) || is_new {
             self.open_and_close()?;
         }
         let is_full = self.pass_on();
-        self.wake_ups.wait(if is_full { WAIT_FULL } else { WAIT })?;
+        self.domain.wait(if is_full { WAIT_FULL } else { WAIT })?;
         Ok(())
     }
 
-    /// Finds topics that came and went, and tells the others if anything changed.
-    fn look(&mut self, services: &[ServicePorts]) -> anyhow::Result<()> {
-        // A topic that is published here for another machine may have ended since the list was made.
-        let now = lock(&self.imported).clone();
-        let mut imported = std::mem::replace(&mut self.was_imported, now.clone());
-        imported.extend(now);
-        let mut here = BTreeSet::new();
-        for service in services {
-            let Some(offer) = offer_of(service) else {
-                continue;
-            };
-            if imported.contains(&offer.name) || !self.options.has(&offer.name) {
-                continue;
-            }
-            here.insert(offer.name.clone());
-            let is_changed = self.topics.get(&offer.name).is_none_or(|known| {
-                (known.offer.kind, &known.offer.result) != (offer.kind, &offer.result)
-            });
-            if is_changed {
-                self.begin(offer)?;
+    /// Goes through the newest list of topics, if there is one that was not seen.
+    fn look(&mut self) -> bool {
+        // A topic that is published here for another machine may have ended since the list was
+        // made.
+        let now = self.imported.lock();
+        let (options, before) = (&self.options, &self.was_imported);
+        let is_new = lookout::look(&mut self.domain, |listed| {
+            let name = &listed.details.name;
+            let is_imported = now.contains(name) || before.contains(name);
+            let is_here = is_offered(listed) && !is_imported && options.has(name);
+            is_here.then(|| Wish::on_demand(Take::All).quietly())
+        });
+        if is_new {
+            self.was_imported = now.clone();
+        }
+        is_new
+    }
+
+    /// Begins and ends to offer topics as they came and went.
+    fn take_over(&mut self) -> anyhow::Result<()> {
+        while let Some(change) = self.domain.change() {
+            match change {
+                Change::Found { id, details } => {
+                    if let Some(offer) = offer_of(&details) {
+                        self.begin(id, offer)?;
+                    }
+                }
+                Change::Refused { id, error } => {
+                    let topic = self.topics.values_mut().find(|topic| topic.id == id);
+                    if let Some(topic) = topic
+                        && !std::mem::replace(&mut topic.refusal_said, true)
+                    {
+                        tracing::warn!(topic = topic.offer.name, %error, "another machine wants the topic, but it cannot be read; trying again");
+                    }
+                }
+                Change::Ended(id) => {
+                    if let Some(report) = self.domain.leave(id) {
+                        self.topics.remove(&report.topic);
+                        self.latest.lock().remove(&report.topic);
+                    }
+                }
+                Change::Full(_) | Change::Silent(_) | Change::Unlisted(_) => {}
             }
         }
-        let mut ended = Vec::new();
-        for (name, topic) in &mut self.topics {
-            let is_here = here.contains(name);
-            if topic.left.is_over(is_here) || !is_here && imported.contains(name) {
-                ended.push(name.clone());
-            }
-        }
-        for name in ended {
-            self.topics.remove(&name);
-            lock(&self.latest).remove(&name);
-            self.woken.store(true, Relaxed);
-        }
-        self.describe();
-        self.announce()
+        Ok(())
     }
 
     /// Offers one more topic.
-    fn begin(&mut self, offer: Offer) -> anyhow::Result<()> {
+    fn begin(&mut self, id: TopicId, offer: Offer) -> anyhow::Result<()> {
         let woken = self.woken.clone();
         let outlet = Outlet::open(
             &self.session,
@@ -181,14 +186,10 @@ impl Exporter {
             move || woken.store(true, Relaxed),
         )?;
         self.counts.add(&offer.name, Way::Out, outlet.sent.clone());
-        let description = (offer.kind == Kind::Results)
-            .then(|| FollowedDocument::optional(names::about(&offer.name)));
         tracing::debug!(topic = offer.name, "on offer");
         let exported = Exported {
+            id,
             outlet,
-            source: Source::Closed,
-            description,
-            left: Left::default(),
             refusal_said: false,
             offer,
         };
@@ -199,20 +200,8 @@ impl Exporter {
     /// Reads the descriptions of results, which go into the announcement.
     fn describe(&mut self) {
         for topic in self.topics.values_mut() {
-            let Some(description) = &mut topic.description else {
-                continue;
-            };
-            match description.changed(&self.bus) {
-                Ok(Some(document)) => match document.json::<About>() {
-                    Ok(about) => topic.offer.about = about,
-                    Err(error) => {
-                        tracing::debug!(topic = topic.offer.name, %error, "cannot read the description");
-                    }
-                },
-                Ok(None) => {}
-                Err(error) => {
-                    tracing::debug!(topic = topic.offer.name, %error, "cannot read the description");
-                }
+            if let Some(about) = self.domain.describe(topic.id) {
+                topic.offer.about = about.clone();
             }
         }
     }
@@ -233,10 +222,10 @@ impl Exporter {
                 .collect(),
         };
         let text = serde_json::to_vec(&announcement)?;
-        if *lock(&self.announced) == text {
+        if *self.announced.lock() == text {
             return Ok(());
         }
-        *lock(&self.announced) = text.clone();
+        *self.announced.lock() = text.clone();
         self.session
             .put(self.keys.topics(&self.id), text)
             .wait()
@@ -245,66 +234,15 @@ impl Exporter {
 
     /// Begins to read what is wanted, and ends to read what no longer is.
     fn open_and_close(&mut self) -> anyhow::Result<()> {
-        let mut is_changed = false;
-        for topic in self.topics.values_mut() {
+        for topic in self.topics.values() {
             // Documents are kept for those who come later.
             let is_wanted = topic.outlet.is_wanted() || topic.offer.kind == Kind::Document;
-            if is_wanted == topic.source.is_open() {
-                continue;
-            }
-            if !is_wanted {
-                self.counts.lost(&topic.offer.name, topic.source.lost());
-                topic.source = Source::Closed;
-                is_changed = true;
-                continue;
-            }
-            match Source::open(&self.bus, &topic.offer) {
-                Ok(source) => {
-                    is_changed |= source.is_open();
-                    topic.source = source;
-                }
-                Err(error) => {
-                    if !std::mem::replace(&mut topic.refusal_said, true) {
-                        tracing::warn!(topic = topic.offer.name, %error, "another machine wants the topic, but it cannot be read; trying again");
-                    }
-                }
+            if let Some(report) = self.domain.want(topic.id, is_wanted) {
+                self.counts.lost(&topic.offer.name, report.counts.lost);
             }
         }
-        if is_changed {
-            self.listen()?;
-        }
-        Ok(())
-    }
-
-    /// Listens to the events of all topics that are read.
-    fn listen(&mut self) -> anyhow::Result<()> {
-        self.wake_ups = WakeUps::new();
-        let is_read = |topic: &&Exported| topic.source.is_open();
-        let read: Vec<&Offer> = self
-            .topics
-            .values()
-            .filter(is_read)
-            .map(|topic| &topic.offer)
-            .collect();
-        let frames: Vec<&str> = read
-            .iter()
-            .filter(|offer| offer.kind == Kind::Frames)
-            .map(|offer| offer.name.as_str())
-            .collect();
-        for offer in read {
-            match offer.kind {
-                Kind::Frames => {
-                    self.wake_ups
-                        .attach(&self.bus, &offer.name, frames.iter().copied())?;
-                }
-                Kind::Results | Kind::Snapshot => {
-                    self.wake_ups.listen(&self.bus, &offer.name)?;
-                }
-                // They change rarely, and nobody is woken for them.
-                Kind::Document => {}
-            }
-        }
-        Ok(())
+        self.domain.open()?;
+        self.take_over()
     }
 
     /// Hands over what waits, snapshots first. Returns whether a topic's outlet is full.
@@ -324,7 +262,7 @@ impl Exporter {
                     is_full = true;
                     break;
                 }
-                match topic.source.take(&self.bus) {
+                match take(&mut self.domain, topic.id, topic.offer.kind) {
                     Ok(Some(taken)) => {
                         if is_kept {
                             keep(&self.latest, &topic.offer.name, &taken);
@@ -352,8 +290,8 @@ impl Exporter {
                     }
                 }
             }
-            self.counts
-                .lost_so_far(&topic.offer.name, topic.source.lost());
+            let lost = self.domain.counts(topic.id).lost;
+            self.counts.lost_so_far(&topic.offer.name, lost);
         }
         is_full
     }
@@ -367,7 +305,9 @@ fn keep(latest: &Latest, name: &str, taken: &Taken) {
         taken.payload.len(),
         crate::coding::Coding::None,
     );
-    lock(latest).insert(name.to_owned(), (envelope, taken.payload.clone()));
+    latest
+        .lock()
+        .insert(name.to_owned(), (envelope, taken.payload.clone()));
 }
 
 /// Whether a topic's samples are as large as images.
@@ -387,34 +327,40 @@ fn is_large(offer: &Offer) -> bool {
     }
 }
 
-/// What a service of this machine offers to others; `None` if nothing that crosses.
-fn offer_of(service: &ServicePorts) -> Option<Offer> {
-    if service.exchange != Exchange::Topic || service.schema != SCHEMA_VERSION.to_string() {
-        return None;
-    }
-    let kind = match service.kind() {
-        TopicKind::Frames => Kind::Frames,
-        TopicKind::Results => Kind::Results,
-        TopicKind::Snapshot => Kind::Snapshot,
-        TopicKind::Document if DOCUMENTS.contains(&service.name.as_str()) => Kind::Document,
-        TopicKind::Document | TopicKind::Controls | TopicKind::Other => return None,
-    };
-    // A sensor's writer may wait for its first reader; one that others still read has ended.
+/// Whether a listed topic crosses. A sensor's writer may wait for its first reader; one that others
+/// still read has ended.
+fn is_offered(listed: ListedTopic<'_>) -> bool {
+    let topic = listed.details;
     let has_writer =
-        !service.writers.is_empty() || (kind == Kind::Frames && service.readers.is_empty());
+        topic.publishers > 0 || (topic.kind == TopicKind::Frames && topic.subscribers == 0);
+    (listed.is_known || has_writer) && kind_of(topic).is_some()
+}
+
+/// What a topic of this machine is to others; `None` if it does not cross.
+fn kind_of(topic: &TopicDetails) -> Option<Kind> {
+    match topic.kind {
+        _ if topic.schema != SCHEMA_VERSION.to_string() => None,
+        TopicKind::Frames => Some(Kind::Frames),
+        TopicKind::Results => Some(Kind::Results),
+        TopicKind::Snapshot => Some(Kind::Snapshot),
+        TopicKind::Document if DOCUMENTS.contains(&topic.name.as_str()) => Some(Kind::Document),
+        TopicKind::Document | TopicKind::Controls | TopicKind::Other => None,
+    }
+}
+
+fn offer_of(topic: &TopicDetails) -> Option<Offer> {
+    let kind = kind_of(topic)?;
     let Qos {
         readers,
         buffer,
         borrowed,
         ..
-    } = service.qos?;
-    has_writer.then(|| Offer {
-        name: service.name.clone(),
+    } = topic.qos;
+    let result = topic.result.map(ResultType::name).unwrap_or_default();
+    Some(Offer {
+        name: topic.name.clone(),
         kind,
-        result: match kind {
-            Kind::Results => service.result.clone(),
-            _ => String::new(),
-        },
+        result: result.to_owned(),
         about: About::default(),
         readers,
         buffer,
@@ -430,7 +376,7 @@ fn answer_announcement(
     session
         .declare_queryable(key.to_owned())
         .callback(move |query| {
-            let text = lock(&announced).clone();
+            let text = announced.lock().clone();
             if !text.is_empty() {
                 let _ = query.reply(query.key_expr().clone(), text).wait();
             }
@@ -450,7 +396,7 @@ fn answer_latest(
         .declare_queryable(keys.from(id, "**"))
         .callback(move |query| {
             let topic = keys.topic_of(&own, query.key_expr().as_str());
-            let found = topic.and_then(|topic| lock(&latest).get(topic).cloned());
+            let found = topic.and_then(|topic| latest.lock().get(topic).cloned());
             if let Some((envelope, payload)) = found {
                 let key = query.key_expr().clone();
                 let _ = query.reply(key, payload).attachment(envelope).wait();

@@ -1,8 +1,9 @@
-//! From the link to the bus: publishes what other machines offer under the same names, with the same
-//! bytes, so that every consumer here works as beside the simulator.
+//! From the link to the bus: publishes what other machines offer under the same names, with the
+//! same bytes, so that every consumer here works as beside the simulator.
 //!
-//! A topic is asked for only while somebody here reads it. When the other machine is gone its topics
-//! have no writer here, like those of a simulator that ended; readers wait, and go on when it is back.
+//! A topic is asked for only while somebody here reads it. When the other machine is gone its
+//! topics have no writer here, like those of a simulator that ended; readers wait, and go on when
+//! it is back.
 
 pub mod events;
 pub mod inbox;
@@ -22,7 +23,6 @@ use crate::clock::{Clock, Due};
 use crate::counts::Counts;
 use crate::export::Imported as Names;
 use crate::keys::Keys;
-use crate::locked::lock;
 use crate::options::Options;
 use events::{Event, Events, News, ask_clock, ask_topics};
 use inbox::{Inbox, Waker};
@@ -34,7 +34,8 @@ use world::{Controls, MirroredWorld};
 const WAIT: Duration = Duration::from_millis(20);
 /// How often the numbers of readers are looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
-/// How often a bridge that has not said what it offers is asked, and a place that was taken is tried.
+/// How often a bridge that has not said what it offers is asked, and a place that was taken is
+/// tried.
 const TRY_EVERY: Duration = Duration::from_secs(1);
 /// How often another machine's clock is asked for.
 const CLOCK_EVERY: Duration = Duration::from_secs(5);
@@ -346,14 +347,14 @@ impl Importer {
                 ));
                 continue;
             }
-            lock(&self.names).insert(offer.name.clone());
+            self.names.lock().insert(offer.name.clone());
             match Topic::open(&self.bus, offer, id, &self.waker) {
                 Ok(topic) => {
                     self.rigs.add(&self.bus, &offer.name)?;
                     self.topics.insert(offer.name.clone(), topic);
                 }
                 Err(error) => {
-                    lock(&self.names).remove(&offer.name);
+                    self.names.lock().remove(&offer.name);
                     self.say_once(format!(
                         "{:?} of {} does not appear here: {error:#}",
                         offer.name, announcement.host
@@ -368,7 +369,7 @@ impl Importer {
     /// topics that are published no longer.
     fn keep_names(&mut self) {
         self.rigs.keep(self.topics.keys().map(String::as_str));
-        let mut names = lock(&self.names);
+        let mut names = self.names.lock();
         names.clear();
         names.extend(self.topics.keys().cloned());
         if self.world.is_some() {

@@ -7,24 +7,24 @@
 mod channels;
 mod world;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use consumer_forms::foxglove::frames::{TopicName, frame_entries};
+use consumer_forms::foxglove::results::ResultConverter;
+use consumer_forms::foxglove::snapshots::{BOXES_TOPIC, SnapshotConverter, TRANSFORMS_TOPIC};
 use consumer_kit::items::ResultParts;
-use consumer_kit::{FollowedDocument, FollowedResult, Take, WakeUps};
-use consumer_record::frames::{TopicName, frame_entries};
-use consumer_record::results::ResultConverter;
-use consumer_record::snapshots::{BOXES_TOPIC, SnapshotConverter, TRANSFORMS_TOPIC};
+use consumer_kit::{Change, Domain, FollowedDocument, ListedTopic, Listing, Take, TopicId, Wish};
 use foxglove::websocket::Capability;
 use foxglove::{RawChannel, WebSocketServer, WebSocketServerHandle};
-use schema_bus::{Bus, BusError, FrameReader, ServicePorts, SnapshotReader, TopicKind, names};
+use schema_bus::{TopicDetails, names};
 use schema_frames::{ActorList, Modality};
 use schema_recording::messages::{Content, Entry};
 
-use crate::lookout::{Left, View, is_left_over};
+use crate::lookout;
 use crate::options::Options;
 use channels::Channels;
 use world::{Parameters, World};
@@ -39,27 +39,25 @@ const LOSSLESS: &str = "/gantry";
 /// The server and what it shows.
 pub struct People {
     // Ports go before their node.
-    frames: BTreeMap<String, Sensor>,
-    results: BTreeMap<String, FollowedResult>,
-    snapshots: Option<SnapshotReader>,
     actors: FollowedDocument,
-    wake_ups: WakeUps,
-    bus: Bus,
+    domain: Domain,
+    frames: BTreeMap<TopicId, Sensor>,
+    /// Topics of results by their numbers.
+    results: BTreeMap<TopicId, String>,
+    snapshots: TopicId,
     converter: SnapshotConverter,
     of_results: ResultConverter,
     channels: Channels,
     server: Option<WebSocketServerHandle>,
     world: Arc<World>,
     options: Options,
-    view: View,
 }
 
 /// One topic of frames.
 struct Sensor {
+    topic: String,
     name: TopicName,
-    reader: Option<FrameReader>,
     shown: Arc<RawChannel>,
-    left: Left,
     refusal_said: bool,
 }
 
@@ -68,8 +66,12 @@ impl People {
     ///
     /// # Errors
     /// A sentence if the address is taken; [`BusError`].
-    pub fn open(options: &Options, address: SocketAddr, view: View) -> anyhow::Result<People> {
-        let bus = Bus::open_with(&options.domain, "gantry-bridge", &options.bus)?;
+    pub fn open(
+        options: &Options,
+        address: SocketAddr,
+        listing: Listing,
+    ) -> anyhow::Result<People> {
+        let mut domain = lookout::join(options, listing)?;
         let world = Arc::new(World::new(options));
         let context = foxglove::Context::new();
         let mut capabilities = vec![Capability::Time, Capability::Parameters];
@@ -98,17 +100,15 @@ impl People {
         Ok(People {
             frames: BTreeMap::new(),
             results: BTreeMap::new(),
-            snapshots: None,
+            snapshots: domain.snapshots_on_demand(),
+            domain,
             actors: FollowedDocument::optional(names::WORLD_ACTORS),
-            wake_ups: WakeUps::new(),
-            bus,
             converter: SnapshotConverter::default(),
             of_results: ResultConverter::default(),
             channels: Channels::new(context),
             server: Some(server),
             world,
             options: options.clone(),
-            view,
         })
     }
 
@@ -117,16 +117,15 @@ impl People {
     /// # Errors
     /// What going on cannot heal.
     pub fn turn(&mut self) -> anyhow::Result<()> {
-        if let Some(services) = self.view.changed() {
-            self.look_at_topics(&services)?;
-            self.world.look(&self.bus, self.server.as_ref())?;
+        if self.look_at_topics()? {
+            self.world.look(self.domain.bus(), self.server.as_ref())?;
         }
         self.open_and_close()?;
         self.send_world()?;
         self.send_frames()?;
         self.send_results()?;
-        self.wake_ups.wait(WAIT)?;
-        Ok(())
+        self.domain.wait(WAIT)?;
+        self.take_over()
     }
 
     fn n_clients(&self) -> usize {
@@ -135,49 +134,52 @@ impl People {
             .map_or(0, WebSocketServerHandle::client_count)
     }
 
-    fn look_at_topics(&mut self, services: &[ServicePorts]) -> anyhow::Result<()> {
-        self.channels
-            .offer(TRANSFORMS_TOPIC, &Content::FrameTransforms)?;
-        self.channels.offer(BOXES_TOPIC, &Content::SceneUpdate)?;
-        let has_clients = self.n_clients() > 0;
-        let (mut sensors, mut results) = (BTreeSet::new(), BTreeSet::new());
-        for topic in services {
-            // A batch only repeats the images of its cameras.
-            if !self.options.has(&topic.name) || names::is_batch(&topic.name) {
-                continue;
-            }
-            let modality = topic.name.rsplit('/').next().and_then(Modality::from_name);
-            match (topic.kind(), modality) {
-                (TopicKind::Frames, Some(modality)) => {
-                    let is_here = !is_left_over(topic);
-                    let known = self.frames.get_mut(&topic.name);
-                    if known.is_some_and(|known| !known.left.is_over(is_here)) {
-                        sensors.insert(topic.name.clone());
-                    } else if is_here {
-                        sensors.insert(topic.name.clone());
-                        self.add_sensor(&topic.name, modality)?;
+    /// Goes through the newest list of topics, if there is one that was not seen.
+    fn look_at_topics(&mut self) -> anyhow::Result<bool> {
+        let (options, has_clients) = (&self.options, self.n_clients() > 0);
+        let is_new = lookout::look(&mut self.domain, |listed| {
+            wish(listed, has_clients).filter(|_| options.has(&listed.details.name))
+        });
+        if is_new {
+            self.channels
+                .offer(TRANSFORMS_TOPIC, &Content::FrameTransforms)?;
+            self.channels.offer(BOXES_TOPIC, &Content::SceneUpdate)?;
+        }
+        self.take_over()?;
+        Ok(is_new)
+    }
+
+    /// Begins and ends to offer topics as they came and went.
+    fn take_over(&mut self) -> anyhow::Result<()> {
+        while let Some(change) = self.domain.change() {
+            match change {
+                Change::Found { id, details } => match details.result {
+                    Some(_) => {
+                        self.domain.want(id, true);
+                        self.results.insert(id, details.name);
+                    }
+                    None => self.add_sensor(id, &details)?,
+                },
+                Change::Refused { id, error } => {
+                    if self.results.contains_key(&id) {
+                        return Err(error.into());
+                    }
+                    if let Some(sensor) = self.frames.get_mut(&id)
+                        && !std::mem::replace(&mut sensor.refusal_said, true)
+                    {
+                        tracing::warn!(topic = sensor.topic, %error, "a client wants the topic, but it cannot be read; trying again");
                     }
                 }
-                (TopicKind::Results, _) if has_clients && !topic.writers.is_empty() => {
-                    results.insert(topic.name.clone());
-                    self.results
-                        .entry(topic.name.clone())
-                        .or_insert_with(|| FollowedResult::new(&*topic.name, Take::All));
-                }
-                _ => {}
+                Change::Ended(id) | Change::Unlisted(id) => self.end(id),
+                Change::Full(_) | Change::Silent(_) => {}
             }
         }
-        let gone: Vec<String> = self
-            .frames
-            .keys()
-            .filter(|name| !sensors.contains(*name))
-            .cloned()
-            .collect();
-        let n_followed = self.frames.len() + self.results.len();
-        for name in gone {
-            let Some(Sensor { name, .. }) = self.frames.remove(&name) else {
-                continue;
-            };
+        Ok(())
+    }
+
+    fn end(&mut self, id: TopicId) {
+        self.domain.leave(id);
+        if let Some(Sensor { name, .. }) = self.frames.remove(&id) {
             self.channels.end(&name.channel);
             let mut others = self.frames.values();
             if !others.any(|other| other.name.sensor_channel == name.sensor_channel) {
@@ -185,106 +187,45 @@ impl People {
                 self.channels.end(&calibration);
             }
         }
-        self.results.retain(|name, _| {
-            let is_kept = results.contains(name);
-            if !is_kept {
-                self.channels.end(&format!("/{name}"));
-                self.channels.end(&format!("/{name}/space"));
-            }
-            is_kept
-        });
-        match self.frames.len() + self.results.len() < n_followed {
-            true => self.listen(),
-            false => Ok(()),
+        if let Some(name) = self.results.remove(&id) {
+            self.channels.end(&format!("/{name}"));
+            self.channels.end(&format!("/{name}/space"));
         }
     }
 
-    fn add_sensor(&mut self, topic: &str, modality: Modality) -> anyhow::Result<()> {
-        let (Some(name), Some(content)) = (TopicName::new(topic), content_of(modality)) else {
+    fn add_sensor(&mut self, id: TopicId, details: &TopicDetails) -> anyhow::Result<()> {
+        let content = details.modality.and_then(content_of);
+        let (Some(name), Some(content)) = (TopicName::new(&details.name), content) else {
             return Ok(());
         };
         let shown = self.channels.offer(&name.channel, &content)?;
         let sensor = Sensor {
+            topic: details.name.clone(),
             name,
-            reader: None,
             shown,
-            left: Left::default(),
             refusal_said: false,
         };
-        self.frames.insert(topic.to_owned(), sensor);
+        self.frames.insert(id, sensor);
         Ok(())
     }
 
     /// Reads what clients subscribe to, and nothing else.
     fn open_and_close(&mut self) -> anyhow::Result<()> {
-        let mut is_changed = false;
-        for (topic, sensor) in &mut self.frames {
-            let is_wanted = sensor.shown.has_sinks();
-            if is_wanted == sensor.reader.is_some() {
-                continue;
-            }
-            is_changed = true;
-            sensor.reader = match is_wanted.then(|| self.bus.frame_reader(topic)).transpose() {
-                Ok(reader) => reader,
-                Err(BusError::NoSuchTopic { .. } | BusError::Service { .. }) => None,
-                Err(error) => {
-                    if !std::mem::replace(&mut sensor.refusal_said, true) {
-                        tracing::warn!(topic, %error, "a client wants the topic, but it cannot be read; trying again");
-                    }
-                    None
-                }
-            };
+        for (id, sensor) in &self.frames {
+            self.domain.want(*id, sensor.shown.has_sinks());
         }
-        for results in self.results.values_mut() {
-            if !results.found() {
-                is_changed |= results.look(&self.bus)?;
-            } else {
-                results.look(&self.bus)?;
-            }
-        }
-        let is_wanted = self.n_clients() > 0 && self.bus.exists(names::WORLD_SNAPSHOT);
-        if is_wanted != self.snapshots.is_some() {
-            self.snapshots = is_wanted
-                .then(|| self.bus.snapshot_reader())
-                .and_then(Result::ok);
-            is_changed = true;
-        }
-        if is_changed {
-            self.listen()?;
-        }
-        Ok(())
-    }
-
-    fn listen(&mut self) -> anyhow::Result<()> {
-        self.wake_ups = WakeUps::new();
-        let read = self
-            .frames
-            .iter()
-            .filter(|(_, sensor)| sensor.reader.is_some());
-        let read: Vec<&str> = read.map(|(topic, _)| topic.as_str()).collect();
-        for topic in &read {
-            self.wake_ups
-                .attach(&self.bus, topic, read.iter().copied())?;
-        }
-        for topic in self.results.keys() {
-            self.wake_ups.listen(&self.bus, topic)?;
-        }
-        if self.snapshots.is_some() {
-            self.wake_ups.listen(&self.bus, names::WORLD_SNAPSHOT)?;
-        }
-        Ok(())
+        self.domain.want(self.snapshots, self.n_clients() > 0);
+        self.domain.open()?;
+        self.take_over()
     }
 
     fn send_world(&mut self) -> anyhow::Result<()> {
-        if let Ok(Some(document)) = self.actors.changed(&self.bus)
+        if let Ok(Some(document)) = self.actors.changed(self.domain.bus())
             && let Ok(list) = document.json::<ActorList>()
         {
             self.converter.set_actors(&list);
         }
-        let Some(snapshots) = &mut self.snapshots else {
-            return Ok(());
-        };
-        while let Some(world) = snapshots.next()? {
+        while let Some(world) = self.domain.take_snapshot(self.snapshots)? {
             let header = world.header();
             if let Some(server) = &self.server {
                 server.broadcast_time(header.sim_nanos);
@@ -296,15 +237,9 @@ impl People {
     }
 
     fn send_frames(&mut self) -> anyhow::Result<()> {
-        for sensor in self.frames.values_mut() {
-            let Some(reader) = &mut sensor.reader else {
+        for (id, sensor) in &self.frames {
+            let Some(frame) = self.domain.take_frame(*id)? else {
                 continue;
-            };
-            // People look at the newest; what came before it is late already.
-            let frame = match reader.latest() {
-                Ok(Some(frame)) => frame,
-                Ok(None) | Err(BusError::BadFrame { .. }) => continue,
-                Err(error) => return Err(error.into()),
             };
             let header = frame.header();
             let extras = self.converter.frame_extras(&sensor.name, header);
@@ -317,8 +252,11 @@ impl People {
     }
 
     fn send_results(&mut self) -> anyhow::Result<()> {
-        for results in self.results.values_mut() {
-            while let Some(result) = results.take()? {
+        for id in self.results.keys() {
+            while let Some(result) = self.domain.take_result(*id)? {
+                let Some(results) = self.domain.results(*id) else {
+                    break;
+                };
                 let sim_nanos = result.header().sim_nanos;
                 let parts = ResultParts::of(&result, results.about());
                 let entries = self
@@ -353,6 +291,24 @@ fn send(channels: &mut Channels, entries: Vec<Entry>, sim_nanos: u64) -> anyhow:
         }
     }
     Ok(())
+}
+
+/// How a listed topic is to be known; `None` of one that no client can be shown. Results are read
+/// while a client is connected, of sensors what it subscribes to: people look at the newest; what
+/// came before it is late already.
+fn wish(listed: ListedTopic<'_>, has_clients: bool) -> Option<Wish> {
+    let topic = listed.details;
+    // A batch only repeats the images of its cameras.
+    if names::is_batch(&topic.name) {
+        return None;
+    }
+    match (topic.result, topic.modality) {
+        (Some(_), _) => (has_clients && topic.publishers > 0).then(|| Wish::on_demand(Take::All)),
+        (None, Some(modality)) => {
+            content_of(modality).map(|_| Wish::on_demand(Take::Newest).quietly())
+        }
+        (None, None) => None,
+    }
 }
 
 /// What a client is shown of frames; `None` of what no client can show.

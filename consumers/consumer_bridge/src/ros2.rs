@@ -1,33 +1,31 @@
-//! ROS 2: sensors, vehicles and detections as topics of a node, over zenoh as `rmw_zenoh_cpp` speaks
-//! it, without an installation of ROS 2.
+//! ROS 2: sensors, vehicles and detections as topics of a node, over zenoh as `rmw_zenoh_cpp`
+//! speaks it, without an installation of ROS 2.
 //!
-//! `/carla/RIG/SENSOR/image` and its like carry what the topics of the domain carry; a sensor is read
-//! only while a node subscribes. `ackermann_cmd` and `vehicle_control_cmd` drive.
+//! `/carla/RIG/SENSOR/image` and its like carry what the topics of the domain carry; a sensor is
+//! read only while a node subscribes. `ackermann_cmd` and `vehicle_control_cmd` drive.
 
-pub(crate) mod cdr;
 mod drive;
 mod graph;
-pub(crate) mod messages;
 mod relay;
-pub mod types;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
-use consumer_kit::{FollowedDocument, WakeUps};
-use schema_bus::{Bus, ServicePorts, SnapshotReader, TopicKind, names};
+use consumer_forms::ros2::types;
+use consumer_forms::ros2::world::{self, MAP, Transform};
+use consumer_kit::{Change, Domain, FollowedDocument, ListedTopic, Listing, TopicId, Wish};
+use schema_bus::{TopicKind, names};
 use schema_frames::{ActorInfo, ActorList};
-use schema_types::Pose;
 use zenoh::Session;
 
-use crate::lookout::{View, is_left_over};
+use crate::lookout;
 use crate::options::{Options, Ros2Options};
 use drive::{Driver, Vehicle};
 use graph::{Node, Topic};
-use messages::Link;
-use relay::Relay;
+pub use relay::frame_messages;
+use relay::{Relay, message};
 
 /// Longest wait for a frame.
 const WAIT: Duration = Duration::from_millis(50);
@@ -38,19 +36,17 @@ const MAX_RIGS: usize = 64;
 #[derive(Debug)]
 pub struct Ros2 {
     // Ports go before their node.
-    relays: BTreeMap<String, Relay>,
-    snapshots: Option<SnapshotReader>,
     actors: FollowedDocument,
+    domain: Domain,
+    relays: BTreeMap<TopicId, Relay>,
+    snapshots: TopicId,
     rigs: BTreeMap<String, Rig>,
-    wake_ups: WakeUps,
-    bus: Bus,
     node: Arc<Node>,
     clock: Option<Topic>,
     tf: Topic,
     driver: Driver,
     options: Options,
     woken: Arc<AtomicBool>,
-    view: View,
     failure_said: bool,
 }
 
@@ -76,9 +72,9 @@ impl Ros2 {
         session: &Session,
         options: &Options,
         ros2: &Ros2Options,
-        view: View,
+        listing: Listing,
     ) -> anyhow::Result<Ros2> {
-        let bus = Bus::open_with(&options.domain, "gantry-bridge", &options.bus)?;
+        let mut domain = lookout::join(options, listing)?;
         let node = Arc::new(Node::new(session, ros2.domain_id)?);
         let clock = ros2
             .clock
@@ -86,18 +82,16 @@ impl Ros2 {
             .transpose()?;
         Ok(Ros2 {
             relays: BTreeMap::new(),
-            snapshots: None,
+            snapshots: domain.snapshots_on_demand(),
+            domain,
             actors: FollowedDocument::optional(names::WORLD_ACTORS),
             rigs: BTreeMap::new(),
-            wake_ups: WakeUps::new(),
             clock,
             tf: node.publish("/tf", &types::TF, || {})?,
             driver: Driver::start(options)?,
-            bus,
             node,
             options: options.clone(),
             woken: Arc::new(AtomicBool::new(true)),
-            view,
             failure_said: false,
         })
     }
@@ -107,60 +101,57 @@ impl Ros2 {
     /// # Errors
     /// What going on cannot heal.
     pub fn turn(&mut self) -> anyhow::Result<()> {
-        if let Some(services) = self.view.changed() {
-            self.look_at_topics(&services)?;
+        let options = &self.options;
+        let is_new = lookout::look(&mut self.domain, |listed| wish(listed, options));
+        self.take_over()?;
+        if is_new {
             self.look_at_rigs()?;
-            self.woken.store(true, Relaxed);
         }
-        if self.woken.swap(false, Relaxed) {
+        if self.woken.swap(false, Relaxed) || is_new {
             self.open_and_close()?;
         }
         // One that fails keeps no other from sending.
         let mut sent = self.send_world();
-        for relay in self.relays.values_mut() {
-            sent = sent.and(relay.pass_on(&self.bus));
+        for (id, relay) in &self.relays {
+            sent = sent.and(relay.pass_on(*id, &mut self.domain));
         }
         if let Err(error) = sent
             && !std::mem::replace(&mut self.failure_said, true)
         {
             tracing::warn!("ROS 2: {error:#}; further ones are not said");
         }
-        self.wake_ups.wait(WAIT)?;
+        self.domain.wait(WAIT)?;
         Ok(())
     }
 
-    /// Finds sensors and detectors that came and went.
-    fn look_at_topics(&mut self, services: &[ServicePorts]) -> anyhow::Result<()> {
-        let mut here = BTreeSet::new();
-        for topic in services {
-            let is_one = match topic.kind() {
-                TopicKind::Frames => {
-                    let is_here = !is_left_over(topic);
-                    let known = self.relays.get_mut(&topic.name);
-                    known.map_or(is_here, |known| !known.left.is_over(is_here))
+    /// Begins and ends to offer topics as they came and went.
+    fn take_over(&mut self) -> anyhow::Result<()> {
+        while let Some(change) = self.domain.change() {
+            match change {
+                Change::Found { id, details } => {
+                    let woken = self.woken.clone();
+                    let wake = move || woken.store(true, Relaxed);
+                    self.relays
+                        .insert(id, Relay::new(&self.node, &details, wake)?);
                 }
-                TopicKind::Results => !topic.writers.is_empty(),
-                _ => false,
-            };
-            if !is_one || !self.options.has(&topic.name) {
-                continue;
-            }
-            here.insert(topic.name.clone());
-            if !self.relays.contains_key(&topic.name) {
-                let woken = self.woken.clone();
-                let wake = move || woken.store(true, Relaxed);
-                if let Some(relay) = Relay::new(&self.node, topic, wake)? {
-                    self.relays.insert(topic.name.clone(), relay);
+                Change::Refused { id, error } => {
+                    if let Some(relay) = self.relays.get_mut(&id) {
+                        relay.refuse(&error);
+                    }
                 }
+                Change::Ended(id) | Change::Unlisted(id) => {
+                    self.domain.leave(id);
+                    self.relays.remove(&id);
+                }
+                Change::Full(_) | Change::Silent(_) => {}
             }
         }
-        self.relays.retain(|name, _| here.contains(name));
         Ok(())
     }
 
     /// Finds the vehicles that carry sensors.
     fn look_at_rigs(&mut self) -> anyhow::Result<()> {
-        let Some(document) = self.actors.changed(&self.bus)? else {
+        let Some(document) = self.actors.changed(self.domain.bus())? else {
             return Ok(());
         };
         let list: ActorList = document.json()?;
@@ -206,9 +197,8 @@ impl Ros2 {
     }
 
     fn open_and_close(&mut self) -> anyhow::Result<()> {
-        let mut is_changed = false;
-        for relay in self.relays.values_mut() {
-            is_changed |= relay.open_or_close(&self.bus)?;
+        for (id, relay) in &self.relays {
+            self.domain.want(*id, relay.is_wanted());
         }
         let is_wanted = self.clock.as_ref().is_some_and(Topic::is_wanted)
             || self.tf.is_wanted()
@@ -216,91 +206,76 @@ impl Ros2 {
                 .rigs
                 .values()
                 .any(|rig| rig.odometry.is_wanted() || rig.status.is_wanted());
-        if is_wanted != self.snapshots.is_some() {
-            self.snapshots = match is_wanted && self.bus.exists(names::WORLD_SNAPSHOT) {
-                // It may be made or removed at this moment; the next look tries again.
-                true => self.bus.snapshot_reader().ok(),
-                false => None,
-            };
-            is_changed = true;
-        }
-        if is_changed {
-            self.wake_ups = WakeUps::new();
-            let read: Vec<&str> = self
-                .relays
-                .values()
-                .filter(|relay| relay.is_open())
-                .map(Relay::topic)
-                .collect();
-            for topic in &read {
-                self.wake_ups
-                    .attach(&self.bus, topic, read.iter().copied())?;
-            }
-            if self.snapshots.is_some() {
-                self.wake_ups.listen(&self.bus, names::WORLD_SNAPSHOT)?;
-            }
-        }
-        Ok(())
+        self.domain.want(self.snapshots, is_wanted);
+        self.domain.open()?;
+        self.take_over()
     }
 
     /// Clock, transforms and vehicles after every tick.
     fn send_world(&mut self) -> anyhow::Result<()> {
-        let Some(snapshots) = &mut self.snapshots else {
-            return Ok(());
-        };
-        while let Some(world) = snapshots.next()? {
-            let sim_nanos = world.header().sim_nanos;
+        while let Some(now) = self.domain.take_snapshot(self.snapshots)? {
+            let sim_nanos = now.header().sim_nanos;
             if let Some(clock) = self.clock.as_ref().filter(|clock| clock.is_wanted()) {
-                clock.send(messages::clock(sim_nanos))?;
+                clock.send(message(|out| world::clock(out, sim_nanos)))?;
             }
-            let mut links: Vec<(String, String, Pose)> = Vec::new();
+            let mut links: Vec<Transform> = Vec::new();
             for (name, rig) in &self.rigs {
-                let Some(actor) = world.actor(rig.actor) else {
+                let Some(actor) = now.actor(rig.actor) else {
                     continue;
                 };
                 if rig.odometry.is_wanted() {
                     rig.odometry
-                        .send(messages::odometry(actor, sim_nanos, name))?;
+                        .send(message(|out| world::odometry(out, sim_nanos, name, actor)))?;
                 }
                 if let Some(part) = actor.vehicle().filter(|_| rig.status.is_wanted()) {
-                    let status = messages::vehicle_status(actor, &part, sim_nanos, name);
-                    rig.status.send(status)?;
+                    rig.status.send(message(|out| {
+                        world::vehicle_status(out, sim_nanos, name, actor, &part);
+                    }))?;
                 }
                 if !self.tf.is_wanted() {
                     continue;
                 }
-                links.push((
-                    name.clone(),
-                    messages::MAP.to_owned(),
-                    actor.world_from_actor,
-                ));
+                links.push(Transform {
+                    child: name.clone(),
+                    parent: MAP.to_owned(),
+                    parent_from_child: actor.world_from_actor,
+                });
                 let from_world = actor.world_from_actor.isometry().inverse();
                 for (id, sensor, is_camera) in &rig.sensors {
-                    let Some(record) = world.actor(*id) else {
+                    let Some(record) = now.actor(*id) else {
                         continue;
                     };
                     let frame = format!("{name}/{sensor}");
                     let mount = from_world * record.world_from_actor.isometry();
                     if *is_camera {
-                        links.push((
-                            format!("{frame}_optical"),
-                            frame.clone(),
-                            messages::optical(),
-                        ));
+                        links.push(Transform {
+                            child: format!("{frame}_optical"),
+                            parent: frame.clone(),
+                            parent_from_child: world::optical(),
+                        });
                     }
-                    links.push((frame, name.clone(), mount.into()));
+                    links.push(Transform {
+                        child: frame,
+                        parent: name.clone(),
+                        parent_from_child: mount.into(),
+                    });
                 }
             }
             if !links.is_empty() {
-                let links: Vec<Link<'_>> = links
-                    .iter()
-                    .map(|(frame, parent, pose)| (frame.as_str(), parent.as_str(), *pose))
-                    .collect();
-                self.tf.send(messages::transforms(&links, sim_nanos))?;
+                self.tf
+                    .send(message(|out| world::transforms(out, sim_nanos, &links)))?;
             }
         }
         Ok(())
     }
+}
+
+/// How a listed topic is to be known; `None` of one that no node of ROS 2 can read.
+fn wish(listed: ListedTopic<'_>, options: &Options) -> Option<Wish> {
+    let topic = listed.details;
+    let has_ended = topic.kind == TopicKind::Results && topic.publishers == 0;
+    let is_one = !has_ended && options.has(&topic.name);
+    relay::wish(topic).filter(|_| is_one)
 }
 
 /// Rig and name of a sensor by its first topic, and whether it is a camera.

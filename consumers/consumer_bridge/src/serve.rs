@@ -1,12 +1,14 @@
-//! What other machines ask of this one's simulator: requests, controls, acknowledgements, the clock.
+//! What other machines ask of this one's simulator: requests, controls, acknowledgements, the
+//! clock.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use bytemuck::pod_collect_to_vec;
 use crossbeam_channel::{RecvTimeoutError, Sender, unbounded};
+use parking_lot::Mutex;
 use schema_bus::{AckWriter, Bus, BusError, CommandClient, ControlWriter, Notifier, names};
 use schema_frames::control::ControlHeader;
 use schema_frames::{Command, CommandBatch, CommandReply, ReplyBatch, VehicleControlRecord};
@@ -18,7 +20,6 @@ use zenoh::{Session, Wait as _};
 use crate::clock;
 use crate::coding::copy_to;
 use crate::keys::Keys;
-use crate::locked::lock;
 use crate::options::Options;
 use crate::wire::Envelope;
 
@@ -155,7 +156,7 @@ impl Drop for Service {
         self._queryables.clear();
         self._subscribers.clear();
         self.desk.ends.store(true, Relaxed);
-        lock(&self.desk.clients).clear();
+        self.desk.clients.lock().clear();
         let began = Instant::now();
         while Arc::strong_count(&self.desk) > 1 && began.elapsed() < END {
             std::thread::sleep(Duration::from_millis(5));
@@ -168,7 +169,7 @@ impl Desk {
     /// ended.
     fn release(&self, bridge: Option<&str>) {
         let mut released = Vec::new();
-        lock(&self.acks).retain(|_, guest| {
+        self.acks.lock().retain(|_, guest| {
             let is_kept = bridge.is_some_and(|bridge| guest.bridge != bridge);
             if !is_kept {
                 released.push(guest.name.clone());
@@ -189,7 +190,7 @@ impl Desk {
     /// Says the first failure.
     fn note(&self, what: &str, done: anyhow::Result<()>) {
         if let Err(error) = done
-            && !std::mem::replace(&mut *lock(&self.said), true)
+            && !std::mem::replace(&mut *self.said.lock(), true)
         {
             tracing::warn!("cannot take {what} of another machine: {error:#}");
         }
@@ -213,7 +214,7 @@ impl Desk {
         copy_to(sample.payload(), &mut bytes)?;
         let records: Vec<VehicleControlRecord> = pod_collect_to_vec(&bytes);
         let now = Instant::now();
-        let mut writers = lock(&self.writers);
+        let mut writers = self.writers.lock();
         if !writers.contains_key(&name) {
             anyhow::ensure!(
                 has_room(&mut writers, now),
@@ -235,7 +236,7 @@ impl Desk {
         let envelope = Envelope::open(sample.attachment())?;
         let ([participant, epoch, tick], _) = envelope.header::<[u64; 3]>()?;
         let participant = u32::try_from(participant)?;
-        let mut acks = lock(&self.acks);
+        let mut acks = self.acks.lock();
         if tick == u64::MAX {
             acks.remove(&participant);
         } else if let Some(guest) = acks.get(&participant) {
@@ -250,7 +251,7 @@ impl Desk {
         // The bridge and its client.
         let name = query.attachment().map(|name| name.to_bytes().into_owned());
         let name = String::from_utf8_lossy(&name.unwrap_or_default()).into_owned();
-        let mut clients = lock(&self.clients);
+        let mut clients = self.clients.lock();
         let query = match clients.get(&name) {
             Some(client) => match client.send(query) {
                 Ok(()) => return,
@@ -291,7 +292,7 @@ impl Desk {
                 Err(RecvTimeoutError::Disconnected) => return,
                 Err(RecvTimeoutError::Timeout) => {
                     // Whoever sends holds the lock, so nothing comes between look and end.
-                    let mut clients = lock(&self.clients);
+                    let mut clients = self.clients.lock();
                     if queries.is_empty() {
                         clients.remove(asker);
                         return;
@@ -340,7 +341,7 @@ impl Desk {
                     "the bridge beside the simulator lets nobody join the lockstep; start it with --lockstep"
                 );
                 // Who comes back under its name takes its own place.
-                lock(&self.acks).retain(|_, guest| guest.name != *name);
+                self.acks.lock().retain(|_, guest| guest.name != *name);
                 let writer: Result<AckWriter, BusError> = self.bus.ack_writer(name);
                 opened.push((name.clone(), writer?));
             }
@@ -364,11 +365,13 @@ impl Desk {
                     if let Some(idx) = opened.iter().position(|(of, _)| of == name) {
                         let (name, acks) = opened.remove(idx);
                         let bridge = bridge.to_owned();
-                        lock(&self.acks).insert(*participant, Guest { bridge, name, acks });
+                        self.acks
+                            .lock()
+                            .insert(*participant, Guest { bridge, name, acks });
                     }
                 }
                 (Command::LeaveLockstep { participant }, _) => {
-                    lock(&self.acks).remove(participant);
+                    self.acks.lock().remove(participant);
                 }
                 _ => {}
             }

@@ -2,21 +2,21 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::ExitStatus;
 use std::time::Duration;
 
 use anyhow::Context as _;
 use consumer_export::manifest::MANIFEST;
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
+use launch_run::{Ending, Output, Program, RunError};
 
 use crate::matrix::Scenario;
 use crate::recipe::{Export, Recipe};
 use crate::state::SetFolder;
-use crate::stepping::Stopped;
 
 /// How often the program is looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
+/// How many lines are quoted when it fails.
+const QUOTED_LINES: usize = 3;
 /// Exit code of wrong usage: asking again will not help.
 const WRONG_USAGE: i32 = 2;
 
@@ -85,22 +85,20 @@ impl Job<'_> {
     /// Exports; goes on with what a stopped run left, and begins anew if that does not fit.
     ///
     /// # Errors
-    /// [`Stopped`], or what the program said.
+    /// [`RunError::Stopped`], or what the program said.
     pub fn run(&self, stop: &dyn Fn() -> bool) -> anyhow::Result<()> {
         let folder = self.folder();
         let resume = folder.exists();
-        let (mut status, mut said) = self.start(resume, stop)?;
+        let (mut status, mut last) = self.start(resume, stop)?;
         if resume && status.code() == Some(WRONG_USAGE) {
             fs::remove_dir_all(&folder)
                 .with_context(|| format!("cannot remove {}", folder.display()))?;
-            (status, said) = self.start(false, stop)?;
+            (status, last) = self.start(false, stop)?;
         }
         // One that is asked to stop ends well and leaves its set unfinished.
         if status.success() && folder.join(MANIFEST).exists() {
             return Ok(());
         }
-        let last: Vec<&str> = said.lines().rev().take(3).collect();
-        let last = last.into_iter().rev().collect::<Vec<_>>().join("\n  ");
         let format = &self.export.format;
         let sentence = format!("the export to {format} ended ({status}); it said last:\n  {last}");
         if status.code() == Some(WRONG_USAGE) {
@@ -109,33 +107,31 @@ impl Job<'_> {
         anyhow::bail!("{sentence}")
     }
 
-    fn start(&self, resume: bool, stop: &dyn Fn() -> bool) -> anyhow::Result<(ExitStatus, String)> {
-        use std::os::unix::process::CommandExt as _;
+    /// Runs the program; returns how it ended and its last lines.
+    fn start(
+        &self,
+        resume: bool,
+        stop: &dyn Fn() -> bool,
+    ) -> Result<(ExitStatus, String), RunError> {
         let log = self.set.running(&format!("{}.log", self.export.folder()));
         if let Some(folder) = log.parent() {
             fs::create_dir_all(folder)?;
         }
-        let out = fs::File::create(&log)?;
-        let mut child = Command::new(self.program)
-            .args(self.words(resume))
-            .args(["--parent", &std::process::id().to_string()])
-            .env("NO_COLOR", "1")
-            .stdin(Stdio::null())
-            .stdout(out.try_clone()?)
-            .stderr(out)
-            .process_group(0)
-            .spawn()
-            .with_context(|| format!("cannot start {}", self.program.display()))?;
+        let mut process = Program::new("gantry-export", self.program)
+            .words(self.words(resume))
+            .with_parent()
+            .in_own_group()
+            .quotes_lines(QUOTED_LINES)
+            .start(Output::Log(&log))?;
         loop {
-            if let Some(status) = child.try_wait()? {
-                return Ok((status, fs::read_to_string(&log).unwrap_or_default()));
+            if let Some(status) = process.wait(LOOK_EVERY)? {
+                return Ok((status, process.last_words()));
             }
             if stop() {
-                let _ = kill(Pid::from_raw(child.id() as i32), Signal::SIGTERM);
-                child.wait()?;
-                return Err(Stopped.into());
+                // It finishes the file that it writes, which takes as long as it takes.
+                process.end_by(&Ending::term(Duration::MAX))?;
+                return Err(RunError::Stopped);
             }
-            std::thread::sleep(LOOK_EVERY);
         }
     }
 }

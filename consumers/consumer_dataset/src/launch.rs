@@ -4,11 +4,11 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use launch_cli::wrong_usage;
+use launch_spec::presets::{self, merge};
 use launch_spec::{FileText, Launch};
 use toml::{Table, Value};
 
-use crate::matrix::{Scenario, merge};
-use crate::presets;
+use crate::matrix::Scenario;
 use crate::recipe::Recipe;
 
 /// The text of a scenario's launch file; relative paths of the recipe begin in `folder`.
@@ -27,7 +27,7 @@ pub fn text(recipe: &Recipe, scenario: &Scenario, folder: &Path) -> anyhow::Resu
         let file = file.display().to_string();
         launch.insert("include".into(), Value::Array(vec![file.into()]));
     }
-    let sentence = |text: String| wrong_usage(text);
+    let sentence = |error: presets::PresetError| wrong_usage(error);
     let mut weather = presets::weather(&scenario.weather, &recipe.weather).map_err(sentence)?;
     weather.extend(presets::time(&scenario.time, &recipe.time).map_err(sentence)?);
     let mut world = Table::new();

@@ -8,16 +8,15 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use launch_cli::{WrongUsage, wrong_usage};
+use launch_run::{RunError, is_stopped, register};
 
-use crate::children::clear_quarters;
 use crate::digest::{MANIFEST, hash_set};
 use crate::estimate::{Estimate, Room, size};
 use crate::matrix::{Scenario, scenarios};
 use crate::recipe::Recipe;
 use crate::state::{Found, Plan, SetFolder, replace};
 use crate::statistics::{Statistics, count};
-use crate::stepping::Stopped;
-use crate::take::{Job, Programs, record};
+use crate::take::{Job, NAMING, Programs, record};
 use crate::{exports, launch, page};
 
 /// Wait before the first new attempt; it doubles with each.
@@ -129,7 +128,7 @@ pub fn make(
         }
         set.begin(plan)?;
     }
-    clear_quarters(&set.registers());
+    register::clear(&set.registers(), &NAMING);
     let n_done = plan
         .scenarios
         .iter()
@@ -150,7 +149,6 @@ pub fn make(
         programs: &programs,
         options,
         stop,
-        numbers: AtomicU64::new(0),
         usage_error: AtomicBool::new(false),
     };
     let mut failed = work.record_all(jobs);
@@ -186,8 +184,6 @@ struct Work<'a> {
     programs: &'a Programs,
     options: &'a Options,
     stop: &'a (dyn Fn() -> bool + Sync),
-    /// Number of the next attempt.
-    numbers: AtomicU64,
     /// Whether something failed in a way that no attempt will mend.
     usage_error: AtomicBool,
 }
@@ -249,7 +245,6 @@ impl Work<'_> {
         let job = Job {
             scenario,
             launch: &self.plan.launches[index],
-            number: self.numbers.fetch_add(1, Ordering::Relaxed),
             register: &self.set.registers().join(format!("{name}.json")),
             folder: &self.set.running(name),
             recording: &recording,
@@ -317,7 +312,7 @@ impl Work<'_> {
                 Ok(()) => return Ok(()),
                 Err(error) => error,
             };
-            let is_final = error.is::<Stopped>() || error.chain().any(|it| it.is::<WrongUsage>());
+            let is_final = is_stopped(&error) || error.chain().any(|it| it.is::<WrongUsage>());
             n_failed += 1;
             if is_final || n_failed > self.options.retries {
                 return Err(error);
@@ -331,7 +326,7 @@ impl Work<'_> {
             let since = Instant::now();
             while since.elapsed() < pause {
                 if (self.stop)() {
-                    return Err(Stopped.into());
+                    return Err(RunError::Stopped.into());
                 }
                 std::thread::sleep(LOOK_EVERY);
             }
@@ -345,7 +340,7 @@ impl Work<'_> {
         name: &str,
         error: &anyhow::Error,
     ) {
-        if error.is::<Stopped>() {
+        if is_stopped(error) {
             return;
         }
         if error.chain().any(|it| it.is::<WrongUsage>()) {

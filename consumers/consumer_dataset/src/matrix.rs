@@ -1,6 +1,8 @@
 //! The scenarios of a recipe: every combination of its matrix, with its settings.
 
 use consumer_export::options::hash;
+use launch_run::matrix::{combinations, name, number_doubles};
+use launch_spec::presets::merge;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -48,34 +50,31 @@ pub struct Scenario {
 /// A sentence if rules exclude every one.
 pub fn scenarios(recipe: &Recipe) -> Result<Vec<Scenario>, String> {
     let matrix = &recipe.matrix;
-    let mut found = Vec::new();
-    for map in &matrix.maps {
-        for weather in &matrix.weathers {
-            for time in &matrix.times {
-                for rig in &recipe.rigs() {
-                    for spawn_point in &matrix.spawn_points {
-                        for seed in matrix.seeds.list() {
-                            let place = Place {
-                                map,
-                                weather,
-                                time,
-                                rig,
-                                spawn_point: *spawn_point,
-                                seed,
-                            };
-                            if !recipe.exclude.iter().any(|rule| place.is_in(rule)) {
-                                found.push(place.scenario(recipe));
-                            }
-                        }
-                    }
-                }
-            }
-        }
-    }
+    let (rigs, seeds) = (recipe.rigs(), matrix.seeds.list());
+    let lengths = [
+        matrix.maps.len(),
+        matrix.weathers.len(),
+        matrix.times.len(),
+        rigs.len(),
+        matrix.spawn_points.len(),
+        seeds.len(),
+    ];
+    let places = combinations(lengths).map(|[map, weather, time, rig, spawn_point, seed]| Place {
+        map: &matrix.maps[map],
+        weather: &matrix.weathers[weather],
+        time: &matrix.times[time],
+        rig: &rigs[rig],
+        spawn_point: matrix.spawn_points[spawn_point],
+        seed: seeds[seed],
+    });
+    let mut found: Vec<Scenario> = places
+        .filter(|place| !recipe.exclude.iter().any(|rule| place.is_in(rule)))
+        .map(|place| place.scenario(recipe))
+        .collect();
     if found.is_empty() {
         return Err("every scenario of the matrix is excluded".into());
     }
-    make_unique(&mut found);
+    number_doubles(found.iter_mut().map(|scenario| &mut scenario.name));
     Ok(found)
 }
 
@@ -132,48 +131,23 @@ impl Place<'_> {
 
     /// What is varied, in words that are safe in paths.
     fn name(&self, recipe: &Recipe) -> String {
-        let map = self.map.rsplit('/').next().unwrap_or(self.map);
-        let map = map.strip_suffix(".xodr").unwrap_or(map);
-        let mut words = vec![map.to_owned(), self.weather.clone(), self.time.clone()];
+        let point = format!("p{}", self.spawn_point);
+        let seed = format!("s{}", self.seed);
+        let mut words = vec![self.weather.as_str(), self.time];
         if recipe.rigs().len() > 1 {
-            words.push(self.rig.clone());
+            words.push(self.rig);
         }
         if recipe.matrix.spawn_points.len() > 1 {
-            words.push(format!("p{}", self.spawn_point));
+            words.push(&point);
         }
-        words.push(format!("s{}", self.seed));
-        let tame = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
-        let words = words.iter().map(|word| word.chars().map(tame).collect());
-        let name = words.collect::<Vec<String>>().join("_");
+        words.push(&seed);
+        let name = name(self.map, &words);
         if name.len() <= MAX_NAME {
             return name;
         }
         // The end says most: the seed stands there.
         let end = &name[name.len() - MAX_NAME / 2..];
         format!("{:08x}_{end}", hash(0, &name) >> 32)
-    }
-}
-
-/// Values that are listed twice, and maps of one name in two folders, get numbers.
-fn make_unique(scenarios: &mut [Scenario]) {
-    let mut used = std::collections::HashSet::new();
-    for scenario in scenarios {
-        let base = scenario.name.clone();
-        let mut number = 1;
-        while !used.insert(scenario.name.clone()) {
-            number += 1;
-            scenario.name = format!("{base}_{number}");
-        }
-    }
-}
-
-/// Lays `over` on `base`: tables merge key by key, everything else is replaced.
-pub fn merge(base: &mut Table, over: &Table) {
-    for (key, value) in over {
-        match (base.get_mut(key), value) {
-            (Some(toml::Value::Table(base)), toml::Value::Table(over)) => merge(base, over),
-            _ => drop(base.insert(key.clone(), value.clone())),
-        }
     }
 }
 

@@ -5,12 +5,15 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use consumer_export::options::{deal, parse_split};
+use consumer_report::numbers::grouped;
+use consumer_report::page::{self, Cell, Head, Table, document};
+use consumer_report::plot::{Bar, columns, rows};
+use consumer_report::words::escape;
 use serde::Serialize;
 
 use crate::matrix::Scenario;
 use crate::recipe::Recipe;
 use crate::statistics::{DISTANCE_BIN_M, N_DISTANCES, N_OCCLUSIONS, Statistics};
-use crate::svg::{Bar, columns, escape, grouped, rows};
 
 /// Most pictures of the contact sheet; of a larger set every so many scenarios have one.
 const MAX_PICTURES: usize = 200;
@@ -94,37 +97,26 @@ pub fn summary<'a>(
 
 /// The page.
 pub fn html(summary: &Summary<'_>, statistics: &[Statistics]) -> String {
-    let name = escape(summary.name);
-    let mut page = format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{name}</title>\n\
-         <style>{STYLE}</style>\n</head>\n<body>\n<h1>{name}</h1>\n"
-    );
+    let mut page = format!("<h1>{}</h1>\n", escape(summary.name));
     if !summary.description.is_empty() {
-        let _ = writeln!(page, "<p>{}</p>", escape(summary.description));
+        let _ = writeln!(
+            page,
+            "<p class=\"soft\">{}</p>",
+            escape(summary.description)
+        );
     }
     page += &figures(summary);
     page += &charts(summary);
     page += &contact_sheet(summary, statistics);
     page += &class_table(summary);
     page += &scenario_table(summary);
-    page + "</body>\n</html>\n"
+    document(summary.name, CONTACT_SHEET, &page)
 }
 
-const STYLE: &str = "\
-:root{color-scheme:light dark;--page:#fcfcfb;--ink:#1a1a19;--soft:#5f5e5a;--line:#dddcd8;--bar:#2a78d6}\
-@media(prefers-color-scheme:dark){:root{--page:#1a1a19;--ink:#f4f3f0;--soft:#b3b2ad;--line:#3b3a38;--bar:#3987e5}}\
-body{margin:2rem auto;max-width:1180px;padding:0 1rem;background:var(--page);color:var(--ink);font:15px/1.5 system-ui,sans-serif}\
-h1{font-size:1.6rem;margin:0 0 .3rem}h2{font-size:1.05rem;margin:2rem 0 .6rem}p{margin:.2rem 0 1rem;color:var(--soft)}\
-.figures{display:flex;flex-wrap:wrap;gap:.4rem 2.2rem;margin:1.2rem 0;padding:0}\
-.figures div{min-width:5rem}.figures dt{color:var(--soft);font-size:.85rem}.figures dd{margin:0;font-size:1.35rem}\
-.charts{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,460px),1fr));gap:0 2.5rem}\
-svg{max-width:100%;height:auto;font-size:12px}svg .bar{fill:var(--bar)}svg .name{fill:var(--soft)}svg .value{fill:var(--ink)}svg .ground{stroke:var(--line)}\
-.sheet{display:grid;grid-template-columns:repeat(auto-fill,minmax(200px,1fr));gap:.8rem}\
-figure{margin:0}figure img{width:100%;border-radius:3px;display:block;background:var(--line)}figcaption{font-size:.78rem;color:var(--soft);overflow-wrap:anywhere}\
-.scroll{overflow-x:auto}table{border-collapse:collapse;font-size:.88rem;width:100%}\
-th,td{padding:.25rem .7rem;text-align:right;border-bottom:1px solid var(--line);font-variant-numeric:tabular-nums;white-space:nowrap}\
-th{color:var(--soft);font-weight:500}th:first-child,td:first-child{text-align:left;padding-left:0}td.t,th.t{text-align:left}";
+/// How the contact sheet looks.
+const CONTACT_SHEET: &str = "\
+.thumbs{display:grid;grid-template-columns:repeat(auto-fill,minmax(200px,1fr));gap:.8rem}\
+.thumbs img{width:100%;border-radius:3px;display:block;background:var(--line)}.thumbs figcaption{font-size:.78rem;color:var(--soft)}";
 
 fn figures(summary: &Summary<'_>) -> String {
     let total = &summary.total;
@@ -152,21 +144,13 @@ fn figures(summary: &Summary<'_>) -> String {
     if !formats.is_empty() {
         rows.push(("formats", formats.join(", ")));
     }
-    let mut html = String::from("<dl class=\"figures\">");
-    for (name, value) in rows {
-        let _ = write!(
-            html,
-            "<div><dt>{name}</dt><dd>{}</dd></div>",
-            escape(&value)
-        );
-    }
-    html + "</dl>\n"
+    page::figures(rows)
 }
 
 fn charts(summary: &Summary<'_>) -> String {
     let classes = &summary.total.classes;
     if classes.is_empty() {
-        return "<p>No vehicle, person or prop is in any image.</p>\n".into();
+        return "<p class=\"soft\">No vehicle, person or prop is in any image.</p>\n".into();
     }
     let mut by_class: Vec<Bar> = classes
         .iter()
@@ -224,7 +208,7 @@ fn charts(summary: &Summary<'_>) -> String {
 
 fn contact_sheet(summary: &Summary<'_>, statistics: &[Statistics]) -> String {
     let step = summary.scenarios.len().div_ceil(MAX_PICTURES).max(1);
-    let mut html = String::from("<h2>Contact sheet</h2>\n<div class=\"sheet\">\n");
+    let mut html = String::from("<h2>Contact sheet</h2>\n<div class=\"thumbs\">\n");
     for (scenario, found) in summary.scenarios.iter().zip(statistics).step_by(step) {
         if found.picture.is_empty() {
             continue;
@@ -241,56 +225,60 @@ fn contact_sheet(summary: &Summary<'_>, statistics: &[Statistics]) -> String {
 }
 
 fn class_table(summary: &Summary<'_>) -> String {
-    let mut html = String::from(
-        "<h2>Classes</h2>\n<p>An object counts once for every image that shows it; hidden ones lie within an image and nothing of them can be seen.</p>\n\
-         <div class=\"scroll\"><table><tr><th>class</th><th>in images</th><th>different objects</th><th>hidden</th><th>within 30 m</th><th>less than half covered</th></tr>\n",
-    );
+    let heads = [
+        "in images",
+        "different objects",
+        "hidden",
+        "within 30 m",
+        "less than half covered",
+    ];
+    let mut table = Table::new("", heads_behind("class", &[], &heads));
     for (class, counts) in &summary.total.classes {
         let near: u64 = counts.by_distance[..3].iter().sum();
         let clear: u64 = counts.by_occlusion[..N_OCCLUSIONS / 2].iter().sum();
-        let _ = writeln!(
-            html,
-            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-            escape(class),
-            grouped(counts.seen),
-            grouped(counts.objects),
-            grouped(counts.hidden),
-            grouped(near),
-            grouped(clear)
-        );
+        let counts = [counts.seen, counts.objects, counts.hidden, near, clear];
+        let counts = counts.map(|n| Cell::from(grouped(n)));
+        table.row(std::iter::once(Cell::from(class.as_str())).chain(counts));
     }
-    html + "</table></div>\n"
+    format!(
+        "<h2>Classes</h2>\n<p class=\"soft\">An object counts once for every image that shows it; hidden ones lie within an image and nothing of them can be seen.</p>\n{}",
+        table.html()
+    )
 }
 
 fn scenario_table(summary: &Summary<'_>) -> String {
-    let mut html = String::from(
-        "<h2>Scenarios</h2>\n<div class=\"scroll\"><table><tr><th>name</th><th class=\"t\">part</th><th class=\"t\">map</th><th class=\"t\">weather</th>\
-         <th class=\"t\">time</th><th class=\"t\">rig</th><th>seed</th><th>ticks</th><th>vehicles</th><th>people</th><th>objects in images</th></tr>\n",
-    );
+    let words = ["part", "map", "weather", "time", "rig"];
+    let numbers = ["seed", "ticks", "vehicles", "people", "objects in images"];
+    let mut table = Table::new("", heads_behind("name", &words, &numbers));
     for ScenarioSummary {
         scenario,
         part,
         shows,
     } in &summary.scenarios
     {
-        let _ = writeln!(
-            html,
-            "<tr><td>{}</td><td class=\"t\">{}</td><td class=\"t\">{}</td><td class=\"t\">{}</td><td class=\"t\">{}</td><td class=\"t\">{}</td>\
-             <td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-            escape(&scenario.name),
-            escape(part),
-            escape(&scenario.map),
-            escape(&scenario.weather),
-            escape(&scenario.time),
-            escape(&scenario.rig),
-            scenario.seed,
-            grouped(shows.n_ticks),
-            scenario.vehicles,
-            scenario.walkers,
-            grouped(shows.seen())
-        );
+        table.row([
+            Cell::from(scenario.name.as_str()),
+            part.as_str().into(),
+            scenario.map.as_str().into(),
+            scenario.weather.as_str().into(),
+            scenario.time.as_str().into(),
+            scenario.rig.as_str().into(),
+            scenario.seed.to_string().into(),
+            grouped(shows.n_ticks).into(),
+            scenario.vehicles.to_string().into(),
+            scenario.walkers.to_string().into(),
+            grouped(shows.seen()).into(),
+        ]);
     }
-    html + "</table></div>\n"
+    format!("<h2>Scenarios</h2>\n{}", table.html())
+}
+
+/// Heads of a table: the name of a row, words, and numbers.
+fn heads_behind(name: &str, words: &[&str], numbers: &[&str]) -> Vec<Head> {
+    std::iter::once(Head::words(name))
+        .chain(words.iter().map(|text| Head::words(*text)))
+        .chain(numbers.iter().map(|text| Head::new(*text)))
+        .collect()
 }
 
 #[cfg(test)]
@@ -333,7 +321,7 @@ mod tests {
         let page = html(&summary, &statistics);
         assert_eq!(page.matches("<img ").count(), 8);
         assert!(page.contains("&lt;set&gt;") && !page.contains("<set>"));
-        assert!(!page.contains("http") && !page.contains("<script"));
+        assert!(!page.contains("http:") && !page.contains("https:") && !page.contains("<script"));
         for scenario in &scenarios {
             assert!(page.contains(&scenario.name));
         }

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use consumer_export::formats::Format;
 use consumer_export::options::parse_split;
 use launch_cli::wrong_usage;
+use launch_run::matrix::Seeds;
+use launch_spec::presets;
 use serde::{Deserialize, Serialize};
 use toml::Table;
-
-use crate::presets;
 
 /// Most scenarios of a recipe.
 pub const MAX_SCENARIOS: usize = 100_000;
@@ -94,38 +94,6 @@ pub struct Matrix {
     /// Seeds.
     #[serde(default = "one_seed")]
     pub seeds: Seeds,
-}
-
-/// Seeds: a list, or so many from one on.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
-pub enum Seeds {
-    /// These.
-    List(Vec<u64>),
-    /// `{ from = 1, count = 8 }`
-    Range(SeedRange),
-}
-
-/// So many seeds from one on.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SeedRange {
-    /// The first.
-    pub from: u64,
-    /// How many.
-    pub count: u64,
-}
-
-impl Seeds {
-    /// All of them, in order.
-    pub fn list(&self) -> Vec<u64> {
-        match self {
-            Seeds::List(seeds) => seeds.clone(),
-            Seeds::Range(range) => (0..range.count)
-                .map(|i| range.from.saturating_add(i))
-                .collect(),
-        }
-    }
 }
 
 /// Sensors and what carries them, in a launch file's words.
@@ -381,10 +349,10 @@ impl Recipe {
             }
         }
         for name in &matrix.weathers {
-            presets::weather(name, &self.weather)?;
+            presets::weather(name, &self.weather).map_err(|error| error.to_string())?;
         }
         for name in &matrix.times {
-            presets::time(name, &self.time)?;
+            presets::time(name, &self.time).map_err(|error| error.to_string())?;
         }
         for name in &matrix.rigs {
             if !self.rig.contains_key(name) {

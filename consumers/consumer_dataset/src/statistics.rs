@@ -111,7 +111,7 @@ pub fn count(
     let n_ticks = (ticks.end() + 1).saturating_sub(*ticks.start());
     while let Some(tick) = reader.next_tick()? {
         if stop() {
-            return Err(crate::stepping::Stopped.into());
+            return Err(launch_run::RunError::Stopped.into());
         }
         if ticks.contains(&tick.tick) {
             counter.tick(&scenario, &tick, n_ticks / 2)?;

@@ -1,10 +1,10 @@
 //! Sends what is asked for on pages to the simulator, on a thread of its own: a step may take long.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use schema_bus::{Bus, CommandClient};
+use schema_bus::{Bus, BusError, CommandClient, CommandError};
 
 /// Longest wait for an answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
@@ -13,10 +13,27 @@ const PAGE_TIMEOUT: Duration = Duration::from_secs(30);
 /// How often the end is looked for.
 const TURN: Duration = Duration::from_millis(100);
 
+/// Why a batch has no answer.
+#[derive(Debug, thiserror::Error)]
+pub enum AskError {
+    /// This program ends.
+    #[error("gantry-desk is ending")]
+    Ending,
+    /// No answer came in time.
+    #[error("the simulator does not answer; a step may be running")]
+    Silence,
+    /// There is no way to the simulator.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// The simulator took no commands.
+    #[error(transparent)]
+    Command(#[from] CommandError),
+}
+
 /// A batch of commands as JSON, and where its answer goes.
 pub struct Job {
     batch: Vec<u8>,
-    answer: Sender<Result<Vec<u8>, String>>,
+    answer: Sender<Result<Vec<u8>, AskError>>,
     /// When the page has said that there was no answer, and it must not be done any more.
     until: Instant,
 }
@@ -35,10 +52,9 @@ impl Commands {
     /// Sends a batch and waits for its answer, as JSON.
     ///
     /// # Errors
-    /// A sentence: nobody answers, or not in time.
-    pub fn ask(&self, batch: Vec<u8>) -> Result<Vec<u8>, String> {
+    /// If nobody answers, or not in time.
+    pub fn ask(&self, batch: Vec<u8>) -> Result<Vec<u8>, AskError> {
         let (answer, answered) = channel();
-        let ended = |_| "gantry-desk is ending".to_owned();
         let until = Instant::now() + PAGE_TIMEOUT;
         self.0
             .send(Job {
@@ -46,10 +62,10 @@ impl Commands {
                 answer,
                 until,
             })
-            .map_err(|_| ended(RecvTimeoutError::Disconnected))?;
+            .map_err(|_| AskError::Ending)?;
         answered
             .recv_timeout(PAGE_TIMEOUT)
-            .map_err(|_| "the simulator does not answer; a step may be running".to_owned())?
+            .map_err(|_| AskError::Silence)?
     }
 }
 
@@ -78,7 +94,7 @@ pub fn serve(domain: &str, jobs: &Receiver<Job>, ends: &AtomicBool) -> anyhow::R
                 }
                 Err(error) => {
                     // The page may have been closed meanwhile.
-                    let _ = job.answer.send(Err(error.to_string()));
+                    let _ = job.answer.send(Err(error.into()));
                     continue;
                 }
             },
@@ -87,7 +103,7 @@ pub fn serve(domain: &str, jobs: &Receiver<Job>, ends: &AtomicBool) -> anyhow::R
             // A simulator that was started anew has another server.
             client = None;
         }
-        let _ = job.answer.send(asked.map_err(|error| error.to_string()));
+        let _ = job.answer.send(asked.map_err(AskError::from));
     }
     Ok(())
 }

@@ -1,11 +1,12 @@
 //! What is known of the world, as pages read it.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use consumer_kit::{FollowedDocument, Follower, WorldAt};
+use parking_lot::Mutex;
 use schema_bus::names;
 use schema_frames::document::SpawnPoints;
 use schema_frames::{ActorInfo, ActorKind, ActorList, Catalogue, LightState, StepMode, WorldInfo};
@@ -35,20 +36,16 @@ struct Shared {
 }
 
 impl Facts {
-    fn lock(&self) -> MutexGuard<'_, Shared> {
-        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// The world as it is now, JSON; empty before anything is known.
     pub fn state(&self) -> Arc<String> {
-        let mut shared = self.lock();
+        let mut shared = self.shared.lock();
         shared.asked = Some(Instant::now());
         shared.state.clone()
     }
 
     /// What changes seldom: what can be spawned and where, and the plan of the town, JSON.
     pub fn town(&self) -> Arc<String> {
-        self.lock().town.clone()
+        self.shared.lock().town.clone()
     }
 
     /// Looks at the world while pages ask, until `ends`.
@@ -59,13 +56,17 @@ impl Facts {
         let program = format!("gantry-desk-{}", std::process::id());
         let mut look = Look::open(domain, &program)?;
         while !ends.load(Ordering::Acquire) {
-            let is_asked = self.lock().asked.is_some_and(|at| at.elapsed() < SILENCE);
+            let is_asked = self
+                .shared
+                .lock()
+                .asked
+                .is_some_and(|at| at.elapsed() < SILENCE);
             if is_asked {
                 if look.turn()? {
-                    self.lock().town = Arc::new(look.town());
+                    self.shared.lock().town = Arc::new(look.town());
                 }
                 let state = look.state();
-                self.lock().state = Arc::new(state);
+                self.shared.lock().state = Arc::new(state);
             }
             std::thread::sleep(TURN);
         }

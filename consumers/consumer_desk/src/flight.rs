@@ -1,13 +1,14 @@
 //! The spectator's picture for pages, rendered while somebody looks, and flown by keys and mouse of
 //! the page.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use consumer_fly::input::{Held, Input, of_letter};
 use consumer_fly::screen::{Picture, Screen};
-use consumer_picture::jpeg::{Pixels, jpeg};
+use consumer_forms::picture::jpeg::{Pixels, jpeg};
+use parking_lot::{Condvar, Mutex};
 use serde::Deserialize;
 
 /// Quality of the pictures.
@@ -127,13 +128,9 @@ pub struct Flight {
 }
 
 impl Flight {
-    fn lock(&self) -> MutexGuard<'_, Newest> {
-        self.newest.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Says what a page asks for.
     pub fn ask(&self, asked: &[Asked]) {
-        let mut newest = self.lock();
+        let mut newest = self.newest.lock();
         let room = MAX_WAITING.saturating_sub(newest.inputs.len());
         let inputs = asked.iter().filter_map(|asked| asked.input()).take(room);
         newest.inputs.extend(inputs);
@@ -141,7 +138,7 @@ impl Flight {
 
     /// Where the spectator is, in words.
     pub fn line(&self) -> String {
-        self.lock().line.clone()
+        self.newest.lock().line.clone()
     }
 
     /// Counts somebody who looks, until the value is dropped.
@@ -152,12 +149,9 @@ impl Flight {
 
     /// The first picture after `number`, if one comes `within` that time.
     pub fn after(&self, number: u64, within: Duration) -> Option<(u64, Arc<Vec<u8>>)> {
-        let newest = self.lock();
+        let mut newest = self.newest.lock();
         let waits = |newest: &mut Newest| newest.number <= number;
-        let (newest, _) = self
-            .shown
-            .wait_timeout_while(newest, within, waits)
-            .unwrap_or_else(PoisonError::into_inner);
+        self.shown.wait_while_for(&mut newest, waits, within);
         (newest.number > number).then(|| (newest.number, newest.jpeg.clone()))
     }
 
@@ -202,7 +196,7 @@ struct Page<'f>(&'f Flight);
 
 impl Screen for Page<'_> {
     fn poll(&mut self) -> anyhow::Result<Vec<Input>> {
-        Ok(std::mem::take(&mut self.0.lock().inputs))
+        Ok(std::mem::take(&mut self.0.newest.lock().inputs))
     }
 
     fn show(&mut self, picture: &Picture<'_>) -> anyhow::Result<()> {
@@ -212,7 +206,7 @@ impl Screen for Page<'_> {
         }
         let size = [picture.width_px, picture.height_px];
         let file = jpeg(size, Pixels::Bgra, &pixels, QUALITY).map_err(anyhow::Error::msg)?;
-        let mut newest = self.0.lock();
+        let mut newest = self.0.newest.lock();
         newest.number += 1;
         newest.jpeg = Arc::new(file);
         drop(newest);
@@ -221,7 +215,7 @@ impl Screen for Page<'_> {
     }
 
     fn say(&mut self, line: &str) -> anyhow::Result<()> {
-        self.0.lock().line = line.to_owned();
+        self.0.newest.lock().line = line.to_owned();
         Ok(())
     }
 }

@@ -11,14 +11,15 @@
 
 use std::io;
 use std::net::TcpStream;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::Context as _;
 use consumer_rpc::door::Guest;
+use parking_lot::Mutex;
 use serde_json::json;
 
 use crate::commands::{self, Commands, Job};
@@ -64,11 +65,7 @@ impl Desk {
     /// # Errors
     /// If there can be no more threads.
     pub fn start(self: &Arc<Self>) -> anyhow::Result<Vec<JoinHandle<anyhow::Result<()>>>> {
-        let jobs = self
-            .jobs
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take();
+        let jobs = self.jobs.lock().take();
         let jobs = jobs.context("this desk has been started already")?;
         let thread = |name: &str, work: Box<dyn FnOnce() -> anyhow::Result<()> + Send>| {
             let builder = std::thread::Builder::new().name(name.into());
@@ -150,7 +147,10 @@ fn answer(desk: &Desk, stream: &TcpStream, request: &Request) -> io::Result<()> 
         ("GET", "/picture") => pictures(desk, stream),
         ("POST", "/command") => match desk.commands.ask(request.body.clone()) {
             Ok(answer) => ok(JSON, &answer),
-            Err(why) => http::answer(stream, "503 Service Unavailable", TEXT, why.as_bytes()),
+            Err(error) => {
+                let why = error.to_string();
+                http::answer(stream, "503 Service Unavailable", TEXT, why.as_bytes())
+            }
         },
         ("POST", "/fly") => match serde_json::from_slice::<Vec<Asked>>(&request.body) {
             Ok(asked) => {

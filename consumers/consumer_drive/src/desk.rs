@@ -3,11 +3,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use consumer_driver::fleet::Fleet;
+use consumer_driver::parameters::{Action, Parameters, Settings, Surroundings, VehicleParameters};
 use schema_frames::{ActorList, Command, StepMode, WorldInfo};
 use serde::{Deserialize, Serialize};
-
-use crate::fleet::Fleet;
-use crate::parameters::{Action, Parameters, Settings, Surroundings, VehicleParameters};
 
 /// Something to do between two snapshots; what it returns is called when it counts.
 pub type Request = Box<dyn FnOnce(&mut Desk) -> Answer + Send>;

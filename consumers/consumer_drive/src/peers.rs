@@ -15,6 +15,15 @@ const SILENT: Duration = Duration::from_millis(500);
 /// After this, a process that was never heard is asked for.
 const UNHEARD: Duration = Duration::from_secs(3);
 
+/// A tick of one run of the simulator.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct TickId {
+    /// Run of the simulator.
+    pub epoch: u64,
+    /// Tick.
+    pub tick: u64,
+}
+
 /// The processes with which the vehicles are shared.
 pub(crate) struct Peers {
     colleagues: Colleagues,
@@ -58,13 +67,13 @@ impl Peers {
     /// The bus fails.
     pub fn listen(
         &mut self,
-        (epoch, tick): (u64, u64),
+        now: TickId,
         period_nanos: u64,
         in_lockstep: bool,
     ) -> Result<(), BusError> {
-        if self.epoch != epoch {
+        if self.epoch != now.epoch {
             self.colleagues.restart();
-            self.epoch = epoch;
+            self.epoch = now.epoch;
         }
         for batch in self.reader.drain()? {
             let Some(idx) = self.names.iter().position(|name| *name == batch.writer) else {
@@ -82,7 +91,7 @@ impl Peers {
         };
         let heard_at = &self.heard_at;
         let is_late = |number: u32| in_lockstep || heard_at[number as usize - 1].elapsed() > SILENT;
-        let since = tick.saturating_sub(n_ticks);
+        let since = now.tick.saturating_sub(n_ticks);
         for number in self.colleagues.fallen_silent(since, is_late) {
             tracing::warn!(
                 "{} has fallen silent; the others drive its vehicles until it is back",

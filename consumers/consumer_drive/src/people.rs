@@ -3,13 +3,12 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use consumer_driver::crowd::{Crowd, CrowdOptions, ROLE};
+use consumer_driver::traffic::Traffic;
 use consumer_kit::FollowedDocument;
 use schema_bus::{Bus, BusError, names};
 use schema_frames::{ActorList, Catalogue, Command, CommandReply};
 use schema_roads::RoadMap;
-
-use crate::crowd::{Crowd, CrowdOptions, ROLE};
-use crate::traffic::Traffic;
 
 /// How long the catalogue is waited for.
 const CATALOGUE_WAIT: Duration = Duration::from_secs(2);

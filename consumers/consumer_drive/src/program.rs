@@ -3,13 +3,13 @@
 use std::net::{IpAddr, Ipv4Addr};
 use std::process::ExitCode;
 
-use crate::crowd::CrowdOptions;
-use crate::parameters::Parameters;
 use crate::selection::Selection;
 use crate::served::{self, Served};
 use crate::session;
 use crate::share::Share;
 use clap::Parser;
+use consumer_driver::crowd::CrowdOptions;
+use consumer_driver::parameters::Parameters;
 use consumer_rpc::door::Admits;
 use launch_cli::{CommonArgs, Exit, Shutdown, run};
 

@@ -10,18 +10,19 @@
 
 use std::collections::BTreeSet;
 use std::net::{IpAddr, TcpListener};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 use anyhow::Context as _;
+use consumer_driver::parameters::Parameters;
 use consumer_rpc::door::{Admits, Door, within_file_limit};
 use consumer_rpc::fields::{Fields, Wrong};
 use consumer_rpc::message::{self, Request};
 use consumer_rpc::place::Place;
 use consumer_rpc::server::{self, Peer, Service};
+use parking_lot::Mutex;
 use schema_bus::Bus;
 
 use crate::desk::Desk;
-use crate::parameters::Parameters;
 use crate::requests::{Counter, Requests, channel};
 use announce::Notice;
 use keep::Record;
@@ -49,10 +50,6 @@ pub struct Manager {
     clients: Mutex<BTreeSet<u64>>,
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl Manager {
     /// The manager of the session behind `counter`.
     pub fn new(counter: Counter) -> Manager {
@@ -65,7 +62,7 @@ impl Manager {
 
 impl Service for Manager {
     fn serve(&self, peer: Peer, request: Request) -> Result<Vec<u8>, Wrong> {
-        lock(&self.clients).insert(peer.number);
+        self.clients.lock().insert(peer.number);
         let method = request.method.as_str();
         let Some(run) = methods::find(method) else {
             let error = message::unknown(method, request.args.len());
@@ -85,7 +82,7 @@ impl Service for Manager {
     /// What was set for all vehicles ends with the last client: the next script begins with what it
     /// expects. Vehicles stay on autopilot.
     fn closed(&self, number: u64) {
-        let mut clients = lock(&self.clients);
+        let mut clients = self.clients.lock();
         if clients.remove(&number) && clients.is_empty() {
             tracing::info!("the last client has gone; settings for all vehicles begin anew");
             drop(clients);

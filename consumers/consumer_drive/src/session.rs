@@ -7,6 +7,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
+use consumer_driver::crowd::CrowdOptions;
+use consumer_driver::fleet::{Fleet, Step};
+use consumer_driver::parameters::Parameters;
+use consumer_driver::steer::Geometry;
+use consumer_driver::traffic::{Snapshot, Traffic};
 use consumer_kit::{FollowedDocument, Lockstep, SnapshotTrail, WorldAt};
 use schema_bus::{
     Bus, BusError, CommandClient, CommandError, ControlWriter, Notifier, Token, WaitSet, names,
@@ -16,17 +21,12 @@ use schema_frames::{
 };
 use schema_roads::RoadMap;
 
-use crate::crowd::CrowdOptions;
 use crate::desk::{Answer, Desk, Start};
-use crate::fleet::{Fleet, Step};
-use crate::parameters::Parameters;
-use crate::peers::{Peers, writer_name};
+use crate::peers::{Peers, TickId, writer_name};
 use crate::people::People;
 use crate::selection::Selection;
 use crate::served::Served;
 use crate::share::Share;
-use crate::steer::Geometry;
-use crate::traffic::Traffic;
 
 /// Longest wait for a snapshot, so that a shutdown is seen in time.
 const MAX_WAIT: Duration = Duration::from_millis(50);
@@ -118,13 +118,14 @@ struct Session<'o> {
     commands: Option<CommandClient>,
     command_name: String,
     episode: Option<Episode>,
-    done: (u64, u64),
+    done: TickId,
     peers: Option<Peers>,
     /// List, registrations and shares by which vehicles were assigned.
     assigned: Option<(u64, u64, u64, u64)>,
+    /// Epoch and revision of a map on which nobody can drive.
     refused_map: Option<(u64, u64)>,
     /// Since when a tick has waited for its map.
-    waiting: Option<((u64, u64), Instant)>,
+    waiting: Option<(TickId, Instant)>,
     bus: Bus,
 }
 
@@ -172,7 +173,7 @@ impl<'o> Session<'o> {
             commands: None,
             command_name: format!("gantry-{name}"),
             episode: None,
-            done: (0, 0),
+            done: TickId::default(),
             peers,
             assigned: None,
             refused_map: None,
@@ -235,7 +236,7 @@ impl<'o> Session<'o> {
         let Some(world) = self.trail.newest(&self.bus)? else {
             return Ok(());
         };
-        let now = (world.header.epoch, world.header.tick);
+        let now = tick_id(&world);
         self.read_info()?;
         self.leave_lockstep_if_asked();
         if let Some(peers) = &mut self.peers {
@@ -281,16 +282,18 @@ impl<'o> Session<'o> {
 
     /// Whether the simulator waits for what is said about this tick. Controls for an earlier one
     /// would arrive before or after it has begun the next, as chance will have it.
-    fn answers(&self, (epoch, tick): (u64, u64)) -> bool {
+    fn answers(&self, now: TickId) -> bool {
         self.lockstep
             .as_ref()
-            .is_some_and(|it| it.epoch() == epoch && it.first_tick() <= tick)
+            .is_some_and(|it| it.epoch() == now.epoch && it.first_tick() <= now.tick)
     }
 
     /// In lockstep, a tick whose map has not arrived is not answered yet.
     fn waits_for_map(&mut self, world: &WorldAt) -> bool {
-        let now = (world.header.epoch, world.header.tick);
-        let is_refused = self.refused_map.is_some_and(|(epoch, _)| epoch == now.0);
+        let now = tick_id(world);
+        let is_refused = self
+            .refused_map
+            .is_some_and(|(epoch, _)| epoch == now.epoch);
         if !self.desk.lockstep() || is_refused {
             return false;
         }
@@ -440,14 +443,14 @@ impl<'o> Session<'o> {
             return Step::default();
         };
         let header = &at.header;
-        let traffic = Traffic::from_records(
-            header.tick,
+        let traffic = Traffic::of(&Snapshot {
+            tick: header.tick,
             // Choices must not depend on what was driven before this episode.
-            header.sim_nanos.saturating_sub(self.desk.begin_nanos()),
-            header.period_nanos,
-            &at.records,
-            self.desk.actors(),
-        );
+            sim_nanos: header.sim_nanos.saturating_sub(self.desk.begin_nanos()),
+            period_nanos: header.period_nanos,
+            records: &at.records,
+            actors: self.desk.actors(),
+        });
         let shares = self.peers.as_ref().map_or(0, Peers::revision);
         let now = (
             self.list_epoch,
@@ -548,10 +551,17 @@ impl<'o> Session<'o> {
             .map(|id| VehicleControlRecord::new(*id, brake))
             .collect();
         if !records.is_empty() {
-            self.writer.send(self.done.1, &records)?;
+            self.writer.send(self.done.tick, &records)?;
             self.daemon.notify();
         }
         Ok(())
+    }
+}
+
+fn tick_id(world: &WorldAt) -> TickId {
+    TickId {
+        epoch: world.header.epoch,
+        tick: world.header.tick,
     }
 }
 

@@ -8,7 +8,7 @@ mod kitti;
 mod kitti360;
 mod nuscenes;
 mod objects;
-mod rosbag;
+pub mod rosbag;
 mod semantickitti;
 mod trajectory;
 mod yolo;

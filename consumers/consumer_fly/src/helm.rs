@@ -1,11 +1,12 @@
 //! Sends poses to the simulator on a thread of its own, so that a slow tick does not hold up keys
 //! and image. Of poses that wait, the newest is sent.
 
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use parking_lot::{Condvar, Mutex};
 use schema_bus::{Bus, CommandClient};
 use schema_frames::{Command, CommandBatch, CommandReply, ReplyBatch};
 use schema_types::Pose;
@@ -28,12 +29,6 @@ struct State {
 struct Shared {
     state: Mutex<State>,
     changed: Condvar,
-}
-
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 /// Moves the spectator. Dropping it ends its thread.
@@ -63,19 +58,19 @@ impl Helm {
 
     /// Moves the spectator to a pose; one that was not sent yet is forgotten.
     pub fn steer(&self, spectator: u32, pose: Pose) {
-        self.shared.lock().wish = Some((spectator, pose));
+        self.shared.state.lock().wish = Some((spectator, pose));
         self.shared.changed.notify_all();
     }
 
     /// Why the last pose was not taken, if it was not.
     pub fn trouble(&self) -> Option<String> {
-        self.shared.lock().trouble.clone()
+        self.shared.state.lock().trouble.clone()
     }
 }
 
 impl Drop for Helm {
     fn drop(&mut self) {
-        self.shared.lock().ends = true;
+        self.shared.state.lock().ends = true;
         self.shared.changed.notify_all();
         if let Some(thread) = self.thread.take() {
             // What went wrong there was said by `trouble`.
@@ -92,17 +87,17 @@ fn serve(shared: &Shared, options: &Options) {
         if failed {
             port = None;
         }
-        let mut state = shared.lock();
+        let mut state = shared.state.lock();
         state.trouble = done.unwrap_or_else(|error| Some(format!("{error:#}")));
         if failed && !state.ends {
-            drop(shared.changed.wait_timeout(state, PAUSE));
+            shared.changed.wait_for(&mut state, PAUSE);
         }
     }
 }
 
 /// Waits for a pose; `None` at the end.
 fn next(shared: &Shared) -> Option<(u32, Pose)> {
-    let mut state = shared.lock();
+    let mut state = shared.state.lock();
     loop {
         if state.ends {
             return None;
@@ -110,10 +105,7 @@ fn next(shared: &Shared) -> Option<(u32, Pose)> {
         if let Some(wish) = state.wish.take() {
             return Some(wish);
         }
-        state = shared
-            .changed
-            .wait(state)
-            .unwrap_or_else(PoisonError::into_inner);
+        shared.changed.wait(&mut state);
     }
 }
 
@@ -146,7 +138,7 @@ fn send(
         pose: pose.into(),
     }]);
     let text = serde_json::to_vec(&batch)?;
-    let mut go_on = || !shared.lock().ends;
+    let mut go_on = || !shared.state.lock().ends;
     let answer = port
         .client
         .request_text(&text, ANSWER_TIMEOUT, &mut go_on)?;

@@ -12,11 +12,11 @@ use schema_types::Pose;
 use crate::input::{Held, Input};
 
 /// Speed at first, and its limits, m/s.
-const SPEED_MPS: (f64, f64, f64) = (10.0, 0.5, 500.0);
+const SPEED_MPS: Scale = Scale::new(10.0, [0.5, 500.0]);
 /// Distance behind an actor at first, and its limits, metres.
-const DISTANCE_M: (f64, f64, f64) = (8.0, 2.0, 200.0);
+const DISTANCE_M: Scale = Scale::new(8.0, [2.0, 200.0]);
 /// Height of the top view at first, and its limits, metres.
-const HEIGHT_M: (f64, f64, f64) = (50.0, 5.0, 2000.0);
+const HEIGHT_M: Scale = Scale::new(50.0, [5.0, 2000.0]);
 /// What Shift multiplies the speed by.
 const FAST_RATIO: f64 = 4.0;
 /// What one notch of the wheel multiplies by.
@@ -79,14 +79,14 @@ impl Default for Pilot {
             position_m: Vector3::zeros(),
             yaw_rad: 0.0,
             pitch_rad: 0.0,
-            speed_mps: SPEED_MPS.0,
+            speed_mps: SPEED_MPS.first,
             followed: None,
             around_rad: 0.0,
             chase_pitch_rad: CHASE_PITCH_RAD,
             chased_yaw_rad: None,
-            distance_m: DISTANCE_M.0,
+            distance_m: DISTANCE_M.first,
             from_above: false,
-            height_m: HEIGHT_M.0,
+            height_m: HEIGHT_M.first,
             idle_secs: f64::INFINITY,
             turned_rad: [0.0; 2],
             notches: 0.0,
@@ -302,7 +302,7 @@ impl Pilot {
     }
 
     fn fly(&mut self, step_secs: f64, turn: [f64; 2], moves: Vector3<f64>, notches: f64) {
-        self.speed_mps = scaled(self.speed_mps, notches, SPEED_MPS);
+        self.speed_mps = SPEED_MPS.after(self.speed_mps, notches);
         self.yaw_rad += turn[0];
         if turn[1] != 0.0 {
             self.pitch_rad = (self.pitch_rad + turn[1]).clamp(-MAX_PITCH_RAD, MAX_PITCH_RAD);
@@ -322,7 +322,7 @@ impl Pilot {
     ) {
         // The wheel away from the user comes nearer; W and S do too.
         let nearer = notches + moves.x * step_secs * 5.0;
-        self.distance_m = scaled(self.distance_m, -nearer, DISTANCE_M);
+        self.distance_m = DISTANCE_M.after(self.distance_m, -nearer);
         self.around_rad += turn[0] - moves.y * TURN_RADPS * step_secs;
         self.chase_pitch_rad =
             (self.chase_pitch_rad + turn[1] + moves.z * TURN_RADPS * 0.5 * step_secs)
@@ -347,7 +347,7 @@ impl Pilot {
         target: Option<Target>,
     ) {
         let higher = moves.z * step_secs * 5.0 - notches;
-        self.height_m = scaled(self.height_m, higher, HEIGHT_M);
+        self.height_m = HEIGHT_M.after(self.height_m, higher);
         self.yaw_rad += turn[0];
         self.pitch_rad = FRAC_PI_2;
         let ground_m = match target {
@@ -417,8 +417,23 @@ fn heading(yaw_rad: f64) -> Vector3<f64> {
     Vector3::new(yaw_rad.cos(), yaw_rad.sin(), 0.0)
 }
 
-fn scaled(value: f64, notches: f64, (_, low, high): (f64, f64, f64)) -> f64 {
-    (value * NOTCH_RATIO.powf(notches)).clamp(low, high)
+/// A number that the wheel turns up and down.
+struct Scale {
+    /// Its value at first.
+    first: f64,
+    /// Its least and greatest value.
+    limits: [f64; 2],
+}
+
+impl Scale {
+    const fn new(first: f64, limits: [f64; 2]) -> Scale {
+        Scale { first, limits }
+    }
+
+    /// What the wheel makes of a value.
+    fn after(&self, value: f64, notches: f64) -> f64 {
+        (value * NOTCH_RATIO.powf(notches)).clamp(self.limits[0], self.limits[1])
+    }
 }
 
 /// The angle within −π..=π.

@@ -5,7 +5,7 @@ use std::ops::Deref;
 
 use schema_bus::{
     Answerable, Answered, Bus, BusError, Frame, FrameReader, GpuFrame, GpuFrameReader, GpuOffer,
-    GpuResult, GpuResultReader, GpuSample, ReaderCounts, ResultReader, ResultSample,
+    GpuResult, GpuResultReader, GpuSample, Reader, ResultReader, ResultSample, SampleKind,
 };
 use schema_frames::{FrameHeader, InputRecord, Modality, ResultHeader, ResultType};
 use schema_types::MonoTime;
@@ -21,47 +21,49 @@ pub enum Which {
     Newest,
 }
 
-/// A kind of topic: its readers and samples on a GPU and in shared memory.
+/// Takes a sample.
+///
+/// # Errors
+/// As [`Reader::next`].
+pub fn take<S: SampleKind>(
+    from: &mut Reader<S>,
+    which: Which,
+) -> Result<Option<S::Sample>, BusError> {
+    match which {
+        Which::Oldest => from.next(),
+        Which::Newest => from.latest(),
+    }
+}
+
+/// A kind of topic: its samples on a GPU and in shared memory.
 pub trait Kind: Debug + Sized + 'static {
-    /// Reader of samples on the GPU.
-    type GpuReader: Debug;
-    /// A sample there.
-    type OnGpu: GpuSample + Answerable + Debug;
-    /// Reader of samples in shared memory.
-    type HostReader: Debug;
-    /// A sample there.
-    type OnHost: Deref<Target = [u8]>;
+    /// Samples on the GPU.
+    type OnGpu: SampleKind<Sample: GpuSample + Answerable + Debug>;
+    /// Samples in shared memory.
+    type OnHost: SampleKind<Sample: Deref<Target = [u8]>>;
     /// What a sample says of itself, kept when its memory is not.
     type About: Debug;
 
     /// Opens the topic on the GPU.
-    fn open_gpu(bus: &Bus, topic: &str, offer: &GpuOffer) -> Result<Self::GpuReader, BusError>;
+    fn open_gpu(bus: &Bus, topic: &str, offer: &GpuOffer) -> Result<Reader<Self::OnGpu>, BusError>;
     /// Opens the topic in shared memory.
-    fn open_host(bus: &Bus, topic: &str) -> Result<Self::HostReader, GpuError>;
-    /// Takes a sample.
-    fn take_gpu(from: &mut Self::GpuReader, which: Which) -> Result<Option<Self::OnGpu>, BusError>;
-    /// Takes a sample.
-    fn take_host(
-        from: &mut Self::HostReader,
-        which: Which,
-    ) -> Result<Option<Self::OnHost>, BusError>;
-    /// Counters and whether there is a writer.
-    fn state_gpu(of: &Self::GpuReader) -> (ReaderCounts, bool);
-    /// Counters and whether there is a writer.
-    fn state_host(of: &Self::HostReader) -> (ReaderCounts, bool);
+    fn open_host(bus: &Bus, topic: &str) -> Result<Reader<Self::OnHost>, GpuError>;
     /// Keeps what a sample says.
-    fn about(of: &Self::OnHost) -> Self::About;
-    /// The next sample is none that came already, whatever it says.
-    fn forget_last(from: &mut Self::GpuReader);
+    fn about(of: &HostSample<Self>) -> Self::About;
     /// Epoch of its writer, tick and number; in one epoch they only rise.
-    fn moment(of: Result<&Self::OnGpu, &Self::About>) -> (u64, u64, u64);
+    fn moment(of: Result<&DeviceSample<Self>, &Self::About>) -> (u64, u64, u64);
     /// Number of who wrote it: another one may be another process.
     fn writer(of: &Self::About) -> u128;
     /// Bytes of the payload on the GPU.
-    fn n_bytes(of: Result<&Self::OnGpu, &Self::About>) -> u64;
+    fn n_bytes(of: Result<&DeviceSample<Self>, &Self::About>) -> u64;
     /// What a result that answers it takes over.
     fn answered(of: &Self::About) -> Answered;
 }
+
+/// A sample on the GPU.
+pub type DeviceSample<K> = <<K as Kind>::OnGpu as SampleKind>::Sample;
+/// A sample in shared memory.
+pub type HostSample<K> = <<K as Kind>::OnHost as SampleKind>::Sample;
 
 /// Topics of frames.
 #[derive(Debug)]
@@ -79,10 +81,8 @@ pub struct AboutFrame {
 }
 
 impl Kind for Frames {
-    type GpuReader = GpuFrameReader;
-    type OnGpu = GpuFrame;
-    type HostReader = FrameReader;
-    type OnHost = Frame;
+    type OnGpu = schema_bus::GpuFrames;
+    type OnHost = schema_bus::Frames;
     type About = AboutFrame;
 
     fn open_gpu(bus: &Bus, topic: &str, offer: &GpuOffer) -> Result<GpuFrameReader, BusError> {
@@ -91,28 +91,6 @@ impl Kind for Frames {
 
     fn open_host(bus: &Bus, topic: &str) -> Result<FrameReader, GpuError> {
         Ok(bus.frame_reader(topic)?)
-    }
-
-    fn take_gpu(from: &mut GpuFrameReader, which: Which) -> Result<Option<GpuFrame>, BusError> {
-        match which {
-            Which::Oldest => from.next(),
-            Which::Newest => from.latest(),
-        }
-    }
-
-    fn take_host(from: &mut FrameReader, which: Which) -> Result<Option<Frame>, BusError> {
-        match which {
-            Which::Oldest => from.next(),
-            Which::Newest => from.latest(),
-        }
-    }
-
-    fn state_gpu(of: &GpuFrameReader) -> (ReaderCounts, bool) {
-        (of.counts(), of.has_writer())
-    }
-
-    fn state_host(of: &FrameReader) -> (ReaderCounts, bool) {
-        (of.counts(), of.has_writer())
     }
 
     fn about(of: &Frame) -> AboutFrame {
@@ -124,10 +102,6 @@ impl Kind for Frames {
             answered: of.answered(),
             writer: of.writer(),
         }
-    }
-
-    fn forget_last(from: &mut GpuFrameReader) {
-        from.forget_last();
     }
 
     fn moment(of: Result<&GpuFrame, &AboutFrame>) -> (u64, u64, u64) {
@@ -167,10 +141,8 @@ pub struct AboutResult {
 }
 
 impl Kind for Results {
-    type GpuReader = GpuResultReader;
-    type OnGpu = GpuResult;
-    type HostReader = ResultReader;
-    type OnHost = ResultSample;
+    type OnGpu = schema_bus::GpuResults;
+    type OnHost = schema_bus::Results;
     type About = AboutResult;
 
     fn open_gpu(bus: &Bus, topic: &str, offer: &GpuOffer) -> Result<GpuResultReader, BusError> {
@@ -201,28 +173,6 @@ impl Kind for Results {
         })
     }
 
-    fn take_gpu(from: &mut GpuResultReader, which: Which) -> Result<Option<GpuResult>, BusError> {
-        match which {
-            Which::Oldest => from.next(),
-            Which::Newest => from.latest(),
-        }
-    }
-
-    fn take_host(from: &mut ResultReader, which: Which) -> Result<Option<ResultSample>, BusError> {
-        match which {
-            Which::Oldest => from.next(),
-            Which::Newest => from.latest(),
-        }
-    }
-
-    fn state_gpu(of: &GpuResultReader) -> (ReaderCounts, bool) {
-        (of.counts(), of.has_writer())
-    }
-
-    fn state_host(of: &ResultReader) -> (ReaderCounts, bool) {
-        (of.counts(), of.has_writer())
-    }
-
     fn about(of: &ResultSample) -> AboutResult {
         AboutResult {
             header: *of.header(),
@@ -233,8 +183,6 @@ impl Kind for Results {
             answered: of.answered(),
         }
     }
-
-    fn forget_last(_from: &mut GpuResultReader) {}
 
     fn moment(of: Result<&GpuResult, &AboutResult>) -> (u64, u64, u64) {
         let header = of.map_or_else(|about| &about.header, GpuResult::header);

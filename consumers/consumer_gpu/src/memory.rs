@@ -7,7 +7,7 @@ use schema_frames::GpuAnswer;
 
 use crate::cuda::{Cuda, Imported};
 use crate::error::GpuError;
-use crate::kinds::Kind;
+use crate::kinds::{DeviceSample, Kind};
 use crate::mapping::Mapping;
 use crate::shared::{self, SharedRange};
 
@@ -55,7 +55,7 @@ impl Memories {
     pub fn of<K: Kind>(
         &mut self,
         bus: &Bus,
-        sample: &K::OnGpu,
+        sample: &DeviceSample<K>,
         device: Option<&Arc<Cuda>>,
     ) -> Result<Found, GpuError> {
         let generation = sample.place().generation;

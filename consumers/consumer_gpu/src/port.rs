@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use schema_bus::{Bus, BusError, GpuOffer, GpuSample as _, ReaderCounts, names};
+use schema_bus::{Bus, BusError, GpuOffer, GpuSample as _, Reader, ReaderCounts, names};
 
 use crate::cuda::Cuda;
 use crate::device::Way;
 use crate::error::GpuError;
-use crate::kinds::{Kind, Which};
+use crate::kinds::{Kind, Which, take};
 use crate::memory::{Found, Memories};
 use crate::release::Releases;
 use crate::sample::{GivesBack, Held, OnGpu, Slot};
@@ -36,12 +36,12 @@ pub enum Taken<K: Kind> {
 #[derive(Debug)]
 pub enum Port<K: Kind> {
     OnGpu {
-        reader: K::GpuReader,
+        reader: Reader<K::OnGpu>,
         memories: Memories,
         releases: Arc<Releases<Slot<K>>>,
     },
     Uploaded {
-        reader: K::HostReader,
+        reader: Reader<K::OnHost>,
         uploads: Arc<Uploads>,
         releases: Arc<Releases<GivesBack>>,
     },
@@ -59,8 +59,8 @@ impl<K: Kind> Port<K> {
     /// Counters, and whether there is a writer.
     pub fn state(&self) -> (ReaderCounts, bool) {
         match self {
-            Port::OnGpu { reader, .. } => K::state_gpu(reader),
-            Port::Uploaded { reader, .. } => K::state_host(reader),
+            Port::OnGpu { reader, .. } => (reader.counts(), reader.has_writer()),
+            Port::Uploaded { reader, .. } => (reader.counts(), reader.has_writer()),
         }
     }
 }
@@ -119,7 +119,7 @@ impl<K: Kind> Opened<K> {
                 memories,
                 releases,
             } => loop {
-                let sample = match K::take_gpu(reader, which) {
+                let sample = match take(reader, which) {
                     // Samples that only wait for the GPU make room.
                     Err(BusError::BorrowLimit { .. }) if releases.make_room() => continue,
                     taken => taken?,
@@ -133,7 +133,7 @@ impl<K: Kind> Opened<K> {
                     Found::Here(memory) => memory,
                     Found::Elsewhere => return Ok(Taken::Elsewhere),
                     Found::Gone => {
-                        K::forget_last(reader);
+                        reader.forget_last();
                         continue;
                     }
                 };
@@ -156,7 +156,7 @@ impl<K: Kind> Opened<K> {
                 uploads,
                 releases,
             } => {
-                let Some(sample) = K::take_host(reader, which)? else {
+                let Some(sample) = take(reader, which)? else {
                     releases.sweep();
                     return Ok(Taken::Nothing);
                 };

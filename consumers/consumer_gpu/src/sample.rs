@@ -9,7 +9,7 @@ use schema_types::MonoTime;
 
 use crate::cuda::{Cuda, Staged};
 use crate::error::GpuError;
-use crate::kinds::{Frames, Kind, Results};
+use crate::kinds::{DeviceSample, Frames, Kind, Results};
 use crate::memory::Memory;
 use crate::release::Releases;
 use crate::upload::Uploads;
@@ -17,7 +17,7 @@ use crate::upload::Uploads;
 /// A sample, and the memory that it is in.
 #[derive(Debug)]
 pub struct Slot<K: Kind> {
-    pub sample: K::OnGpu,
+    pub sample: DeviceSample<K>,
     pub _memory: Arc<Memory>,
 }
 
@@ -75,7 +75,7 @@ impl<K: Kind> OnGpu<K> {
         }
     }
 
-    pub(crate) fn sample(&self) -> Result<&K::OnGpu, &K::About> {
+    pub(crate) fn sample(&self) -> Result<&DeviceSample<K>, &K::About> {
         match &self.held {
             Held::Slot { slot, .. } => Ok(&slot.as_ref().expect("taken out by drop only").sample),
             Held::Upload { about, .. } => Err(about),

@@ -9,7 +9,7 @@ use crate::topic::Search;
 pub struct FollowedDocument {
     name: String,
     reader: Option<DocumentReader>,
-    search: Search,
+    pub(crate) search: Search,
     newest: Option<Document>,
 }
 
@@ -32,17 +32,36 @@ impl FollowedDocument {
         }
     }
 
+    /// Name of the document.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Opens it if it exists; returns whether it is open. Looks at most five times a second.
+    ///
+    /// # Errors
+    /// What waiting cannot heal.
+    pub fn look(&mut self, bus: &Bus) -> Result<bool, BusError> {
+        if self.reader.is_none() {
+            self.reader = self
+                .search
+                .open(bus, &self.name, || bus.document_reader(&self.name))?;
+        }
+        Ok(self.reader.is_some())
+    }
+
+    /// Whether it was found.
+    pub fn found(&self) -> bool {
+        self.reader.is_some()
+    }
+
     /// The newest document, if it has changed since the last call.
     ///
     /// # Errors
     /// What waiting cannot heal, and [`BusError::BadSample`] for a document that breaks the
     /// contract.
     pub fn changed(&mut self, bus: &Bus) -> Result<Option<&Document>, BusError> {
-        if self.reader.is_none() {
-            self.reader = self
-                .search
-                .open(bus, &self.name, || bus.document_reader(&self.name))?;
-        }
+        self.look(bus)?;
         let Some(reader) = &mut self.reader else {
             return Ok(None);
         };

@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 
 use bytemuck::{Pod, pod_read_unaligned};
+use half::f16;
 use schema_bus::ResultSample;
 use schema_frames::{About, ElementType, InputRecord, Modality, ResultHeader, ResultType};
 
@@ -13,8 +14,6 @@ pub const MAX_SIDE_PX: u32 = 16_384;
 pub const MAX_MASK_PIXELS: u64 = 1 << 28;
 /// Most key points of one result that are shown.
 pub const MAX_KEYPOINTS: usize = 1 << 20;
-/// Brightness of the darkest colour of a label, of 255.
-const LEAST_LUMA: f32 = 130.0;
 /// Bins of the histogram of a tensor.
 pub const HISTOGRAM_BINS: usize = 64;
 
@@ -141,31 +140,11 @@ pub fn number(of: ElementType, bytes: &[u8]) -> f64 {
         ElementType::I32 => read::<i32>(bytes) as f64,
         ElementType::U64 => read::<u64>(bytes) as f64,
         ElementType::I64 => read::<i64>(bytes) as f64,
-        ElementType::F16 => f32_of_half(read(bytes)) as f64,
+        ElementType::F16 => f16::from_bits(read(bytes)).to_f64(),
         ElementType::F32 => read::<f32>(bytes) as f64,
         ElementType::F64 => read(bytes),
         ElementType::Bool => (bytes[0] != 0) as u8 as f64,
     }
-}
-
-/// An IEEE half as a float.
-pub fn f32_of_half(bits: u16) -> f32 {
-    let sign = if bits & 0x8000 == 0 { 1.0 } else { -1.0 };
-    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f32::from(bits & 1023));
-    match exponent {
-        0 => sign * fraction * 2f32.powi(-24),
-        31 if fraction == 0.0 => sign * f32::INFINITY,
-        31 => f32::NAN,
-        _ => sign * (1024.0 + fraction) * 2f32.powi(exponent - 25),
-    }
-}
-
-/// A colour as bright as text on a dark ground must be: darker ones are mixed with white.
-pub fn legible(rgb: [u8; 3]) -> [u8; 3] {
-    let [r, g, b] = rgb.map(f32::from);
-    let luma = 0.299 * r + 0.587 * g + 0.114 * b;
-    let white = ((LEAST_LUMA - luma) / (255.0 - luma)).max(0.0);
-    rgb.map(|c| (c as f32 + (255.0 - c as f32) * white).round() as u8)
 }
 
 /// Whether a box in an image can be drawn: finite, and its largest corner not before its smallest.
@@ -387,16 +366,6 @@ mod tests {
         let figures = Figures::of(ElementType::F64, bytemuck::cast_slice(&extreme));
         assert_eq!((figures.histogram[0], figures.histogram[63]), (1, 1));
         assert_eq!(Figures::of(ElementType::F16, &[]), Figures::default());
-    }
-
-    #[test]
-    fn dark_colours_become_legible_and_bright_ones_stay() {
-        // CARLA's blue of cars.
-        assert_eq!(legible([0, 0, 142]), [122, 122, 196]);
-        assert_eq!(legible([0; 3]), [130; 3]);
-        for bright in [[255, 255, 255], [250, 170, 30]] {
-            assert_eq!(legible(bright), bright);
-        }
     }
 
     #[test]

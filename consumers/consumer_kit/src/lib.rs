@@ -5,10 +5,11 @@
 //! A consumer is a loop around [`Follower::wait`], which never waits longer than [`MAX_WAIT`], so
 //! that the loop sees a shutdown flag in time. Nothing here renders, stores or drives.
 //!
-//! Modules in reading order: `follower` (several topics at once), `topic` (one topic), `wake` (events), `publish`
-//! (results of a program's own), `result` (those of others), [`items`] (what is in them), `snapshots` (the world of a frame's
-//! tick), `document` (texts such as the list of actors), `lockstep`, `steps` (every tick in lockstep), `program` (the base of a
-//! program that answers frames), `run_files`.
+//! Modules in reading order: `follower` (several topics at once), `domain` (all topics of a
+//! domain), `ports` (what both stand on), `topic` (one topic), `wake` (events), `publish` (results
+//! of a program's own), `result` (those of others), [`items`] (what is in them), `snapshots` (the
+//! world of a frame's tick), `document` (texts such as the list of actors), `lockstep`, `steps`
+//! (every tick in lockstep), `program` (the base of a program that answers frames), `run_files`.
 //!
 //! ```no_run
 //! use consumer_kit::{Follower, Take};
@@ -30,9 +31,11 @@
 #![warn(missing_docs)]
 
 mod document;
+mod domain;
 mod follower;
 pub mod items;
 mod lockstep;
+mod ports;
 mod program;
 mod publish;
 mod result;
@@ -43,14 +46,16 @@ mod topic;
 mod wake;
 
 pub use document::FollowedDocument;
-pub use follower::{Follower, LEAVE_AFTER, MAX_WAIT, TopicId, is_left_over};
+pub use domain::{Change, Domain, LEAVE_AFTER, ListedTopic, Listing, Rhythm, Wish, is_left_over};
+pub use follower::Follower;
 pub use lockstep::{Lockstep, LockstepError};
+pub use ports::{MAX_WAIT, TopicId};
 pub use program::{Frames, InputId, Program, ProgramError};
 pub use publish::{ListLoan, PublishError, Publisher};
 pub use result::FollowedResult;
 pub use run_files::file_of_run;
 pub use schema_bus::names::default_domain;
-pub use snapshots::{KEPT_SNAPSHOTS, SnapshotTrail, WorldAt};
+pub use snapshots::{FollowedSnapshots, KEPT_SNAPSHOTS, SnapshotTrail, WorldAt};
 pub use steps::Steps;
 pub use topic::{FollowedTopic, Take, TopicReport};
 pub use wake::{WakeUps, event_of};

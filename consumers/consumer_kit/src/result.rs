@@ -13,9 +13,10 @@ pub struct FollowedResult {
     topic: String,
     take: Take,
     reader: Option<ResultReader>,
-    search: Search,
+    pub(crate) search: Search,
     document: FollowedDocument,
     about: About,
+    is_quiet: bool,
     refusal_said: bool,
     loss_said: u64,
 }
@@ -31,9 +32,28 @@ impl FollowedResult {
             reader: None,
             search: Search::default(),
             about: About::default(),
+            is_quiet: false,
             refusal_said: false,
             loss_said: 0,
         }
+    }
+
+    /// The same, but nothing is logged about it: whoever follows it tells its losses elsewhere.
+    pub fn quietly(mut self) -> Self {
+        self.is_quiet = true;
+        self.search = Search::of_optional();
+        self
+    }
+
+    /// Closes its port and forgets its counters; the next look opens it again. Its description
+    /// stays known.
+    pub(crate) fn close(&mut self) {
+        self.reader = None;
+        self.search = match self.is_quiet {
+            true => Search::of_optional(),
+            false => Search::default(),
+        };
+        (self.refusal_said, self.loss_said) = (false, 0);
     }
 
     /// Name without the domain.
@@ -73,6 +93,17 @@ impl FollowedResult {
         }
     }
 
+    /// Looks at the description alone, for those who do not read the topic now.
+    pub fn describe(&mut self, bus: &Bus) -> &About {
+        self.look_at_description(bus);
+        &self.about
+    }
+
+    /// Whether the description is open, or the topic has none.
+    pub fn is_described(&self, bus: &Bus) -> bool {
+        self.document.found() || !bus.exists(self.document.name())
+    }
+
     /// What the topic says about itself, as far as it is known: names of classes, fields of points,
     /// the schema of bytes.
     pub fn about(&self) -> &About {
@@ -95,34 +126,46 @@ impl FollowedResult {
     /// # Errors
     /// [`BusError::BorrowLimit`] if the caller holds too many results, [`BusError::Service`].
     pub fn take(&mut self) -> Result<Option<ResultSample>, BusError> {
-        let Some(reader) = &mut self.reader else {
-            return Ok(None);
-        };
         for _ in 0..MAX_REFUSED {
-            let taken = match self.take {
-                Take::Newest => reader.latest(),
-                Take::All => reader.next(),
-            };
-            match taken {
-                Ok(Some(result)) => {
-                    self.notice_losses();
-                    return Ok(Some(result));
-                }
-                Ok(None) => return Ok(None),
+            match self.take_strictly() {
                 Err(error @ BusError::BadResult { .. }) => {
-                    if !std::mem::replace(&mut self.refusal_said, true) {
+                    if !self.is_quiet && !std::mem::replace(&mut self.refusal_said, true) {
                         tracing::warn!(topic = self.topic, %error, "refused a result; further ones are only counted");
                     }
                 }
-                Err(other) => return Err(other),
+                taken => return taken,
             }
         }
         Ok(None)
     }
 
+    /// As [`FollowedResult::take`], but a result that breaks the contract is an error; the next
+    /// call goes on after it.
+    ///
+    /// # Errors
+    /// [`BusError::BadResult`], and as [`FollowedResult::take`].
+    pub fn take_strictly(&mut self) -> Result<Option<ResultSample>, BusError> {
+        let Some(reader) = &mut self.reader else {
+            return Ok(None);
+        };
+        let taken = match self.take {
+            Take::Newest => reader.latest(),
+            Take::All => reader.next(),
+        }?;
+        if taken.is_some() {
+            self.notice_losses();
+        }
+        Ok(taken)
+    }
+
     /// Whether the topic was found.
     pub fn found(&self) -> bool {
         self.reader.is_some()
+    }
+
+    /// Whether a writer has the topic open now.
+    pub fn has_writer(&self) -> bool {
+        self.reader.as_ref().is_some_and(ResultReader::has_writer)
     }
 
     /// Counters so far.
@@ -145,7 +188,7 @@ impl FollowedResult {
     /// Logs losses whenever their number has doubled since they were last logged.
     fn notice_losses(&mut self) {
         let lost = self.counts().lost;
-        if lost > 0 && lost >= self.loss_said.saturating_mul(2) {
+        if !self.is_quiet && lost > 0 && lost >= self.loss_said.saturating_mul(2) {
             tracing::warn!(
                 topic = self.topic,
                 lost,

@@ -7,7 +7,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use schema_bus::{Bus, BusError, SnapshotReader};
+use schema_bus::{Bus, BusError, Snapshot, SnapshotReader, names};
 use schema_frames::{ActorRecord, SnapshotHeader};
 
 use crate::topic::Search;
@@ -35,11 +35,81 @@ impl WorldAt {
     }
 }
 
+/// Every snapshot of the world in order, followed across restarts of the simulator.
+#[derive(Debug, Default)]
+pub struct FollowedSnapshots {
+    reader: Option<SnapshotReader>,
+    pub(crate) search: Search,
+    /// Epoch and tick of the last one.
+    last: Option<(u64, u64)>,
+    lost: u64,
+}
+
+impl FollowedSnapshots {
+    /// Follows `world/snapshot`, which need not exist yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The same, but nothing is logged while they are missing.
+    pub fn optional() -> Self {
+        FollowedSnapshots {
+            search: Search::of_optional(),
+            ..Self::default()
+        }
+    }
+
+    /// Opens them if they exist; returns whether they are open. Looks at most five times a second.
+    ///
+    /// # Errors
+    /// What waiting cannot heal, as [`crate::FollowedTopic::look`].
+    pub fn look(&mut self, bus: &Bus) -> Result<bool, BusError> {
+        if self.reader.is_none() {
+            self.reader = self
+                .search
+                .open(bus, names::WORLD_SNAPSHOT, || bus.snapshot_reader())?;
+        }
+        Ok(self.reader.is_some())
+    }
+
+    /// Whether they were found.
+    pub fn found(&self) -> bool {
+        self.reader.is_some()
+    }
+
+    /// The next snapshot, if one waits.
+    ///
+    /// # Errors
+    /// [`BusError::BadSample`] for one that breaks the contract, after which the next call goes on;
+    /// [`BusError::BorrowLimit`], [`BusError::Service`].
+    pub fn take(&mut self) -> Result<Option<Snapshot>, BusError> {
+        let Some(reader) = &mut self.reader else {
+            return Ok(None);
+        };
+        let taken = reader.next()?;
+        if let Some(snapshot) = &taken {
+            let header = snapshot.header();
+            self.lost += match self.last {
+                Some((epoch, tick)) if epoch == header.epoch => {
+                    header.tick.saturating_sub(tick + 1)
+                }
+                _ => 0,
+            };
+            self.last = Some((header.epoch, header.tick));
+        }
+        Ok(taken)
+    }
+
+    /// Ticks of a run whose snapshots were not seen between two that were.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+}
+
 /// The last snapshots, read as they are needed.
 #[derive(Debug, Default)]
 pub struct SnapshotTrail {
-    reader: Option<SnapshotReader>,
-    search: Search,
+    followed: FollowedSnapshots,
     kept: VecDeque<Arc<WorldAt>>,
     refusal_said: bool,
 }
@@ -80,18 +150,9 @@ impl SnapshotTrail {
     }
 
     fn drain(&mut self, bus: &Bus) -> Result<(), BusError> {
-        if self.reader.is_none() {
-            self.reader = self
-                .search
-                .open(bus, schema_bus::names::WORLD_SNAPSHOT, || {
-                    bus.snapshot_reader()
-                })?;
-        }
-        let Some(reader) = &mut self.reader else {
-            return Ok(());
-        };
+        self.followed.look(bus)?;
         loop {
-            match reader.next() {
+            match self.followed.take() {
                 Ok(Some(snapshot)) => {
                     let world = WorldAt {
                         header: *snapshot.header(),

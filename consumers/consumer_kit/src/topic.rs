@@ -59,7 +59,7 @@ impl std::fmt::Display for TopicReport {
 }
 
 /// When to look again for a service that did not exist, and what was already logged about it.
-#[derive(Debug, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Search {
     next_look: Option<Instant>,
     said: bool,
@@ -72,6 +72,11 @@ impl Search {
             next_look: None,
             said: true,
         }
+    }
+
+    /// Looks with the next call, whenever the last one was.
+    pub fn hurry(&mut self) {
+        self.next_look = None;
     }
 
     /// Opens the service if it is time to look and the service exists. Errors that may go away with
@@ -124,8 +129,9 @@ pub struct FollowedTopic {
     reader: Option<FrameReader>,
     /// Opened by the first [`FollowedTopic::wait`].
     listener: Option<Listener>,
-    search: Search,
+    pub(crate) search: Search,
     epoch: Option<u64>,
+    is_quiet: bool,
     refusal_said: bool,
     loss_said: u64,
 }
@@ -140,9 +146,27 @@ impl FollowedTopic {
             listener: None,
             search: Search::default(),
             epoch: None,
+            is_quiet: false,
             refusal_said: false,
             loss_said: 0,
         }
+    }
+
+    /// The same, but nothing is logged about it: whoever follows it tells its losses elsewhere.
+    pub fn quietly(mut self) -> Self {
+        self.is_quiet = true;
+        self.search = Search::of_optional();
+        self
+    }
+
+    /// Closes its port and forgets its counters; the next look opens it again.
+    pub(crate) fn close(&mut self) {
+        let topic = std::mem::take(&mut self.topic);
+        let closed = FollowedTopic::new(topic, self.take);
+        *self = match self.is_quiet {
+            true => closed.quietly(),
+            false => closed,
+        };
     }
 
     /// Name without the domain.
@@ -163,9 +187,9 @@ impl FollowedTopic {
         Ok(self.reader.is_some())
     }
 
-    /// Waits for the next frame to handle, at most `timeout`: the whole loop of a program that reads
-    /// one topic. `None` after `timeout`, also if the topic does not exist yet. The frame is in hand
-    /// as soon as it is sent, whatever else the simulator still works on.
+    /// Waits for the next frame to handle, at most `timeout`: the whole loop of a program that
+    /// reads one topic. `None` after `timeout`, also if the topic does not exist yet. The frame is
+    /// in hand as soon as it is sent, whatever else the simulator still works on.
     ///
     /// ```no_run
     /// use std::time::Duration;
@@ -234,7 +258,7 @@ impl FollowedTopic {
                 }
                 Ok(None) => return Ok(None),
                 Err(error @ BusError::BadFrame { .. }) => {
-                    if !std::mem::replace(&mut self.refusal_said, true) {
+                    if !self.is_quiet && !std::mem::replace(&mut self.refusal_said, true) {
                         tracing::warn!(topic = self.topic, error = %error, "refused a frame; further ones are only counted");
                     }
                 }
@@ -275,11 +299,11 @@ impl FollowedTopic {
     /// Logs restarts, and losses whenever their number has doubled since they were last logged.
     fn notice(&mut self, frame: &Frame) {
         let epoch = frame.header().epoch;
-        if self
-            .epoch
-            .replace(epoch)
-            .is_some_and(|before| before != epoch)
-        {
+        let before = self.epoch.replace(epoch);
+        if self.is_quiet {
+            return;
+        }
+        if before.is_some_and(|before| before != epoch) {
             tracing::info!(
                 topic = self.topic,
                 "the simulator was restarted; following its new run"

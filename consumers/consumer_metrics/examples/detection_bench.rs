@@ -5,14 +5,15 @@
 //! prints the time to add an image and to compute the scores of all. With a FOLDER it writes the
 //! boxes there as COCO's `truths.json` and `results.json`, for `benches/detection_peer.py`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::time::Instant;
 
 use consumer_metrics::average_precision::{self as ap, BoxPx, Pairs, RunMask};
 use consumer_metrics::coco_json::{CocoResult, CocoTruth};
 use consumer_metrics::detection3d::{self as space, Box3};
 use fastrand::Rng;
-use launch_cli::bench::{BenchResult, take_json_argument};
+use launch_cli::bench::{self, anyhow, clap};
 use serde_json::json;
 
 const N_CLASSES: u32 = 4;
@@ -21,18 +22,27 @@ const N_FOUND: usize = 20;
 /// Images of masks; more are the same ones again, because painting them takes longer than scoring.
 const N_PAINTED: usize = 50;
 
-fn main() {
-    let (words, json) = take_json_argument(std::env::args().skip(1));
-    let n_images = words.first().map_or(5000, |text| {
-        text.parse()
-            .expect("the first argument is a number of images")
-    });
-    let mut result = BenchResult::new("detection_bench", None);
+/// Times the scores of detections
+#[derive(Debug, clap::Args)]
+struct Args {
+    /// Images
+    #[arg(default_value_t = 5000)]
+    images: usize,
+    /// Folder for the boxes as COCO's files
+    folder: Option<PathBuf>,
+}
+
+fn main() -> ExitCode {
+    bench::run("detection_bench", measure)
+}
+
+fn measure(args: &Args, result: &mut bench::BenchResult) -> anyhow::Result<()> {
+    let n_images = args.images;
     let mut rng = Rng::with_seed(1);
 
     let boxes: Vec<_> = (0..n_images).map(|_| boxes(&mut rng)).collect();
-    if let Some(folder) = words.get(1) {
-        write_coco(Path::new(folder), &boxes);
+    if let Some(folder) = &args.folder {
+        write_coco(folder, &boxes);
     }
     let mut report = |name: &str, add_secs: f64, scores_secs: f64, value: Option<f64>| {
         let add_us = add_secs * 1e6 / n_images as f64;
@@ -85,9 +95,7 @@ fn main() {
     });
     let scores = timed(|| value = collector.scores().nds);
     report("boxes in space", add, scores, value);
-    result
-        .write(json.as_deref())
-        .unwrap_or_else(|error| panic!("{error:#}"));
+    Ok(())
 }
 
 fn timed(work: impl FnOnce()) -> f64 {

@@ -4,6 +4,7 @@
 //! scores random frames of 640 × 480 pixels, of 20 tracks, of 6 lines, of one pose, and of a vehicle
 //! among 20 others, and prints the time to add a frame and to compute the scores of all.
 
+use std::process::ExitCode;
 use std::time::Instant;
 
 use consumer_metrics::sizes::SizesDiffer;
@@ -11,37 +12,41 @@ use consumer_metrics::{
     classes, depth, driving, event_flow, flow, lanes, odometry, stereo, tracking,
 };
 use fastrand::Rng;
-use launch_cli::bench::{BenchResult, take_json_argument};
+use launch_cli::bench::{self, BenchResult, clap};
 use nalgebra::{Isometry3, Vector3};
 
 const N_PIXELS: usize = 640 * 480;
 /// Frames that differ; more are the same ones again, because making them takes longer than scoring.
 const N_MADE: usize = 8;
 
-fn main() {
-    let (words, json) = take_json_argument(std::env::args().skip(1));
-    let n_frames: usize = words.first().map_or(200, |text| {
-        text.parse()
-            .expect("the first argument is a number of frames")
-    });
-    let mut bench = Bench {
-        n_frames,
-        result: BenchResult::new("metrics_bench", None),
-    };
-    let mut rng = Rng::with_seed(1);
-    pixels(&mut bench, &mut rng);
-    things(&mut bench, &mut rng);
-    motions(&mut bench, &mut rng);
-    let written = bench.result.write(json.as_deref());
-    written.expect("the file can be written");
+/// Times the scores of pixels, tracks, trajectories, lanes and drives
+#[derive(Debug, clap::Args)]
+struct Args {
+    /// Frames
+    #[arg(default_value_t = 200)]
+    frames: usize,
 }
 
-struct Bench {
+fn main() -> ExitCode {
+    bench::run("metrics_bench", |args: &Args, result| {
+        let mut bench = Bench {
+            n_frames: args.frames,
+            result,
+        };
+        let mut rng = Rng::with_seed(1);
+        pixels(&mut bench, &mut rng);
+        things(&mut bench, &mut rng);
+        motions(&mut bench, &mut rng);
+        Ok(())
+    })
+}
+
+struct Bench<'a> {
     n_frames: usize,
-    result: BenchResult,
+    result: &'a mut BenchResult,
 }
 
-impl Bench {
+impl Bench<'_> {
     /// Adds all frames, computes the scores, and says how long each took.
     fn row<C>(
         &mut self,

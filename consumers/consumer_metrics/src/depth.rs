@@ -8,9 +8,10 @@
 
 use std::collections::BTreeMap;
 
+use consumer_report::interval::quantile;
 use serde::Serialize;
 
-use crate::numbers::{existing, mean, percent, quantile};
+use crate::numbers::{existing, mean, percent};
 use crate::sizes::{SizesDiffer, same, same_if_any};
 
 /// What is done with results before they are compared.

@@ -20,9 +20,10 @@ mod smoothing;
 
 use std::collections::BTreeMap;
 
+use consumer_report::interval::quantile;
 use serde::Serialize;
 
-use crate::numbers::{existing, mean, quantile, share};
+use crate::numbers::{existing, mean, share};
 pub use contact::{Body, time_to_collision_secs};
 pub use drive::{CollisionWith, Drive, Infraction};
 use smoothing::derivative;

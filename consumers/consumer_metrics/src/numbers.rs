@@ -17,16 +17,6 @@ pub(crate) fn percent(part: u64, whole: u64) -> Option<f64> {
     mean(100.0 * part as f64, whole)
 }
 
-/// The value below which this share of the values lies, linear between two neighbours, as NumPy's
-/// `percentile` does by default. Sorts the values; `None` of none.
-pub(crate) fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
-    let last = values.len().checked_sub(1)?;
-    values.sort_unstable_by(f64::total_cmp);
-    let at = share.clamp(0.0, 1.0) * last as f64;
-    let (below, above) = (at.floor() as usize, at.ceil() as usize);
-    Some(values[below] + (values[above] - values[below]) * (at - below as f64))
-}
-
 /// The figures that exist, by name.
 pub(crate) fn existing(
     figures: impl IntoIterator<Item = (impl Into<String>, Option<f64>)>,
@@ -40,13 +30,6 @@ pub(crate) fn existing(
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn quantiles_lie_between_neighbours() {
-        assert_eq!(quantile(&mut [4.0, 1.0, 3.0, 2.0], 0.5), Some(2.5));
-        assert_eq!(quantile(&mut [4.0, 1.0], 1.0), Some(4.0));
-        assert_eq!(quantile(&mut [], 0.5), None);
-    }
 
     #[test]
     fn what_does_not_exist_has_no_name() {

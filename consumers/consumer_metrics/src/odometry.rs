@@ -16,10 +16,11 @@ mod settings;
 
 use std::collections::BTreeMap;
 
+use consumer_report::interval::quantile;
 use nalgebra::Isometry3;
 use serde::Serialize;
 
-use crate::numbers::{existing, mean, quantile};
+use crate::numbers::{existing, mean};
 use crate::sequences::Sequences;
 pub use settings::{Alignment, Settings, Step};
 

@@ -26,17 +26,21 @@ use sequence::{ROUNDING, Sequence, Shown};
 /// [`Frame::similarity`] wants it.
 #[must_use]
 pub fn iou_similarity(truths: &[[f64; 4]], results: &[[f64; 4]]) -> Vec<f64> {
+    all_pairs(truths, results, iou)
+}
+
+/// Intersection over union of two rectangles (left, top, right, bottom); 0 if neither has an area.
+#[must_use]
+pub fn iou(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     let area = |it: &[f64; 4]| (it[2] - it[0]).max(0.0) * (it[3] - it[1]).max(0.0);
-    all_pairs(truths, results, |truth, result| {
-        let shared = area(&[
-            truth[0].max(result[0]),
-            truth[1].max(result[1]),
-            truth[2].min(result[2]),
-            truth[3].min(result[3]),
-        ]);
-        let union = area(truth) + area(result) - shared;
-        if union > 0.0 { shared / union } else { 0.0 }
-    })
+    let shared = area(&[
+        a[0].max(b[0]),
+        a[1].max(b[1]),
+        a[2].min(b[2]),
+        a[3].min(b[3]),
+    ]);
+    let union = area(a) + area(b) - shared;
+    if union > 0.0 { shared / union } else { 0.0 }
 }
 
 /// How near centres are, as [`Frame::similarity`] wants it: 1 at the same place, 0 from

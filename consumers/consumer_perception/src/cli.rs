@@ -1,17 +1,18 @@
 //! `gantry bench perception`: from the command line to the report.
 
+mod assemble;
+
 use std::io::{IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
 use clap::ValueEnum;
-use consumer_dataset::stepping::Stopped;
 use indicatif::{ProgressBar, ProgressStyle};
 use launch_cli::{CommonArgs, Exit, Shutdown, wrong_usage};
+use launch_run::is_stopped;
 use schema_recording::pattern;
 
-use crate::assemble::Assembly;
 use crate::capture::{Capture, Mode};
 use crate::report;
 use crate::run::{self, Drive, Source};
@@ -19,6 +20,7 @@ use crate::scenario::{Scenario, scenarios};
 use crate::score::Scorer;
 use crate::suite::{Program, Suite};
 use crate::truth_pass::{self, TruthRecording};
+use assemble::Assembly;
 
 /// Frames of a stream, if nothing else is asked for: what MLPerf Automotive asks of a constant one.
 const STRESS_FRAMES: u64 = 100_000;
@@ -205,7 +207,7 @@ pub fn run(args: &PerceptionArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
         shutdown: &shutdown,
     };
     match bench.run(&scenarios) {
-        Err(error) if error.is::<Stopped>() => {
+        Err(error) if is_stopped(&error) => {
             tracing::info!("stopped; truth that was recorded is kept");
             Ok(Exit::Failed)
         }

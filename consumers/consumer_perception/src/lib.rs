@@ -2,25 +2,18 @@
 //! right they are, against exact truth.
 //!
 //! In reading order: [`suite`] and [`scenario`] (what is shown and asked), [`truth_pass`] (a
-//! recording of it with the exact truth), [`up`] (processes), [`run`] (a program in one mode and
-//! scenario), [`capture`] (what it did), [`score`] with [`tasks`], [`queries`], [`ignore`],
-//! [`latency`], [`moment`], [`coco_keep`] and [`picture`] (how right and how late that was),
-//! [`assemble`] and [`report`] (what is said about all of them), [`cli`] (from the command line to
-//! the report), [`reaction`] (live trials).
+//! recording of it with the exact truth), [`up`] (processes of launch files), [`run`] (a program in one mode and
+//! scenario), [`capture`] (what it did), [`score`] with [`tasks`], [`evidence`] and [`picture`] (how
+//! right and how late that was), [`report`] (what is said about all of them), [`cli`] (from the
+//! command line to the report), [`reaction`] (live trials).
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
-pub mod assemble;
 pub mod capture;
 pub mod cli;
-pub mod coco_keep;
-pub mod ignore;
-pub mod latency;
-pub mod moment;
+pub mod evidence;
 pub mod picture;
-pub mod pixels;
-pub mod queries;
 pub mod reaction;
 pub mod report;
 pub mod run;

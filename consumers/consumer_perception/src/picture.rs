@@ -1,5 +1,7 @@
 //! Pictures of frames with truth or results drawn on them.
 
+pub mod pixels;
+
 use consumer_metrics::average_precision::RunMask;
 use consumer_truth::Camera;
 use consumer_truth::camera::NEAR_M;
@@ -8,7 +10,7 @@ use image::{Rgb, RgbImage};
 use nalgebra::{Isometry3, Point3, Vector3};
 use schema_types::class::CLASSES;
 
-use crate::pixels::Pixels;
+use pixels::Pixels;
 
 /// Colours of what counts, one after the other, and of what is ignored.
 const COLOURS: [[u8; 3]; 8] = [

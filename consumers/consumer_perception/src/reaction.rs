@@ -209,7 +209,7 @@ impl Runner<'_> {
             for _ in 0..attempts {
                 self.n_sessions += 1;
                 let number = self.n_sessions;
-                let domain = crate::up::new_domain();
+                let domain = launch_run::domain_name("bench");
                 let folder = self.args.out.join(format!("processes/{number}"));
                 tracing::info!(%domain, "starting the chain");
                 match Session::start(self.chain, self.suite, &folder, &domain, stop) {

@@ -14,18 +14,17 @@ mod usage;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::time::{Duration, Instant};
 
-use consumer_dataset::stepping::Stopped;
 use consumer_kit::Lockstep;
+use launch_run::{Launched, Note, RunError, domain_name};
 use schema_bus::{Bus, names};
 use schema_frames::{Command, CommandBatch, CommandReply, InputRecord, StepMode, WorldInfo};
 
 use crate::capture::{Capture, MAX_RESULTS_PER_FRAME, Mode, SentFrame};
-use crate::up::{Note, Up, new_domain};
 
 use gate::{Expected, Gate, Hold};
 pub use job::{Drive, Job, Options, Source};
 use job::{drive_recording, inputs_of, n_frames, streamed, topics};
-use observer::Observer;
+use observer::{Keeps, Observer};
 use usage::Meter;
 
 /// Time between two looks at the bus while the clock runs: seldom enough to cost little, often
@@ -49,14 +48,14 @@ const MAX_KEPT_RESULTS: usize = 20_000_000;
 /// Runs a program. `progress` is told how many of how many ticks, or frames of a stream, are done.
 ///
 /// # Errors
-/// [`Stopped`] if `stop` says so, or if the benchmark itself fails: the replay ends, the bus or the
+/// [`RunError::Stopped`] if `stop` says so, or if the benchmark itself fails: the replay ends, the bus or the
 /// disk refuses. What the program does is no error but a fault in the capture.
 pub fn run(
     job: &Job<'_>,
     stop: &dyn Fn() -> bool,
     progress: &dyn Fn(u64, u64),
 ) -> anyhow::Result<Capture> {
-    let domain = new_domain();
+    let domain = domain_name("bench");
     let inputs = inputs_of(job.program, job.truth);
     anyhow::ensure!(
         !inputs.is_empty(),
@@ -69,7 +68,7 @@ pub fn run(
         ))
     );
     let launch = launch::launch(job, &inputs)?;
-    let up = Up::start(&domain, &launch, job.folder)?;
+    let up = Launched::start(&domain, &launch, job.folder)?;
     let bus = Bus::open(&domain, "gantry-bench")?;
     let n_frames = job
         .drive
@@ -79,7 +78,11 @@ pub fn run(
         .saturating_mul(MAX_RESULTS_PER_FRAME)
         .clamp(10_000, MAX_KEPT_RESULTS);
     let is_stress = job.drive.mode() == Mode::Stress;
-    let mut observer = Observer::new(job.suite, job.program, inputs.clone(), !is_stress, most);
+    let keeps = Keeps {
+        bodies: !is_stress,
+        results: most,
+    };
+    let mut observer = Observer::open(&domain, job.suite, job.program, inputs.clone(), keeps)?;
     if let Some(topic) = streamed(job, &inputs) {
         observer.count(topic, job.truth.scored_from_nanos);
     }
@@ -98,7 +101,7 @@ pub fn run(
         starter: None,
     };
     let outcome = run.drive(&bus);
-    run.observer.finish(&bus);
+    run.observer.finish();
     let stopped = run.up.stop();
     let capture = run.capture();
     drop(bus);
@@ -113,7 +116,7 @@ struct Run<'a> {
     // Ports go before the launcher ends what they read.
     observer: Observer<'a>,
     inputs: Vec<String>,
-    up: Up,
+    up: Launched,
     meter: Meter,
     stop: &'a dyn Fn() -> bool,
     progress: &'a dyn Fn(u64, u64),
@@ -144,7 +147,7 @@ impl Run<'_> {
             )?);
         }
         // What waits was sent before time begins.
-        self.observer.look(bus)?;
+        self.observer.look()?;
         self.observer.has_begun = true;
         self.begin(bus, gate.is_some())?;
         let outcome = self.watch(bus, &mut gate);
@@ -179,12 +182,12 @@ impl Run<'_> {
         let within = Duration::from_secs_f64(self.job.suite.ready_within_s);
         let mut world_since = None;
         loop {
-            self.look_after(bus)?;
+            self.look_after()?;
             if bus.exists(names::WORLD_SNAPSHOT) {
                 world_since.get_or_insert_with(Instant::now);
             }
             let is_there = world_since.is_some() && self.observer.newest.is_some();
-            let is_written = self.observer.has_all_results() && self.observer.is_described(bus);
+            let is_written = self.observer.has_all_results() && self.observer.is_described();
             if is_there && is_written && self.is_reading(bus)? {
                 return Ok(true);
             }
@@ -304,12 +307,12 @@ impl Run<'_> {
         let mut over_since = None;
         let mut at_end_since = None;
         loop {
-            self.look_after(bus)?;
+            self.look_after()?;
             // A stream that is long enough stands still while the last answers come.
             let is_over = self.job.drive.n_frames().is_some() && self.is_at_end();
             if let Some(gate) = gate.as_mut().filter(|_| !is_over) {
                 while gate.look(bus, &self.observer)? {
-                    self.observer.look(bus)?;
+                    self.observer.look()?;
                 }
             }
             let newest = self.observer.newest;
@@ -357,9 +360,9 @@ impl Run<'_> {
     }
 
     /// Looks at everything once: stop requests, processes, the bus.
-    fn look_after(&mut self, bus: &Bus) -> anyhow::Result<()> {
+    fn look_after(&mut self) -> anyhow::Result<()> {
         if (self.stop)() {
-            return Err(Stopped.into());
+            return Err(RunError::Stopped.into());
         }
         for note in self.up.look()? {
             self.note(note);
@@ -387,14 +390,14 @@ impl Run<'_> {
                 self.up.last_words()
             );
         }
-        let mut leaders = self.up.pids.clone();
+        let mut leaders = self.up.pids().clone();
         leaders.insert(
             "bench".into(),
             nix::unistd::getpgrp().as_raw().cast_unsigned(),
         );
         self.meter.look(&leaders, false, &mut self.usage);
-        self.observer.search(bus)?;
-        self.observer.look(bus)
+        self.observer.search()?;
+        self.observer.look()
     }
 
     fn note(&mut self, note: Note) {
@@ -403,35 +406,27 @@ impl Run<'_> {
             processes.iter().any(|process| process.name == name)
         };
         match note {
-            Note::Started { name, .. } if is_program(&name) => {
-                self.alive.insert(name, true);
+            Note::Started { process, .. } if is_program(&process) => {
+                self.alive.insert(process, true);
             }
-            Note::Ended { name, how } if is_program(&name) => {
+            Note::Ended { process, how } if is_program(&process) => {
                 let at = self.observer.newest.map_or_else(
                     || "before the first tick".to_owned(),
                     |(_, tick)| format!("at tick {tick}"),
                 );
-                self.faults.push(format!("{name} ended with {how} {at}"));
-                self.alive.insert(name, false);
+                self.faults.push(format!("{process} ended with {how} {at}"));
+                self.alive.insert(process, false);
             }
-            Note::Ended { name, how } if name == launch::WORLD => {
+            Note::Ended { process, how } if process == launch::WORLD => {
                 self.world_ended = Some(how);
             }
-            Note::Said(text) => {
-                let is_restart = text
-                    .strip_prefix("restarting ")
-                    .and_then(|rest| rest.split(' ').next())
-                    .is_some_and(is_program);
-                if is_restart {
-                    let name = text.split(' ').nth(1).unwrap_or_default().to_owned();
-                    self.alive.insert(name, true);
-                    // It may take as long to answer again as when it began.
-                    self.observer.longest_held = Duration::ZERO;
-                }
-                if is_restart || text.contains("giving up") {
-                    self.faults.push(text);
-                }
+            Note::Restarting { process, text } if is_program(&process) => {
+                self.alive.insert(process, true);
+                // It may take as long to answer again as when it began.
+                self.observer.longest_held = Duration::ZERO;
+                self.faults.push(text);
             }
+            Note::GaveUp { text, .. } => self.faults.push(text),
             _ => {}
         }
     }
@@ -502,7 +497,7 @@ impl Run<'_> {
     }
 
     fn capture(mut self) -> Capture {
-        let leaders = self.up.pids.clone();
+        let leaders = self.up.pids().clone();
         self.meter.look(&leaders, true, &mut self.usage);
         let job = self.job;
         let (n_lost, n_refused) = self.observer.counts();

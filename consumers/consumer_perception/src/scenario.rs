@@ -3,13 +3,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use consumer_dataset::matrix::merge;
-use consumer_dataset::presets;
+use launch_run::matrix::{combinations, name, number_doubles};
 use launch_spec::Launch;
+use launch_spec::presets::{self, merge};
 use schema_frames::{Modality, SensorKind};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
+use crate::suite::SuiteFault;
 use crate::suite::{Suite, TruthPlace};
 
 /// Longest name of a scenario.
@@ -72,11 +73,12 @@ impl Scenario {
     ///
     /// # Errors
     /// A sentence if a weather or a time of day is unknown.
-    pub fn launch(&self, suite: &Suite) -> Result<Table, String> {
+    pub fn launch(&self, suite: &Suite) -> Result<Table, SuiteFault> {
         let rig = suite.rig.get(&self.rig);
         let rig = rig.ok_or_else(|| format!("there is no [rig.{}]", self.rig))?;
-        let mut weather = presets::weather(&self.weather, &suite.weather)?;
-        weather.extend(presets::time(&self.time, &suite.time)?);
+        let sentence = |error: presets::PresetError| error.to_string();
+        let mut weather = presets::weather(&self.weather, &suite.weather).map_err(sentence)?;
+        weather.extend(presets::time(&self.time, &suite.time).map_err(sentence)?);
         let map = match self.map.contains('/') {
             true => suite.folder.join(&self.map).display().to_string(),
             false => self.map.clone(),
@@ -105,7 +107,7 @@ impl Scenario {
     ///
     /// # Errors
     /// A sentence with everything that is wrong with the rig.
-    pub fn inputs(&self, suite: &Suite) -> Result<Vec<InputTopic>, String> {
+    pub fn inputs(&self, suite: &Suite) -> Result<Vec<InputTopic>, SuiteFault> {
         self.topics(self.launch(suite)?)
     }
 
@@ -113,7 +115,7 @@ impl Scenario {
     ///
     /// # Errors
     /// As [`Scenario::inputs`].
-    pub fn rig_inputs(&self, suite: &Suite) -> Result<Vec<InputTopic>, String> {
+    pub fn rig_inputs(&self, suite: &Suite) -> Result<Vec<InputTopic>, SuiteFault> {
         let rig = suite.rig.get(&self.rig);
         let rig = rig.ok_or_else(|| format!("there is no [rig.{}]", self.rig))?;
         let mut launch = Table::new();
@@ -126,7 +128,7 @@ impl Scenario {
         self.topics(launch)
     }
 
-    fn topics(&self, launch: Table) -> Result<Vec<InputTopic>, String> {
+    fn topics(&self, launch: Table) -> Result<Vec<InputTopic>, SuiteFault> {
         let text = toml::to_string(&launch).map_err(|error| error.to_string())?;
         let launch = Launch::parse(&text, &format!("[rig.{}]", self.rig))
             .map_err(|errors| errors.to_string())?;
@@ -147,7 +149,7 @@ impl Scenario {
     ///
     /// # Errors
     /// As [`Scenario::launch`].
-    pub fn launch_with_truth(&self, suite: &Suite) -> Result<Table, String> {
+    pub fn launch_with_truth(&self, suite: &Suite) -> Result<Table, SuiteFault> {
         let mut launch = self.launch(suite)?;
         let inputs = launch.get("sensor").and_then(Value::as_table).cloned();
         let mut sensors = inputs.clone().unwrap_or_default();
@@ -239,72 +241,57 @@ fn of_place(wanted: &BTreeSet<(TruthPlace, &'static str)>, place: TruthPlace) ->
 ///
 /// # Errors
 /// A sentence if a density is unknown.
-pub fn scenarios(suite: &Suite) -> Result<Vec<Scenario>, String> {
+pub fn scenarios(suite: &Suite) -> Result<Vec<Scenario>, SuiteFault> {
     let matrix = &suite.matrix;
+    let (rigs, seeds) = (suite.rigs(), matrix.seeds.list());
+    let lengths = [
+        matrix.maps.len(),
+        matrix.weathers.len(),
+        matrix.times.len(),
+        matrix.densities.len(),
+        rigs.len(),
+        matrix.spawn_points.len(),
+        seeds.len(),
+    ];
     let mut found = Vec::new();
-    for map in &matrix.maps {
-        for weather in &matrix.weathers {
-            for time in &matrix.times {
-                for density in &matrix.densities {
-                    let traffic = suite.density(density)?;
-                    for rig in &suite.rigs() {
-                        for spawn_point in &matrix.spawn_points {
-                            for offset in matrix.seeds.list() {
-                                found.push(Scenario {
-                                    name: String::new(),
-                                    map: map.clone(),
-                                    weather: weather.clone(),
-                                    time: time.clone(),
-                                    density: density.clone(),
-                                    rig: rig.clone(),
-                                    spawn_point: *spawn_point,
-                                    seed: suite.seed.saturating_add(offset),
-                                    vehicles: traffic.vehicles,
-                                    walkers: traffic.walkers,
-                                });
-                            }
-                        }
-                    }
-                }
-            }
-        }
+    for [map, weather, time, density, rig, spawn_point, offset] in combinations(lengths) {
+        let traffic = suite.density(&matrix.densities[density])?;
+        let mut scenario = Scenario {
+            name: String::new(),
+            map: matrix.maps[map].clone(),
+            weather: matrix.weathers[weather].clone(),
+            time: matrix.times[time].clone(),
+            density: matrix.densities[density].clone(),
+            rig: rigs[rig].clone(),
+            spawn_point: matrix.spawn_points[spawn_point],
+            seed: suite.seed.saturating_add(seeds[offset]),
+            vehicles: traffic.vehicles,
+            walkers: traffic.walkers,
+        };
+        scenario.name = name_of(suite, &scenario);
+        found.push(scenario);
     }
-    let mut used = BTreeSet::new();
-    for scenario in &mut found {
-        let base = name(suite, scenario);
-        let mut number = 1;
-        scenario.name.clone_from(&base);
-        while !used.insert(scenario.name.clone()) {
-            number += 1;
-            scenario.name = format!("{base}_{number}");
-        }
-    }
+    number_doubles(found.iter_mut().map(|scenario| &mut scenario.name));
     Ok(found)
 }
 
 /// What is varied, in words that are safe in paths.
-fn name(suite: &Suite, scenario: &Scenario) -> String {
+fn name_of(suite: &Suite, scenario: &Scenario) -> String {
     let matrix = &suite.matrix;
-    let map = scenario.map.rsplit('/').next().unwrap_or(&scenario.map);
-    let map = map.strip_suffix(".xodr").unwrap_or(map);
-    let mut words = vec![
-        map.to_owned(),
-        scenario.weather.clone(),
-        scenario.time.clone(),
-    ];
+    let point = format!("p{}", scenario.spawn_point);
+    let seed = format!("s{}", scenario.seed);
+    let mut words = vec![scenario.weather.as_str(), &scenario.time];
     if matrix.densities.len() > 1 {
-        words.push(scenario.density.clone());
+        words.push(&scenario.density);
     }
     if suite.rigs().len() > 1 {
-        words.push(scenario.rig.clone());
+        words.push(&scenario.rig);
     }
     if matrix.spawn_points.len() > 1 {
-        words.push(format!("p{}", scenario.spawn_point));
+        words.push(&point);
     }
-    words.push(format!("s{}", scenario.seed));
-    let tame = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
-    let words = words.iter().map(|word| word.chars().map(tame).collect());
-    let name = words.collect::<Vec<String>>().join("_");
+    words.push(&seed);
+    let name = name(&scenario.map, &words);
     let cut = name.len().saturating_sub(MAX_NAME);
     // The end says most: the seed stands there.
     name[cut..].to_owned()

@@ -4,26 +4,28 @@
 //! The recording of a scenario is read once, tick by tick, for all programs and modes together; only
 //! sums, matches and poses are kept. A second look at some ticks draws the worst frames.
 
+mod latency;
 mod plan;
 mod work;
 mod worst;
 
 use std::path::Path;
 
+use consumer_report::Spread;
 use consumer_truth::recording::{TickReader, scenario};
 use consumer_truth::scenario::Scenario;
 use rayon::prelude::*;
 use schema_recording::read::RecordingFile;
 
 use crate::capture::{Capture, Mode};
-use crate::latency::Answered;
-use crate::moment::Moment;
-use crate::queries::{Answers, Association};
-use crate::report::{Counts, Files, Latency, Run, ScenarioRun, Spread};
+use crate::evidence::moment::Moment;
+use crate::evidence::queries::{Answers, Association};
+use crate::report::{Counts, Files, Latency, Run, ScenarioRun};
 use crate::suite::Suite;
 use crate::tasks::{AnyTask, Context, Plan};
 use crate::truth_pass::TruthRecording;
 
+use latency::Answered;
 pub use plan::check;
 use work::{Wanted, Work, is_query};
 

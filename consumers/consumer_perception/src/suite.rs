@@ -1,16 +1,19 @@
 //! Suites: what a benchmark shows, asks and runs, as a TOML file says it.
 
+mod fault;
+pub mod file;
 mod program;
 mod task;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use consumer_dataset::recipe::Seeds;
+use launch_run::matrix::Seeds;
 use schema_frames::{InputRecord, ResultType};
 use serde::Deserialize;
 use toml::Table;
 
+pub use fault::SuiteFault;
 pub(crate) use program::ProcessTable;
 pub use program::{Program, ProgramProcess};
 pub use task::{Task, TaskKind, TruthPlace};
@@ -168,9 +171,8 @@ impl Suite {
     ///
     /// # Errors
     /// A sentence.
-    pub(crate) fn unchecked(text: &str, folder: &Path, name: &str) -> Result<Suite, String> {
-        let mut suite: Suite =
-            toml::from_str(text).map_err(|error| error.to_string().trim_end().to_owned())?;
+    pub(crate) fn unchecked(text: &str, folder: &Path, name: &str) -> Result<Suite, SuiteFault> {
+        let mut suite: Suite = file::tables(text)?;
         suite.text = text.to_owned();
         suite.folder = folder.to_owned();
         if suite.name.is_empty() {
@@ -219,7 +221,7 @@ impl Suite {
     ///
     /// # Errors
     /// A sentence with the names that there are.
-    pub fn density(&self, name: &str) -> Result<Density, String> {
+    pub fn density(&self, name: &str) -> Result<Density, SuiteFault> {
         let preset = DENSITIES.iter().find(|(other, _)| *other == name);
         let found = self.density.get(name).copied();
         found
@@ -231,6 +233,7 @@ impl Suite {
                     "there is no density {name:?}; there is {}, and [density.NAME] makes another",
                     known.chain(own).collect::<Vec<_>>().join(", ")
                 )
+                .into()
             })
     }
 
@@ -345,7 +348,7 @@ cmd = ["./free"]
 "#;
 
     pub(crate) fn read(text: &str) -> Result<Suite, String> {
-        Suite::parse(text, Path::new("/suites"), "small")
+        Suite::parse(text, Path::new("/suites"), "small").map_err(|fault| fault.to_string())
     }
 
     #[test]

@@ -4,12 +4,12 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use launch_cli::wrong_usage;
 use schema_frames::Modality;
 use toml::Table;
 
 use crate::scenario::{InputTopic, is_camera, is_lidar, scenarios};
-use crate::suite::{Suite, Task, TaskKind};
+use crate::suite::file::{SuiteFile, check_version};
+use crate::suite::{Suite, SuiteFault, Task, TaskKind};
 
 /// Most scenarios of a suite.
 const MAX_SCENARIOS: usize = 10_000;
@@ -22,25 +22,21 @@ impl Suite {
     /// Reads and checks a suite.
     ///
     /// # Errors
-    /// [`wrong_usage`] with the file, what is wrong, and what is allowed.
+    /// [`launch_cli::wrong_usage`] with the file, what is wrong, and what is allowed.
     pub fn read(file: &Path) -> anyhow::Result<Suite> {
-        let shown = file.display();
-        let text = std::fs::read_to_string(file)
-            .map_err(|error| wrong_usage(format!("cannot read the suite {shown}: {error}")))?;
         let folder = std::path::absolute(file)?
             .parent()
             .map(Path::to_owned)
             .unwrap_or_default();
-        let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-        Suite::parse(&text, &folder, &stem)
-            .map_err(|sentence| wrong_usage(format!("{shown}: {sentence}")))
+        let file = SuiteFile::read(file)?;
+        Suite::parse(&file.text, &folder, &file.stem()).map_err(|fault| file.refused(&[fault]))
     }
 
     /// As [`Suite::read`], of a text whose relative paths begin in `folder`.
     ///
     /// # Errors
     /// A sentence.
-    pub fn parse(text: &str, folder: &Path, name: &str) -> Result<Suite, String> {
+    pub fn parse(text: &str, folder: &Path, name: &str) -> Result<Suite, SuiteFault> {
         let mut suite = Suite::unchecked(text, folder, name)?;
         suite.check()?;
         Ok(suite)
@@ -50,10 +46,8 @@ impl Suite {
     ///
     /// # Errors
     /// A sentence with the key, the value and what is allowed.
-    fn check(&mut self) -> Result<(), String> {
-        if self.version != 1 {
-            return Err(format!("version = {}; this version reads 1", self.version));
-        }
+    fn check(&mut self) -> Result<(), SuiteFault> {
+        check_version(self.version)?;
         for (key, value, least, most) in [
             ("settle_s", self.settle_s, 0.0, 3600.0),
             ("warm_up_s", self.warm_up_s, 0.0, 3600.0),
@@ -69,7 +63,7 @@ impl Suite {
             in_range("query_hz", self.query_hz, 0.1, self.tick_hz)?;
         }
         if self.seed > i64::MAX as u64 {
-            return Err(format!("seed = {}; it lies in 0 to 2^63 - 1", self.seed));
+            return Err(format!("seed = {}; it lies in 0 to 2^63 - 1", self.seed).into());
         }
         self.delays_ms.sort_by(f64::total_cmp);
         self.delays_ms.dedup();
@@ -82,7 +76,7 @@ impl Suite {
             return Err(format!(
                 "delays_ms has {} values; it is a list of at most {MAX_DELAYS} numbers from 0 to 10000",
                 self.delays_ms.len()
-            ));
+            ).into());
         }
         self.check_matrix()?;
         self.check_tasks()?;
@@ -92,7 +86,8 @@ impl Suite {
             return Err(format!(
                 "the matrix has {} scenarios; a suite has 1 to {MAX_SCENARIOS}",
                 all.len()
-            ));
+            )
+            .into());
         }
         let mut rates = BTreeSet::new();
         let mut seen = BTreeSet::new();
@@ -123,7 +118,7 @@ impl Suite {
     }
 
     /// Fills in the rate of queries, and checks it against the inputs.
-    fn settle_rates(&mut self, rates: &[f64]) -> Result<(), String> {
+    fn settle_rates(&mut self, rates: &[f64]) -> Result<(), SuiteFault> {
         let fastest = rates.iter().copied().fold(0.0, f64::max);
         if self.query_hz == 0.0 {
             self.query_hz = if fastest > 0.0 { fastest } else { self.tick_hz };
@@ -132,14 +127,15 @@ impl Suite {
             return Err(format!(
                 "query_hz = {}; it must divide tick_hz = {}, because truth exists at ticks",
                 self.query_hz, self.tick_hz
-            ));
+            )
+            .into());
         }
         for rate_hz in rates {
             if !divides(*rate_hz, self.query_hz) {
                 return Err(format!(
                     "query_hz = {}; it must be a multiple of the inputs' rate_hz = {rate_hz}, so that every frame has its truth",
                     self.query_hz
-                ));
+                ).into());
             }
         }
         let flows = |task: &Task| task.kind == TaskKind::EventFlow;
@@ -147,12 +143,13 @@ impl Suite {
             return Err(format!(
                 "tick_hz = {}; a task of kind event_flow needs a multiple of {EVENT_FLOW_HZ}",
                 self.tick_hz
-            ));
+            )
+            .into());
         }
         Ok(())
     }
 
-    fn check_matrix(&self) -> Result<(), String> {
+    fn check_matrix(&self) -> Result<(), SuiteFault> {
         let matrix = &self.matrix;
         for (key, is_empty) in [
             ("maps", matrix.maps.is_empty()),
@@ -163,7 +160,7 @@ impl Suite {
             ("seeds", matrix.seeds.list().is_empty()),
         ] {
             if is_empty {
-                return Err(format!("matrix.{key} is empty; give at least one value"));
+                return Err(format!("matrix.{key} is empty; give at least one value").into());
             }
         }
         if let Some(name) = self
@@ -174,7 +171,8 @@ impl Suite {
             return Err(format!(
                 "matrix.rigs names {name:?}; there is {}",
                 list(self.rig.keys())
-            ));
+            )
+            .into());
         }
         if self.rig.is_empty() {
             return Err("there is no rig; give [rig.NAME.sensor.NAME] with a kind".into());
@@ -184,19 +182,19 @@ impl Suite {
             if let Some(sensor) = rig.sensor.keys().find(is_truth) {
                 return Err(format!(
                     "[rig.{name}.sensor.{sensor}]: names that end with _truth are those of the benchmark's own sensors"
-                ));
+                ).into());
             }
             let carried = |spec: &toml::Value| spec.get("rig").is_some();
             if let Some((sensor, _)) = rig.sensor.iter().find(|(_, spec)| carried(spec)) {
                 return Err(format!(
                     "[rig.{name}.sensor.{sensor}] has the key \"rig\"; sensors of a suite are carried by the ego"
-                ));
+                ).into());
             }
         }
         Ok(())
     }
 
-    fn check_tasks(&self) -> Result<(), String> {
+    fn check_tasks(&self) -> Result<(), SuiteFault> {
         let mut names = BTreeSet::new();
         for task in &self.tasks {
             crate::score::check(task)?;
@@ -204,19 +202,19 @@ impl Suite {
                 return Err(format!(
                     "two tasks are called {:?}; give one of them another `name`",
                     task.name
-                ));
+                )
+                .into());
             }
         }
         let acting = self.tasks.iter().filter(|task| task.kind.acts()).count();
         if acting > 0 && acting < self.tasks.len() {
             return Err(
-                "a task of kind driving changes the world, so what others see is not the same for every program; put it into a suite of its own".into(),
-            );
+                "a task of kind driving changes the world, so what others see is not the same for every program; put it into a suite of its own".into());
         }
         Ok(())
     }
 
-    fn check_programs(&self) -> Result<(), String> {
+    fn check_programs(&self) -> Result<(), SuiteFault> {
         for program in &self.programs {
             for (topic, task) in &program.results {
                 if self.task(task).is_none() {
@@ -224,7 +222,8 @@ impl Suite {
                         "[program.{}] results: {topic:?} is to be scored as {task:?}; there is {}",
                         program.name,
                         list(self.tasks.iter().map(|task| &task.name))
-                    ));
+                    )
+                    .into());
                 }
             }
         }
@@ -238,7 +237,7 @@ fn check_sensor(
     rig: &str,
     sensors: &Table,
     inputs: &[InputTopic],
-) -> Result<(), String> {
+) -> Result<(), SuiteFault> {
     let at = format!("the task {:?}", task.name);
     let Some(sensor) = &task.sensor else {
         return match task.kind {
@@ -246,7 +245,8 @@ fn check_sensor(
             _ => Err(format!(
                 "{at} has no sensor; give sensor = one of {}",
                 list(sensors.keys())
-            )),
+            )
+            .into()),
         };
     };
     for (key, name) in [("sensor", Some(sensor)), ("partner", task.partner.as_ref())] {
@@ -254,7 +254,8 @@ fn check_sensor(
             return Err(format!(
                 "{at}: {key} = {name:?}, which [rig.{rig}] has not; it has {}",
                 list(sensors.keys())
-            ));
+            )
+            .into());
         }
     }
     let needs_lidar = task.kind == TaskKind::LidarSemantic;
@@ -264,7 +265,7 @@ fn check_sensor(
     );
     if is_lidar(sensors, sensor) != needs_lidar && !any {
         let wanted = if needs_lidar { "a lidar" } else { "a camera" };
-        return Err(format!("{at}: its sensor {sensor:?} must be {wanted}"));
+        return Err(format!("{at}: its sensor {sensor:?} must be {wanted}").into());
     }
     let has = |wanted: Modality| {
         let topic = format!("ego/{sensor}/{}", wanted.name());
@@ -273,12 +274,13 @@ fn check_sensor(
     if task.kind == TaskKind::EventFlow && !has(Modality::Dvs) {
         return Err(format!(
             "{at}: its sensor {sensor:?} makes no events; give it modalities = [\"dvs\"]"
-        ));
+        )
+        .into());
     }
     if task.kind == TaskKind::Stereo && task.partner.is_none() {
-        return Err(format!(
-            "{at} has no partner; give partner = the name of the right camera"
-        ));
+        return Err(
+            format!("{at} has no partner; give partner = the name of the right camera").into(),
+        );
     }
     let camera = |input: &InputTopic| {
         let modality = input.topic.rsplit('/').next().and_then(Modality::from_name);
@@ -286,15 +288,15 @@ fn check_sensor(
     };
     let needs_camera = !any && !needs_lidar && task.kind != TaskKind::Driving;
     if needs_camera && !inputs.iter().any(camera) {
-        return Err(format!("{at}: its sensor {sensor:?} must be a camera"));
+        return Err(format!("{at}: its sensor {sensor:?} must be a camera").into());
     }
     Ok(())
 }
 
-fn in_range(key: &str, value: f64, least: f64, most: f64) -> Result<(), String> {
+fn in_range(key: &str, value: f64, least: f64, most: f64) -> Result<(), SuiteFault> {
     match (least..=most).contains(&value) {
         true => Ok(()),
-        false => Err(format!("{key} = {value}; it lies in {least} to {most}")),
+        false => Err(format!("{key} = {value}; it lies in {least} to {most}").into()),
     }
 }
 

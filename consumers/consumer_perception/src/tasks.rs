@@ -5,30 +5,19 @@
 //! against the frames that they answer, queries against the newest result, at every added delay, by
 //! strata, scenario by scenario.
 
-pub mod boxes2d;
-pub mod boxes3d;
 pub mod classes;
-pub mod depth;
-pub mod detect;
-pub mod driving;
-pub mod event_flow;
-pub mod flow;
-pub mod lanes;
-pub mod lidar_semantic;
-pub mod masks;
+pub mod dense;
 pub mod measure;
-pub mod odometry;
-pub mod pixels;
+pub mod motion;
+pub mod objects;
 mod run;
-pub mod semantic;
 pub mod spaces;
-pub mod stereo;
-pub mod tracking;
 
 #[cfg(test)]
 mod tests;
 
 pub use measure::{
-    AnyTask, Bad, Context, Drawn, Headline, Measure, Options, Plan, Reading, Scored, Spec, Worst,
+    AnyTask, Bad, Context, Drawn, Headline, Measure, Options, Plan, Reading, Scored, Spec,
+    Unreadable, Worst,
 };
 pub use run::{MAX_CURVE_QUERIES, TaskRun};

@@ -141,7 +141,7 @@ pub fn build() -> anyhow::Result<String> {
 /// how many ticks are done.
 ///
 /// # Errors
-/// [`Stopped`](consumer_dataset::stepping::Stopped) if `stop` says so, or what failed.
+/// [`Stopped`](launch_run::RunError::Stopped) if `stop` says so, or what failed.
 pub fn recording(
     suite: &Suite,
     scenario: &Scenario,

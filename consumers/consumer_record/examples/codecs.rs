@@ -3,10 +3,13 @@
 
 use std::collections::BTreeMap;
 use std::hint::black_box;
+use std::path::PathBuf;
+use std::process::ExitCode;
 
+use consumer_forms::foxglove::frames::TopicName;
 use consumer_record::coder::FrameCoder;
-use consumer_record::frames::TopicName;
 use consumer_record::options::Coding;
+use launch_cli::bench::{self, BenchResult, Samples, clap, thread_cpu_secs};
 use schema_frames::{FrameHeader, Modality};
 use schema_recording::codec::{Encoder, decode};
 use schema_recording::messages::Entry;
@@ -21,17 +24,24 @@ const N_FRAMES: usize = 12;
 /// Times that each is coded.
 const N_TURNS: usize = 3;
 
-fn main() -> anyhow::Result<()> {
-    let mut args = std::env::args().skip(1);
-    let path = args
-        .next()
-        .ok_or_else(|| anyhow::anyhow!("name a recording"))?;
-    let wanted = args.next().map_or(Ok(N_FRAMES), |text| text.parse())?;
-    for (topic, frames) in frames(path.as_ref(), wanted)? {
-        println!("\n{topic}, {} frames", frames.len());
-        measure(&frames)?;
-    }
-    Ok(())
+/// Sizes and times of ways to store payloads
+#[derive(Debug, clap::Args)]
+struct Args {
+    /// The recording
+    recording: PathBuf,
+    /// Frames of a topic
+    #[arg(default_value_t = N_FRAMES)]
+    frames: usize,
+}
+
+fn main() -> ExitCode {
+    bench::run("codecs", |args: &Args, result| {
+        for (topic, frames) in frames(&args.recording, args.frames)? {
+            println!("\n{topic}, {} frames", frames.len());
+            measure(&topic, &frames, result)?;
+        }
+        Ok(())
+    })
 }
 
 /// Some frames of each topic.
@@ -65,24 +75,18 @@ fn frames(path: &std::path::Path, wanted: usize) -> anyhow::Result<BTreeMap<Stri
     Ok(found)
 }
 
-/// Processor time of this thread, seconds.
-fn cpu_secs() -> f64 {
-    let time = nix::time::clock_gettime(nix::time::ClockId::CLOCK_THREAD_CPUTIME_ID)
-        .expect("every thread has a clock");
-    time.tv_sec() as f64 + time.tv_nsec() as f64 * 1e-9
-}
-
-fn measure(frames: &[Frame]) -> anyhow::Result<()> {
-    let row = |way: &str, work: Work<'_>| {
+fn measure(topic: &str, frames: &[Frame], result: &mut BenchResult) -> anyhow::Result<()> {
+    let mut row = |way: &str, work: Work<'_>| {
         let raw: usize = frames.iter().map(|frame| frame.1.len()).sum();
         let mut n_bytes = 0;
-        let mut secs = f64::INFINITY;
-        for _ in 0..N_TURNS {
-            let began = cpu_secs();
+        let secs = Samples::of(N_TURNS, || {
+            let began = thread_cpu_secs();
             n_bytes = frames.iter().map(|frame| black_box(work(frame))).sum();
-            secs = secs.min(cpu_secs() - began);
-        }
-        let n = frames.len() as f64;
+            thread_cpu_secs() - began
+        });
+        let (n, secs) = (frames.len() as f64, secs.best());
+        let figures = [("bytes", n_bytes as f64 / n), ("ms", secs / n * 1e3)];
+        result.row(&format!("{topic}: {}", way.trim()), &figures);
         println!(
             "  {way:20} {:8.1} kB of {:7.1} {:6.1} % {:8.2} ms {:7.0} MB/s",
             n_bytes as f64 / n / 1e3,
@@ -103,7 +107,7 @@ fn measure(frames: &[Frame]) -> anyhow::Result<()> {
         });
     }
     if frames[0].0.modality() == Some(Modality::Rgb) {
-        pictures(&row);
+        pictures(&mut row);
     }
     for level in [-3, 3] {
         let mut encoder = Encoder::with_level(level)?;
@@ -139,8 +143,8 @@ fn measure(frames: &[Frame]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Ways of PNG, and QOI.
-fn pictures(row: &dyn Fn(&str, Work<'_>)) {
+/// Ways of PNG.
+fn pictures(row: &mut dyn FnMut(&str, Work<'_>)) {
     use png::{Compression, Filter};
     let ways = [
         ("png up", Compression::Fastest, Some(Filter::Up)),
@@ -168,18 +172,11 @@ fn pictures(row: &dyn Fn(&str, Work<'_>)) {
             written.map_or(0, |()| file.len())
         });
     }
-    row("qoi", &mut |(header, payload)| {
-        let pixels: Vec<u8> = payload
-            .chunks_exact(4)
-            .flat_map(|bgra| [bgra[2], bgra[1], bgra[0]])
-            .collect();
-        qoi::encode_to_vec(&pixels, header.width, header.height).map_or(0, |file| file.len())
-    });
     lossy(row);
 }
 
 /// What `--jpeg 90` and `--video h264` make of colour.
-fn lossy(row: &dyn Fn(&str, Work<'_>)) {
+fn lossy(row: &mut dyn FnMut(&str, Work<'_>)) {
     let coder = |coding| FrameCoder::new(coding).expect("codecs");
     let name = TopicName::new("ego/front/rgb").expect("a topic of colour");
     let bytes_of = |entries: Vec<Entry>| entries.iter().map(|it| it.bytes.len()).sum();

@@ -3,32 +3,42 @@
 
 use std::fs::File;
 use std::io::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use consumer_record::files::Files;
 use consumer_record::options::Split;
 use consumer_record::queue::{Job, Refused, queue};
 use consumer_record::writer::{Target, run};
+use launch_cli::bench::{self, BenchResult, Samples, clap};
 use schema_recording::messages::{Batch, Content, Entry};
 use schema_recording::write::{ChunkCompression, Recording};
 
 /// A message as large as an image of 800 × 600 pixels.
 const MESSAGE_BYTES: usize = 1_920_000;
 
-fn main() -> anyhow::Result<()> {
-    let mut args = std::env::args().skip(1);
-    let folder = args
-        .next()
-        .ok_or_else(|| anyhow::anyhow!("name a folder"))?;
-    let folder = Path::new(&folder);
-    let megabytes: usize = args.next().map_or(Ok(1000), |text| text.parse())?;
-    let turns: usize = args.next().map_or(Ok(5), |text| text.parse())?;
-    let n = megabytes * 1_000_000 / MESSAGE_BYTES;
+/// Times writing of recordings, beside plain writing
+#[derive(Debug, clap::Args)]
+struct Args {
+    folder: PathBuf,
+    #[arg(default_value_t = 1000)]
+    megabytes: usize,
+    #[arg(default_value_t = 5)]
+    turns: usize,
+}
+
+fn main() -> ExitCode {
+    bench::run("disk", measure)
+}
+
+fn measure(args: &Args, result: &mut BenchResult) -> anyhow::Result<()> {
+    let folder = args.folder.as_path();
+    let n = args.megabytes * 1_000_000 / MESSAGE_BYTES;
     let mut rng = fastrand::Rng::with_seed(1);
     let message: Vec<u8> = (0..MESSAGE_BYTES).map(|_| rng.u8(..)).collect();
     let mut rates = Vec::new();
-    for turn in 1..=turns {
+    for turn in 1..=args.turns.max(1) {
         let raw = raw(folder, &message, n)?;
         let recorded = recorded(folder, message.clone(), n)?;
         println!(
@@ -37,12 +47,9 @@ fn main() -> anyhow::Result<()> {
         );
         rates.push((recorded, recorded / raw));
     }
-    let median = |mut of: Vec<f64>| {
-        of.sort_by(f64::total_cmp);
-        of[of.len() / 2]
-    };
-    let rate = median(rates.iter().map(|it| it.0).collect());
-    let ratio = median(rates.iter().map(|it| it.1).collect());
+    let rate = rates.iter().map(|it| it.0).collect::<Samples>().median();
+    let ratio = rates.iter().map(|it| it.1).collect::<Samples>().median();
+    result.row("median", &[("mb_per_sec", rate), ("ratio", ratio)]);
     println!("median: recording {rate:.0} MB/s, ratio {ratio:.2}");
     for share in [0.8, 0.9] {
         let (n, n_refused) = paced(folder, &message, share * rate)?;

@@ -1,11 +1,11 @@
 //! Writes a small recording of made-up results of users' programs: `cargo run --example
 //! record_results -- OUT.mcap [TICKS]`, for `tests/oracle/read_results.py`.
 
-#[path = "../tests/sample/results.rs"]
+#[path = "../tests/it/sample/results.rs"]
 mod sample;
 
+use consumer_forms::foxglove::results::ResultConverter;
 use consumer_kit::items::ResultParts;
-use consumer_record::results::ResultConverter;
 use schema_frames::{InputRecord, ResultHeader, ResultType};
 use schema_recording::messages::Batch;
 use schema_recording::write::{ChunkCompression, Recording};

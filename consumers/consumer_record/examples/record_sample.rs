@@ -4,7 +4,7 @@
 //! Every byte follows from the tick, so that a reader in another language
 //! (`tests/oracle/read_sample.py`) can check all of them.
 
-#[path = "../tests/sample/mod.rs"]
+#[path = "../tests/it/sample.rs"]
 mod sample;
 
 use consumer_record::files::Files;

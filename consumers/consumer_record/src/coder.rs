@@ -9,11 +9,11 @@ use schema_frames::{FrameHeader, Modality};
 use schema_recording::codec::{Encoder, PNG};
 use schema_recording::messages::Entry;
 
-use crate::frames::{TopicName, frame, frame_entries};
 use crate::options::{Coding, KEY_EVERY_NANOS};
-use crate::previews::{compressed, has_preview, preview};
 use crate::stages;
 use crate::video::{H264_NAME, Videos};
+use consumer_forms::foxglove::frames::{TopicName, frame, frame_entries};
+use consumer_forms::foxglove::previews::{compressed, has_preview, preview};
 
 /// Name of JPEG in `foxglove.CompressedImage` and `gantry.Frame`.
 pub const JPEG: &str = "jpeg";

@@ -1,12 +1,12 @@
 //! The world's documents in a recording: each change is a message, and the map an attachment too.
 
-use consumer_kit::FollowedDocument;
-use schema_bus::{Bus, Document, mono_now, names};
+use consumer_kit::{Domain, TopicId};
+use schema_bus::{Document, mono_now, names};
 use schema_frames::{ActorList, WorldInfo};
 
 use crate::queue::Job;
 use crate::sink::Sink;
-use crate::snapshots::{SnapshotConverter, document};
+use consumer_forms::foxglove::snapshots::{SnapshotConverter, document};
 
 /// The documents that are recorded.
 const DOCUMENTS: [&str; 5] = [
@@ -34,17 +34,15 @@ impl Run {
 
 /// The world's documents, followed for the whole recording.
 pub(crate) struct Documents {
-    followed: Vec<(&'static str, FollowedDocument)>,
+    followed: [(&'static str, TopicId); DOCUMENTS.len()],
     /// Epoch and revision of the map that is attached.
     attached: Option<(u64, u64)>,
 }
 
 impl Documents {
-    pub(crate) fn new() -> Documents {
+    pub(crate) fn follow(domain: &mut Domain) -> Documents {
         Documents {
-            followed: DOCUMENTS
-                .map(|name| (name, FollowedDocument::new(name)))
-                .into(),
+            followed: DOCUMENTS.map(|name| (name, domain.follow_document(name))),
             attached: None,
         }
     }
@@ -58,19 +56,19 @@ impl Documents {
     pub(crate) fn drain(
         &mut self,
         all: bool,
-        bus: &Bus,
+        domain: &mut Domain,
         run: Run,
         converter: &mut SnapshotConverter,
         sink: &mut Sink,
     ) -> anyhow::Result<()> {
-        for (name, followed) in &mut self.followed {
-            let changed = followed.changed(bus)?.is_some();
-            let newest = followed.newest().filter(|found| run.has(found));
+        for (name, id) in self.followed {
+            let changed = domain.take_document(id)?.is_some();
+            let newest = domain.document(id).filter(|found| run.has(found));
             if let Some(found) = newest.filter(|_| changed || all) {
                 record_document(name, found, run, converter, sink)?;
             }
         }
-        self.attach_map(false, run, sink)
+        self.attach_map(false, domain, run, sink)
     }
 
     /// Attaches the map once per revision. Its name is in `world/info`, which may arrive after the
@@ -78,10 +76,11 @@ impl Documents {
     pub(crate) fn attach_map(
         &mut self,
         at_the_end: bool,
+        domain: &Domain,
         run: Run,
         sink: &mut Sink,
     ) -> anyhow::Result<()> {
-        let Some(map) = self.newest(names::WORLD_MAP, run) else {
+        let Some(map) = self.newest(names::WORLD_MAP, domain, run) else {
             return Ok(());
         };
         let revision = (map.header.epoch, map.header.revision);
@@ -89,7 +88,7 @@ impl Documents {
             return Ok(());
         }
         let info = self
-            .newest(names::WORLD_INFO, run)
+            .newest(names::WORLD_INFO, domain, run)
             .map(|info| info.json::<WorldInfo>())
             .transpose()?;
         let name = match &info {
@@ -110,9 +109,9 @@ impl Documents {
         Ok(())
     }
 
-    fn newest(&self, wanted: &str, run: Run) -> Option<&Document> {
-        let (_, followed) = self.followed.iter().find(|(name, _)| *name == wanted)?;
-        followed.newest().filter(|found| run.has(found))
+    fn newest<'a>(&self, wanted: &str, domain: &'a Domain, run: Run) -> Option<&'a Document> {
+        let (_, id) = self.followed.iter().find(|(name, _)| *name == wanted)?;
+        domain.document(*id).filter(|found| run.has(found))
     }
 }
 

@@ -62,7 +62,7 @@ impl Pull {
         };
         match record(opcode, &self.body) {
             Ok(record) => Ok(Some(record)),
-            Err(why) => Err(self.damaged(&why)),
+            Err(why) => Err(self.damaged(&why.to_string())),
         }
     }
 

@@ -11,8 +11,8 @@ use schema_bus::Frame;
 use schema_frames::{FrameHeader, Modality};
 use schema_recording::messages::Batch;
 
-use crate::frames::TopicName;
 use crate::options::KEY_EVERY_NANOS;
+use consumer_forms::foxglove::frames::TopicName;
 
 /// Something for the writer to do.
 #[derive(Debug)]

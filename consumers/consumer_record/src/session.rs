@@ -6,28 +6,34 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use consumer_kit::{Follower, LEAVE_AFTER, Take, TopicId, is_left_over};
-use schema_bus::{Bus, BusError, SnapshotReader, TopicDetails, mono_now, names};
+use anyhow::Context as _;
+use consumer_kit::{Change, Domain, Listing, Rhythm, Take, TopicId, Wish};
+use schema_bus::{Bus, BusError, TopicDetails, mono_now, names};
 
 use crate::asker::Asker;
-use crate::discover::Discovery;
 use crate::documents::{Documents, Run};
-use crate::frames::{TopicName, frame_entries};
 use crate::in_step::InStep;
 use crate::journal::Journal;
 use crate::options::Options;
 use crate::queue::{Hold, Payload};
 use crate::result_topics::{MAX_A_TURN, ResultTopics};
 use crate::scenery::Scenery;
+use crate::select::Select;
 use crate::sink::{Loss, Output, Sink, wall_minus_mono_nanos};
-use crate::snapshots::SnapshotConverter;
 use crate::stages;
+use consumer_forms::foxglove::frames::{TopicName, frame_entries};
+use consumer_forms::foxglove::snapshots::SnapshotConverter;
 use schema_recording::write::Written;
 
 /// Longest wait for a wake-up: how often documents and the shutdown flag are checked.
 const MAX_WAIT: Duration = Duration::from_millis(20);
 /// How often joining lockstep is tried.
 const JOIN_EVERY: Duration = Duration::from_millis(250);
+/// How often topics are listed.
+const LIST: Rhythm = Rhythm {
+    rest: Duration::from_millis(500),
+    longest: Duration::from_secs(2),
+};
 
 /// The outcome of a recording.
 #[derive(Clone, Debug, Default)]
@@ -55,36 +61,30 @@ pub fn record(options: &Options, stop: &dyn Fn() -> bool) -> anyhow::Result<Repo
     outcome.map(|()| report)
 }
 
-/// A followed topic: its names in the file, kept so that no frame has to build them.
+/// A followed topic of frames: its names in the file, kept so that no frame has to build them.
 #[derive(Debug)]
-struct Followed {
-    id: TopicId,
+struct FrameTopic {
     name: Arc<TopicName>,
     source: Arc<str>,
     /// Its frames that coders have borrowed.
     held: Hold,
-    /// When it was last listed with a writer.
-    alive: Instant,
 }
 
 struct Session {
     // Dropped in this order: ports before the node that made them.
     lockstep: Option<InStep>,
-    results: ResultTopics,
-    snapshots: Option<SnapshotReader>,
-    documents: Documents,
     journal: Journal,
     scenery: Scenery,
-    follower: Follower,
-    /// By followed topic.
-    names: BTreeMap<String, Followed>,
+    domain: Domain,
+    frames: BTreeMap<TopicId, FrameTopic>,
+    results: ResultTopics,
+    snapshots: TopicId,
+    documents: Documents,
     /// What was lost of topics that are followed no longer.
     left: BTreeMap<String, Loss>,
-    full: BTreeSet<String>,
     /// Batches that were met, and are not recorded.
     batches: BTreeSet<String>,
     options: Options,
-    discovery: Discovery,
     snapshot_converter: SnapshotConverter,
     sink: Sink,
     run: Run,
@@ -116,20 +116,22 @@ impl Session {
         };
         let asker =
             |what: &str| Asker::start(&options.domain, &format!("{name}-{what}"), &options.bus);
+        let lister = Bus::open_with(&options.domain, &format!("{name}-look"), &options.bus)?;
+        let listing = Listing::start(lister, LIST)
+            .context("cannot start the thread that looks for topics")?;
+        let mut domain = Domain::on(bus, listing);
         Ok(Session {
             lockstep: None,
-            results: ResultTopics::new(),
-            snapshots: None,
-            documents: Documents::new(),
             journal: Journal::new(asker("journal")?),
             scenery: Scenery::new(asker("scenery")?),
-            follower: Follower::on(bus),
-            names: BTreeMap::new(),
+            snapshots: domain.follow_snapshots(),
+            documents: Documents::follow(&mut domain),
+            domain,
+            frames: BTreeMap::new(),
+            results: ResultTopics::new(),
             left: BTreeMap::new(),
-            full: BTreeSet::new(),
             batches: BTreeSet::new(),
             options: options.clone(),
-            discovery: Discovery::start(&options.domain, &format!("{name}-look"), &options.bus)?,
             snapshot_converter: SnapshotConverter::default(),
             sink,
             run: Run::default(),
@@ -160,97 +162,78 @@ impl Session {
         self.lockstep = None;
         self.drain()?;
         self.drain_documents(!self.has_snapshot)?;
-        self.documents.attach_map(true, self.run, &mut self.sink)
+        self.documents
+            .attach_map(true, &self.domain, self.run, &mut self.sink)
     }
 
     /// Follows topics that are new.
     fn discover(&mut self) -> anyhow::Result<()> {
-        if let Some(topics) = self.discovery.newest()? {
-            self.follow_new(topics)?;
-        }
+        let (select, batches) = (&self.options.select, &mut self.batches);
+        self.domain
+            .look(|listed| wish(select, batches, listed.details))?;
+        self.take_over()?;
         self.join_lockstep()
     }
 
-    fn follow_new(&mut self, topics: Vec<TopicDetails>) -> anyhow::Result<()> {
-        let now = Instant::now();
-        for topic in topics {
-            if topic.publishers > 0 {
-                self.results.is_alive(&topic.name, now);
-                if let Some(known) = self.names.get_mut(&topic.name) {
-                    known.alive = now;
-                }
-            }
-            let wanted = self.options.select.takes(&topic.name);
-            let is_known = self.names.contains_key(&topic.name) || self.results.knows(&topic.name);
-            let is_recorded = topic.modality.is_some() || topic.result.is_some();
-            if !is_recorded || !wanted || is_known {
-                continue;
-            }
-            if names::is_batch(&topic.name) {
-                if self.batches.insert(topic.name.clone()) {
-                    tracing::info!(
-                        topic = topic.name,
-                        "a batch is not recorded: the topics of its cameras have the same images"
-                    );
-                }
-                continue;
-            }
-            if topic.subscribers >= topic.max_subscribers {
-                if self.full.insert(topic.name.clone()) {
-                    tracing::error!(
-                        topic = topic.name,
-                        limit = topic.max_subscribers,
-                        "cannot record the topic: all its reader places are taken; stop another reader"
-                    );
-                }
-                continue;
-            }
-            self.full.remove(&topic.name);
-            if topic.result.is_some() {
-                // Other readers keep a topic in the list after its writer has ended.
-                if topic.publishers > 0 || !self.results.has_ended(&topic.name) {
-                    self.follower.listen(&topic.name)?;
-                    let alive = (topic.publishers > 0).then_some(now);
-                    self.results.follow(&topic.name, alive);
-                }
-            } else if let Some(name) = TopicName::new(&topic.name)
-                && !is_left_over(&topic)
-            {
-                let followed = Followed {
-                    id: self.follower.follow(&topic.name, Take::All),
-                    name: name.into(),
-                    source: topic.name.as_str().into(),
-                    held: Hold::default(),
-                    alive: now,
-                };
-                self.names.insert(topic.name, followed);
-            }
-        }
-        if self.snapshots.is_none() {
-            self.snapshots = absent_is_none(self.follower.bus().snapshot_reader())?;
-        }
-        self.leave_gone(now)
+    /// Follows and opens what there is now; the list of the thread may be seconds old.
+    fn discover_now(&mut self) -> anyhow::Result<()> {
+        let (select, batches) = (&self.options.select, &mut self.batches);
+        self.domain
+            .look_now(|listed| wish(select, batches, listed.details))?;
+        self.domain.open()?;
+        self.take_over()
     }
 
-    /// Closes the ports of topics whose writers have ended, and keeps what was lost of them.
-    fn leave_gone(&mut self, now: Instant) -> anyhow::Result<()> {
-        let is_gone = |topic: &Followed| now.duration_since(topic.alive) >= LEAVE_AFTER;
-        let gone = self.names.values().filter(|topic| is_gone(topic));
-        let ids: Vec<TopicId> = gone.map(|topic| topic.id).collect();
-        if ids.is_empty() && !self.results.has_gone(now, LEAVE_AFTER) {
-            return Ok(());
+    /// Begins and ends the recording of topics as they came and went.
+    fn take_over(&mut self) -> anyhow::Result<()> {
+        while let Some(change) = self.domain.change() {
+            match change {
+                Change::Found { id, details } => self.begin(id, &details),
+                Change::Full(details) => tracing::error!(
+                    topic = details.name,
+                    limit = details.max_subscribers,
+                    "cannot record the topic: all its reader places are taken; stop another reader"
+                ),
+                // A topic that another program has spoilt must not end the recording of all others.
+                Change::Refused { id, error } => match self.results.source(id) {
+                    Some(topic) => {
+                        tracing::error!(topic = &**topic, %error, "cannot record the topic");
+                        self.domain.want(id, false);
+                    }
+                    None => return Err(error.into()),
+                },
+                Change::Ended(id) => self.end(id)?,
+                Change::Silent(_) | Change::Unlisted(_) => {}
+            }
         }
+        Ok(())
+    }
+
+    fn begin(&mut self, id: TopicId, details: &TopicDetails) {
+        if details.result.is_some() {
+            self.results.begin(id, &details.name);
+        } else if let Some(name) = TopicName::new(&details.name) {
+            let topic = FrameTopic {
+                name: name.into(),
+                source: details.name.as_str().into(),
+                held: Hold::default(),
+            };
+            self.frames.insert(id, topic);
+        }
+    }
+
+    /// Takes what waits in a topic whose writer has ended, closes it, and keeps what was lost of
+    /// it.
+    fn end(&mut self, id: TopicId) -> anyhow::Result<()> {
         self.drain()?;
-        let results = self.results.leave_gone(now, LEAVE_AFTER);
-        let events: Vec<String> = results.iter().map(|report| report.topic.clone()).collect();
-        let frames = ids.iter().map(|id| self.follower.topic(*id).report());
-        for report in frames.chain(results) {
+        self.frames.remove(&id);
+        self.results.end(id);
+        if let Some(report) = self.domain.leave(id) {
             let loss = self.left.entry(report.topic).or_default();
             loss.on_the_bus += report.counts.lost;
             loss.refused += report.counts.refused;
         }
-        self.names.retain(|_, topic| !is_gone(topic));
-        Ok(self.follower.leave(&ids, &events)?)
+        Ok(())
     }
 
     fn join_lockstep(&mut self) -> anyhow::Result<()> {
@@ -262,7 +245,7 @@ impl Session {
         if !self.options.lockstep
             || (self.lockstep.is_some() && !lost)
             || wait
-            || self.names.is_empty()
+            || self.frames.is_empty()
         {
             return Ok(());
         }
@@ -271,15 +254,13 @@ impl Session {
         // All topics must be open before the simulator waits for this recorder, else the first tick
         // would be missed. Once the world has a publisher all its topics exist; a list from before
         // may lack some.
-        if !self.follower.bus().daemon_alive()? {
+        if !self.domain.bus().daemon_alive()? {
             return Ok(());
         }
-        let topics = self.follower.bus().topics()?;
-        self.follow_new(topics)?;
-        self.follower.wait(Duration::ZERO)?;
+        self.discover_now()?;
         self.drain_results()?;
         let name = self.options.lockstep_name.as_ref().unwrap_or(&self.name);
-        match InStep::join(self.follower.bus(), name, &format!("{}-end", self.name)) {
+        match InStep::join(self.domain.bus(), name, &format!("{}-end", self.name)) {
             Ok(step) => {
                 self.lockstep = Some(step);
                 self.list_before_ack = true;
@@ -295,14 +276,14 @@ impl Session {
 
     fn wait(&mut self) -> anyhow::Result<()> {
         match &self.lockstep {
-            // In lockstep a tick begins with its snapshot; the follower only looks for topics here.
+            // In lockstep a tick begins with its snapshot; the domain only looks for topics here.
             Some(step) => {
-                self.follower.wait(Duration::ZERO)?;
+                self.domain.wait(Duration::ZERO)?;
                 step.wait(MAX_WAIT)?;
             }
-            None => drop(self.follower.wait(MAX_WAIT)?),
+            None => drop(self.domain.wait(MAX_WAIT)?),
         }
-        Ok(())
+        self.take_over()
     }
 
     fn drain(&mut self) -> anyhow::Result<()> {
@@ -312,24 +293,21 @@ impl Session {
             self.drain_documents(false)?;
         }
         self.drain_snapshots()?;
-        for id in self.follower.ids() {
-            while let Some(frame) = self.follower.take(id)? {
+        let ids: Vec<TopicId> = self.frames.keys().copied().collect();
+        for id in ids {
+            while let Some(frame) = self.domain.take_frame(id)? {
                 if frame.header().tick > self.newest_tick || frame.header().epoch != self.run.epoch
                 {
                     // Its snapshot was sent before it.
                     self.drain_snapshots()?;
                 }
-                let topic = self.follower.topic(id).topic();
-                let Some(Followed {
-                    name, source, held, ..
-                }) = self.names.get(topic)
-                else {
+                let Some(FrameTopic { name, source, held }) = self.frames.get(&id) else {
                     continue;
                 };
                 let header = *frame.header();
                 if self.run.epoch != 0 && header.epoch != self.run.epoch {
                     tracing::debug!(
-                        topic,
+                        topic = &**source,
                         tick = header.tick,
                         "left out: a frame of a run whose file is finished"
                     );
@@ -359,9 +337,12 @@ impl Session {
     }
 
     fn drain_results(&mut self) -> anyhow::Result<()> {
-        for idx in 0..self.results.len() {
+        for id in self.results.ids() {
+            let Some(source) = self.results.source(id).cloned() else {
+                continue;
+            };
             for _ in 0..MAX_A_TURN {
-                let Some((result, source)) = self.results.take(idx, self.follower.bus())? else {
+                let Some(result) = self.domain.take_result(id)? else {
                     break;
                 };
                 let header = *result.header();
@@ -379,15 +360,17 @@ impl Session {
                 }
                 let newest = self.has_snapshot.then_some(self.run.sim_nanos);
                 let sim_nanos = self.results.sim_nanos(&result, newest);
-                if let Some((about, found, entry)) = self.results.description(idx) {
+                if let Some((about, found, entry)) = self.results.description(id, &self.domain) {
                     let revision = found.header.revision;
                     self.sink
                         .put(&about, revision, sim_nanos, mono_now().0, vec![entry])?;
                 }
                 let sink = &self.sink;
-                let entries = self
-                    .results
-                    .entries(idx, &result, sim_nanos, &mut |n_bytes| sink.buffer(n_bytes));
+                let entries =
+                    self.results
+                        .entries(id, &self.domain, &result, sim_nanos, &mut |n_bytes| {
+                            sink.buffer(n_bytes)
+                        });
                 let published = header.published_mono_nanos;
                 self.sink
                     .put(&source, header.seq, sim_nanos, published, entries)?;
@@ -397,18 +380,9 @@ impl Session {
     }
 
     fn drain_snapshots(&mut self) -> anyhow::Result<()> {
-        let Some(mut reader) = self.snapshots.take() else {
-            return Ok(());
-        };
-        let outcome = self.drain_reader(&mut reader);
-        self.snapshots = Some(reader);
-        outcome
-    }
-
-    fn drain_reader(&mut self, reader: &mut SnapshotReader) -> anyhow::Result<()> {
-        let source: std::sync::Arc<str> = names::WORLD_SNAPSHOT.into();
+        let source: Arc<str> = names::WORLD_SNAPSHOT.into();
         loop {
-            match reader.next() {
+            match self.domain.take_snapshot(self.snapshots) {
                 Ok(Some(snapshot)) => {
                     let header = snapshot.header();
                     self.meet(header.epoch)?;
@@ -446,7 +420,8 @@ impl Session {
             return Ok(());
         }
         if self.run.epoch != 0 {
-            self.documents.attach_map(true, self.run, &mut self.sink)?;
+            self.documents
+                .attach_map(true, &self.domain, self.run, &mut self.sink)?;
             self.sink.finish(&self.losses())?;
             self.sink.n_runs += 1;
             let output = Output::create(&self.options, self.sink.n_runs)?;
@@ -467,14 +442,15 @@ impl Session {
     fn drain_documents(&mut self, all: bool) -> anyhow::Result<()> {
         self.documents.drain(
             all,
-            self.follower.bus(),
+            &mut self.domain,
             self.run,
             &mut self.snapshot_converter,
             &mut self.sink,
         )
     }
 
-    /// Files the map's objects if they have changed; `wait`: before the next tick, not a little later.
+    /// Files the map's objects if they have changed; `wait`: before the next tick, not a little
+    /// later.
     fn fetch_scenery(&mut self, wait: bool) -> anyhow::Result<()> {
         self.scenery.fetch_if_due(wait, self.run, &self.sink)
     }
@@ -490,11 +466,8 @@ impl Session {
         }
         if std::mem::take(&mut self.list_before_ack) | self.journal.made_topics() {
             // Others may have joined later, but before this tick, and brought topics of their own,
-            // or a command has made a sensor. The list of the thread may be seconds old, and a fast
-            // run over by then.
-            let topics = self.follower.bus().topics()?;
-            self.follow_new(topics)?;
-            self.follower.wait(Duration::ZERO)?;
+            // or a command has made a sensor. A fast run may be over before the next list.
+            self.discover_now()?;
         }
         self.drain()?;
         match &mut self.lockstep {
@@ -505,12 +478,7 @@ impl Session {
 
     fn losses(&self) -> BTreeMap<String, Loss> {
         let mut lost = self.left.clone();
-        for report in self
-            .follower
-            .reports()
-            .into_iter()
-            .chain(self.results.reports())
-        {
+        for report in self.domain.reports() {
             let loss = lost.entry(report.topic).or_default();
             loss.on_the_bus += report.counts.lost;
             loss.refused += report.counts.refused;
@@ -534,11 +502,21 @@ impl Session {
     }
 }
 
-/// Turns the absence of a service into `None`.
-fn absent_is_none<T>(outcome: Result<T, BusError>) -> anyhow::Result<Option<T>> {
-    match outcome {
-        Ok(port) => Ok(Some(port)),
-        Err(BusError::NoSuchTopic { .. } | BusError::Service { .. }) => Ok(None),
-        Err(other) => Err(other.into()),
+/// Whether and how a topic is recorded.
+fn wish(select: &Select, batches: &mut BTreeSet<String>, topic: &TopicDetails) -> Option<Wish> {
+    let is_recorded = topic.modality.is_some() || topic.result.is_some();
+    if !is_recorded || !select.takes(&topic.name) {
+        return None;
     }
+    if names::is_batch(&topic.name) {
+        if batches.insert(topic.name.clone()) {
+            tracing::info!(
+                topic = topic.name,
+                "a batch is not recorded: the topics of its cameras have the same images"
+            );
+        }
+        return None;
+    }
+    let is_named = topic.result.is_some() || TopicName::new(&topic.name).is_some();
+    is_named.then(|| Wish::follow(Take::All))
 }

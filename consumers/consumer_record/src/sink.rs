@@ -12,11 +12,11 @@ use schema_frames::FrameHeader;
 use schema_types::class::CLASSES;
 
 use crate::files::Files;
-use crate::frames::TopicName;
 use crate::options::Options;
 use crate::queue::{FrameJob, Job, Payload, Queue, Refused, queue};
 use crate::ring::Ring;
 use crate::writer::{Target, run, start_coders};
+use consumer_forms::foxglove::frames::TopicName;
 use schema_recording::messages::{Batch, Entry};
 use schema_recording::write::Written;
 

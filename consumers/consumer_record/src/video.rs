@@ -4,12 +4,12 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use consumer_picture::h264::{H264, Planes};
+use consumer_forms::picture::h264::{H264, Planes};
 use foxglove::messages as fox;
 use schema_frames::FrameHeader;
 use schema_recording::messages::{Content, Entry};
 
-use crate::frames::{TopicName, timestamp};
+use consumer_forms::foxglove::frames::{TopicName, timestamp};
 
 /// Name of H.264 in `foxglove.CompressedVideo` and `gantry.Frame`.
 pub const H264_NAME: &str = "h264";
@@ -38,7 +38,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Videos {
-    /// No stream yet; `qp` is the quantiser of every frame, see [`consumer_picture::h264::QP`].
+    /// No stream yet; `qp` is the quantiser of every frame, see [`consumer_forms::picture::h264::QP`].
     pub fn new(qp: u8) -> Videos {
         Videos {
             qp,

@@ -1,10 +1,11 @@
 //! How fast recordings are replayed, beside `cat FILE > /dev/null`, and how exactly at their own
-//! speed: `replay_bench [FOLDER] [n_ticks=300] [--json FILE]`.
+//! speed: `replay_bench [FOLDER] [--ticks 300] [--json FILE]`.
 //!
 //! The recording is made here: two images and a lidar a tick, of which lz4 makes about a half. It is
 //! read once before it is measured, so that the page cache holds it.
 
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
@@ -12,7 +13,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, ensure};
 use consumer_replay::options::{Options, Rate};
 use launch_cli::Shutdown;
-use launch_cli::bench::{BenchResult, take_json_argument};
+use launch_cli::bench::{self, BenchResult, clap};
 use schema_bus::Bus;
 use schema_frames::snapshot::SNAPSHOT_MAGIC;
 use schema_frames::{FrameHeader, Modality, SCHEMA_VERSION, SnapshotHeader};
@@ -24,15 +25,21 @@ const SIZE_PX: (u32, u32) = (800, 600);
 const N_POINTS: u32 = 60_000;
 const TICK_NANOS: u64 = 50_000_000;
 
-fn main() -> anyhow::Result<()> {
-    let (words, json) = take_json_argument(std::env::args().skip(1));
-    let n_ticks = words
-        .iter()
-        .find_map(|word| word.strip_prefix("n_ticks="))
-        .map_or(Ok(300), str::parse)?;
-    let folder = words.iter().find(|word| !word.contains('='));
-    let folder = folder.map_or_else(std::env::temp_dir, PathBuf::from);
-    let mut result = BenchResult::new("replay", None);
+/// Times replays of a recording that is made for it
+#[derive(Debug, clap::Args)]
+struct Args {
+    /// Folder for the recording [default: that of temporary files]
+    folder: Option<PathBuf>,
+    #[arg(long, default_value_t = 300)]
+    ticks: u64,
+}
+
+fn main() -> ExitCode {
+    bench::run("replay", measure_all)
+}
+
+fn measure_all(args: &Args, result: &mut BenchResult) -> anyhow::Result<()> {
+    let folder = args.folder.clone().unwrap_or_else(std::env::temp_dir);
     let kinds = [
         ("uncompressed", ChunkCompression::None),
         ("lz4", ChunkCompression::Lz4),
@@ -40,11 +47,11 @@ fn main() -> anyhow::Result<()> {
     ];
     for (name, compression) in kinds {
         let path = folder.join(format!("replay_bench_{}.mcap", std::process::id()));
-        let outcome = measure(name, compression, &path, n_ticks, &mut result);
+        let outcome = measure(name, compression, &path, args.ticks, result);
         let _ = std::fs::remove_file(&path);
         outcome?;
     }
-    result.write(json.as_deref())
+    Ok(())
 }
 
 fn measure(

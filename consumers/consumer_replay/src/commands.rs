@@ -38,7 +38,7 @@ pub fn serve(session: &mut Session) -> anyhow::Result<()> {
                         .unwrap_or_else(|error| refused(format!("{error:#}")))
                 })
                 .collect(),
-            Err(error) => vec![refused(error.clone())],
+            Err(error) => vec![refused(error.to_string())],
         };
         let answer = ReplyBatch {
             v: COMMAND_VERSION,

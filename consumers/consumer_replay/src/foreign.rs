@@ -4,13 +4,14 @@
 //! message, and messages within a millisecond are one tick. What has no frame of ours is said once,
 //! with the reason.
 
-mod cdr;
 mod picture;
 mod points;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use consumer_forms::ros2::cdr::ReadError;
+use consumer_forms::ros2::read as ros2;
 use foxglove::Decode as _;
 use foxglove::messages as fox;
 use schema_frames::{FrameHeader, GnssSample, ImuSample, Modality};
@@ -138,7 +139,7 @@ impl Made {
             Conversion::Cloud(source) => {
                 let cloud = match source {
                     Source::Foxglove => Cloud::of_foxglove(&decoded(message)?),
-                    Source::Ros2 => cdr::point_cloud(message)?,
+                    Source::Ros2 => Cloud::of_ros2(said(ros2::point_cloud(message))?),
                 };
                 self.size = [cloud.write(&mut self.bytes)?, 1];
                 Ok(())
@@ -149,7 +150,7 @@ impl Made {
                         let fix: fox::LocationFix = decoded(message)?;
                         [fix.latitude, fix.longitude, fix.altitude]
                     }
-                    Source::Ros2 => cdr::nav_sat_fix(message)?,
+                    Source::Ros2 => said(ros2::nav_sat_fix(message))?,
                 };
                 let sample = GnssSample {
                     latitude_deg,
@@ -160,7 +161,7 @@ impl Made {
                 self.one(bytemuck::bytes_of(&sample))
             }
             Conversion::Inertial => {
-                let sample: ImuSample = cdr::imu(message)?;
+                let sample: ImuSample = said(ros2::imu(message))?;
                 self.one(bytemuck::bytes_of(&sample))
             }
         }
@@ -177,10 +178,15 @@ fn decoded<M: foxglove::Decode + Default>(message: &[u8]) -> Result<M, String> {
     M::decode(message).map_err(|error| format!("it is no message of its schema: {error}"))
 }
 
+/// The reason as a sentence.
+fn said<T>(read: Result<T, ReadError>) -> Result<T, String> {
+    read.map_err(|error| error.to_string())
+}
+
 fn raw(source: Source, message: &[u8]) -> Result<Picture, String> {
     match source {
         Source::Foxglove => Ok(Picture::of_foxglove(decoded(message)?)),
-        Source::Ros2 => cdr::image(message),
+        Source::Ros2 => Ok(Picture::of_ros2(said(ros2::image(message))?)),
     }
 }
 
@@ -191,7 +197,10 @@ fn coded(source: Source, message: &[u8]) -> Result<(String, Vec<u8>), String> {
             let image: fox::CompressedImage = decoded(message)?;
             Ok((image.frame_id, image.data.to_vec()))
         }
-        Source::Ros2 => cdr::compressed_image(message),
+        Source::Ros2 => {
+            let image = said(ros2::compressed_image(message))?;
+            Ok((image.frame_id, image.file))
+        }
     }
 }
 

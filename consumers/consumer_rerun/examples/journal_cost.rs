@@ -4,23 +4,30 @@
 //!     simd --set 'scenario.mode="stepped"' --domain bench &
 //!     cargo run --release --example journal_cost -- bench 20000
 
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
+use launch_cli::bench::{self, BenchResult, Samples, clap};
 use schema_bus::{Bus, CommandClient};
 use schema_frames::{Command, CommandBatch, CommandReply};
 
 /// How long an answer may take.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-fn main() -> anyhow::Result<()> {
-    let mut args = std::env::args().skip(1);
-    let domain = args.next().context("the domain is missing")?;
-    let n: usize = args
-        .next()
-        .context("the number of rounds is missing")?
-        .parse()?;
-    let bus = Bus::open(&domain, "journal-cost")?;
+/// Times round trips to a daemon that keeps a journal
+#[derive(Debug, clap::Args)]
+struct Args {
+    domain: String,
+    rounds: usize,
+}
+
+fn main() -> ExitCode {
+    bench::run("journal_cost", measure)
+}
+
+fn measure(args: &Args, result: &mut BenchResult) -> anyhow::Result<()> {
+    let bus = Bus::open(&args.domain, "journal-cost")?;
     let mut client = bus.command_client("journal-cost")?;
     let (_, mut after) = ask(&mut client, Command::Journal { after: 0 })?;
     let names = [
@@ -30,7 +37,7 @@ fn main() -> anyhow::Result<()> {
         "journal, one entry",
     ];
     let mut times: [Vec<f64>; 4] = Default::default();
-    for _ in 0..n {
+    for _ in 0..args.rounds {
         let questions = [
             Command::Ping,
             Command::Journal { after },
@@ -46,15 +53,11 @@ fn main() -> anyhow::Result<()> {
         }
     }
     println!("| request | p50 | p99 | max |\n|---|---|---|---|");
-    for (name, times) in names.iter().zip(&mut times) {
-        times.sort_by(f64::total_cmp);
-        let at = |share: f64| times[((times.len() - 1) as f64 * share) as usize];
-        println!(
-            "| {name} | {:.1} µs | {:.1} µs | {:.0} µs |",
-            at(0.5),
-            at(0.99),
-            at(1.0)
-        );
+    for (name, times) in names.into_iter().zip(times) {
+        let times: Samples = times.into_iter().collect();
+        let [p50, p99, max] = [0.5, 0.99, 1.0].map(|share| times.at(share));
+        println!("| {name} | {p50:.1} µs | {p99:.1} µs | {max:.0} µs |");
+        result.row(name, &[("p50_us", p50), ("p99_us", p99), ("max_us", max)]);
     }
     Ok(())
 }

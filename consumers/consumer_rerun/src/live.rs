@@ -7,10 +7,9 @@ use std::time::{Duration, Instant};
 use anyhow::Context as _;
 use consumer_kit::Lockstep;
 use launch_cli::Shutdown;
+use launch_run::Process;
 use schema_bus::{Bus, BusError, Frame, FrameReader, Listener, Snapshot, SnapshotReader, names};
 use schema_frames::FrameHeader;
-
-use crate::children::Running;
 
 /// Longest wait without a look at signals and the simulator.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
@@ -59,14 +58,14 @@ impl Live {
         bus: Bus,
         name: &str,
         topics: &[Arc<str>],
-        simulator: &mut Running,
+        simulator: &mut Process,
         shutdown: &Shutdown,
     ) -> anyhow::Result<Option<Live>> {
         while !bus.daemon_alive()? {
             if shutdown.wait(LOOK_EVERY) {
                 return Ok(None);
             }
-            simulator.must_run("before the run began")?;
+            simulator.must_run_while("before the run began")?;
         }
         let mut live = Live {
             lockstep: None,
@@ -107,14 +106,14 @@ impl Live {
     pub fn await_topics(
         &mut self,
         wanted: &[String],
-        simulator: &mut Running,
+        simulator: &mut Process,
     ) -> anyhow::Result<Vec<String>> {
         let start = Instant::now();
         let mut missing = Vec::new();
         for topic in wanted {
             let topic: Arc<str> = topic.as_str().into();
             while !self.open(&topic)? {
-                simulator.must_run("while the run was made again")?;
+                simulator.must_run_while("while the run was made again")?;
                 if start.elapsed() > TOPIC_TIMEOUT {
                     missing.push(topic.to_string());
                     break;
@@ -138,14 +137,14 @@ impl Live {
     pub fn next_tick(
         &mut self,
         tick: u64,
-        simulator: &mut Running,
+        simulator: &mut Process,
         shutdown: &Shutdown,
     ) -> anyhow::Result<Option<(u64, u64)>> {
         loop {
             if shutdown.requested() {
                 return Ok(None);
             }
-            simulator.must_run(&format!("after tick {tick}, before the run was complete"))?;
+            simulator.must_run_while(&format!("after tick {tick}, before the run was complete"))?;
             self.take_snapshots()?;
             let newest = self
                 .held
@@ -177,7 +176,7 @@ impl Live {
     /// Waits for the snapshot of the world before its first tick.
     pub fn await_world(
         &mut self,
-        simulator: &mut Running,
+        simulator: &mut Process,
         shutdown: &Shutdown,
     ) -> anyhow::Result<()> {
         loop {
@@ -185,7 +184,7 @@ impl Live {
             if !self.held.is_empty() || shutdown.requested() {
                 return Ok(());
             }
-            simulator.must_run("before the run began")?;
+            simulator.must_run_while("before the run began")?;
             self.wake.wait(LOOK_EVERY)?;
         }
     }

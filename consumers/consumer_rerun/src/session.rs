@@ -6,10 +6,11 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use launch_cli::{Exit, Progress, Shutdown, wrong_usage};
+use launch_run::Process;
 use schema_bus::Bus;
 use schema_recording::read::RecordingFile;
 
-use crate::children::Running;
+use crate::children;
 use crate::cli::{Args, Then};
 use crate::compare::{self, Difference};
 use crate::live::Live;
@@ -32,11 +33,8 @@ const NANOS_PER_MS: u64 = 1_000_000;
 /// If it cannot be run again, or the new run ends early.
 pub fn run(args: &Args, shutdown: &Shutdown) -> anyhow::Result<Exit> {
     let file = RecordingFile::open(&args.file)?;
-    remove_abandoned(&std::env::temp_dir());
-    let folder = tempfile::Builder::new()
-        .prefix(&format!("{FOLDER}{}-", std::process::id()))
-        .tempdir()
-        .context("cannot make a folder for the run")?;
+    let folder =
+        launch_run::domain::temporary_folder(FOLDER).context("cannot make a folder for the run")?;
     let script = script::read(&file, folder.path(), &args.command)?;
     let sensors = added_sensors(&args.sensor)?;
     let bus = Bus::open(&args.common.domain, "gantry-rerun")?;
@@ -71,7 +69,7 @@ pub fn run(args: &Args, shutdown: &Shutdown) -> anyhow::Result<Exit> {
             // The journal holds until this program ends the simulator.
             plan.extend(["--journal-until".into(), u64::MAX.to_string()]);
         }
-        Running::start("simd", &plan, &args.common)?
+        children::start("simd", &plan, &args.common)?
     };
     let mut recorder = match &args.record {
         Some(out) => Some(start_recorder(out, &recorder_name, args)?),
@@ -117,33 +115,16 @@ pub fn run(args: &Args, shutdown: &Shutdown) -> anyhow::Result<Exit> {
     }
     // Readers end before what they read.
     if let Some(recorder) = &mut recorder {
-        recorder.stop();
+        recorder.end()?;
     }
     drop(live);
-    simulator.stop();
+    simulator.end()?;
     Ok(match report.is_equal {
         // A run that was broken off shows nothing about the rest.
         true if is_whole && report.is_undamaged => Exit::Done,
         true if is_whole => Exit::DataLost,
         _ => Exit::Failed,
     })
-}
-
-/// Removes the folders of runs whose program was killed.
-fn remove_abandoned(folder: &Path) {
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let name = entry.file_name();
-        let pid = name
-            .to_str()
-            .and_then(|name| name.strip_prefix(FOLDER)?.split('-').next())
-            .and_then(|pid| pid.parse::<u32>().ok());
-        if pid.is_some_and(|pid| !Path::new(&format!("/proc/{pid}")).exists())
-            && let Err(error) = std::fs::remove_dir_all(entry.path())
-        {
-            // Another user's, for example.
-            tracing::debug!(%error, folder = %entry.path().display(), "an abandoned folder stays");
-        }
-    }
 }
 
 /// Both runs.
@@ -161,8 +142,8 @@ impl Pair<'_> {
     fn run(
         &mut self,
         live: &mut Live,
-        simulator: &mut Running,
-        recorder: &mut Option<Running>,
+        simulator: &mut Process,
+        recorder: &mut Option<Process>,
         progress: &Progress,
         shutdown: &Shutdown,
     ) -> anyhow::Result<bool> {
@@ -186,7 +167,7 @@ impl Pair<'_> {
                 return Ok(true);
             }
             if let Some(recorder) = recorder {
-                recorder.must_run("while it recorded the new run")?;
+                recorder.must_run_while("while it recorded the new run")?;
             }
             self.await_topics(live, simulator, tick)?;
             live.acknowledge(tick)?;
@@ -197,7 +178,7 @@ impl Pair<'_> {
     fn await_topics(
         &mut self,
         live: &mut Live,
-        simulator: &mut Running,
+        simulator: &mut Process,
         tick: u64,
     ) -> anyhow::Result<()> {
         let Some(wanted) = self.script.made_at.get(&tick) else {
@@ -279,13 +260,13 @@ impl Pair<'_> {
     }
 }
 
-fn start_recorder(out: &Path, name: &str, args: &Args) -> anyhow::Result<Running> {
+fn start_recorder(out: &Path, name: &str, args: &Args) -> anyhow::Result<Process> {
     let words = [
         "--out".to_owned(),
         out.display().to_string(),
         format!("--lockstep={name}"),
     ];
-    Running::start("gantry-record", &words, &args.common)
+    children::start("gantry-record", &words, &args.common)
 }
 
 fn print(report: &Report, json: bool) -> anyhow::Result<()> {
@@ -303,7 +284,7 @@ fn print(report: &Report, json: bool) -> anyhow::Result<()> {
 fn hand_over(
     args: &Args,
     report: &Report,
-    simulator: &mut Running,
+    simulator: &mut Process,
     shutdown: &Shutdown,
 ) -> anyhow::Result<()> {
     let how = match args.then {
@@ -317,28 +298,8 @@ fn hand_over(
     );
     while !shutdown.wait(LOOK_EVERY) {
         if simulator.ended()?.is_some() {
-            simulator.must_run("after it was handed over")?;
+            simulator.must_run_while("after it was handed over")?;
         }
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn folders_of_killed_programs_are_removed_and_others_stay() {
-        let folder = tempfile::tempdir().unwrap();
-        let own = format!("{FOLDER}{}-a", std::process::id());
-        // Beyond the largest process id of Linux.
-        let gone = format!("{FOLDER}4194999-b");
-        for name in [&own, &gone, "gantry-rerun-x", "else"] {
-            std::fs::create_dir(folder.path().join(name)).unwrap();
-        }
-        remove_abandoned(folder.path());
-        let is_there = |name: &str| folder.path().join(name).exists();
-        assert!(is_there(&own) && is_there("gantry-rerun-x") && is_there("else"));
-        assert!(!is_there(&gone));
-    }
 }

@@ -3,9 +3,10 @@
 
 use std::io::{self, Read, Write as _};
 use std::net::TcpStream;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use parking_lot::Mutex;
 use socket2::{SockRef, TcpKeepalive};
 
 use crate::seats::{Doing, Pulse};
@@ -121,7 +122,7 @@ impl Later {
         if responses.is_empty() {
             return Ok(());
         }
-        let _one_by_one = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        let _one_by_one = self.writing.lock();
         let before = self.pulse.as_ref().map(|pulse| pulse.now(Doing::Taking));
         let written = self.write(responses);
         if let (Some(pulse), Some(before)) = (&self.pulse, before) {

@@ -3,11 +3,12 @@
 
 use std::collections::BTreeMap;
 use std::net::{Shutdown, TcpStream};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use launch_cli::accept::Seldom;
+use parking_lot::Mutex;
 
 /// A client that has taken nothing for so long is stalled: it may have to make room.
 pub const STALLED: Duration = Duration::from_secs(5);
@@ -39,10 +40,6 @@ struct State {
 #[derive(Clone, Debug)]
 pub struct Pulse(Arc<Mutex<State>>);
 
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl Pulse {
     fn new() -> Pulse {
         Pulse(Arc::new(Mutex::new(State {
@@ -54,14 +51,14 @@ impl Pulse {
 
     /// It does this from now on; returns what it did.
     pub fn now(&self, doing: Doing) -> Doing {
-        let mut state = lock(&self.0);
+        let mut state = self.0.lock();
         state.since = Instant::now();
         std::mem::replace(&mut state.doing, doing)
     }
 
     /// It is connected for this. Of connections for one thing none is worth more than another.
     pub fn about(&self, what: u32) {
-        lock(&self.0).about = Some(what);
+        self.0.lock().about = Some(what);
     }
 }
 
@@ -93,7 +90,7 @@ pub struct Seat {
 
 impl Drop for Seat {
     fn drop(&mut self) {
-        lock(&self.seats.table).remove(&self.number);
+        self.seats.table.lock().remove(&self.number);
     }
 }
 
@@ -114,7 +111,7 @@ impl Seats {
         static NEXT: AtomicU64 = AtomicU64::new(1);
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
         let (pulse, now) = (Pulse::new(), Instant::now());
-        let mut table = lock(&self.table);
+        let mut table = self.table.lock();
         if table.len() >= self.capacity {
             let most = self.capacity / 4;
             let Some(number) = idlest(&table, now, Doing::Idle).or_else(|| crowded(&table, most))
@@ -143,7 +140,7 @@ impl Seats {
     /// Something is short: closes the connection that has done nothing for longest, if there is one
     /// that never asked or waits for what does not exist.
     pub fn relieve(&self) {
-        let mut table = lock(&self.table);
+        let mut table = self.table.lock();
         if let Some(number) = idlest(&table, Instant::now(), Doing::Waiting) {
             self.evict(&mut table, number);
         }
@@ -155,7 +152,7 @@ impl Seats {
         };
         if let Some(n_unsaid) = self.evictions.is_due() {
             let what = self.what;
-            let doing = lock(&entry.pulse.0).doing;
+            let doing = entry.pulse.0.lock().doing;
             tracing::warn!(
                 n_unsaid,
                 "closed one of {} {what}, the one that did nothing for longest ({doing:?})",
@@ -168,7 +165,7 @@ impl Seats {
 
     #[cfg(test)]
     fn numbers(&self) -> Vec<u64> {
-        lock(&self.table).keys().copied().collect()
+        self.table.lock().keys().copied().collect()
     }
 }
 
@@ -177,7 +174,7 @@ fn idlest(table: &BTreeMap<u64, Entry>, now: Instant, last: Doing) -> Option<u64
     table
         .iter()
         .filter_map(|(number, entry)| {
-            let state = lock(&entry.pulse.0);
+            let state = entry.pulse.0.lock();
             let is_stalled = now.saturating_duration_since(state.since) >= STALLED;
             let may_go = state.doing <= last && (state.doing != Doing::Taking || is_stalled);
             may_go.then_some((state.doing, state.since, *number))
@@ -190,7 +187,7 @@ fn idlest(table: &BTreeMap<u64, Entry>, now: Instant, last: Doing) -> Option<u64
 fn crowded(table: &BTreeMap<u64, Entry>, most: usize) -> Option<u64> {
     let mut crowds: BTreeMap<u32, (usize, u64)> = BTreeMap::new();
     for (number, entry) in table {
-        if let Some(about) = lock(&entry.pulse.0).about {
+        if let Some(about) = entry.pulse.0.lock().about {
             crowds.entry(about).or_insert((0, *number)).0 += 1;
         }
     }
@@ -237,7 +234,7 @@ mod tests {
         }
 
         fn ago(&self, idx: usize, ago: Duration) {
-            lock(&self.taken[idx].pulse.0).since -= ago;
+            self.taken[idx].pulse.0.lock().since -= ago;
         }
     }
 

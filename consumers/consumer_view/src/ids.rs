@@ -1,9 +1,7 @@
 //! What an image of object ids holds: a colour for each object, and the box of its pixels.
 
-use crate::images::id_colour;
+use consumer_forms::palette::ObjectColours;
 
-/// Colours that a picture can have.
-const MAX_COLOURS: usize = 256;
 /// Fewest pixels of an object that gets a box: fewer are a bumper behind a tree.
 const MIN_PIXELS: u32 = 24;
 
@@ -23,10 +21,10 @@ pub(crate) struct Extent {
 /// An image of ids, read once.
 #[derive(Debug, Default)]
 pub(crate) struct Ids {
-    /// Numbers of [`Ids::colours`].
+    /// Numbers of the colours of [`Ids::palette`].
     pub(crate) numbers: Vec<u8>,
-    /// Colours by number; that of the background, id 0, is black.
-    pub(crate) colours: Vec<[u8; 3]>,
+    /// Colours of the objects.
+    pub(crate) palette: ObjectColours,
     /// Objects in the order in which they were met, without the background.
     pub(crate) extents: Vec<Extent>,
 }
@@ -37,7 +35,7 @@ impl Ids {
         let width = size_px[0] as usize;
         let mut found = Ids {
             numbers: vec![0; ids.len() / 4],
-            colours: vec![[0; 3]],
+            palette: ObjectColours::default(),
             extents: Vec::new(),
         };
         let mut known: Vec<(u32, u8, usize)> = Vec::new();
@@ -62,7 +60,7 @@ impl Ids {
                         0
                     }
                     None => {
-                        let number = number_of(id, &mut found.colours);
+                        let number = found.palette.number_of(id);
                         known.insert(0, (id, number, found.extents.len()));
                         found.extents.push(Extent {
                             id,
@@ -98,19 +96,10 @@ fn id_at(row: &[u8], x: usize) -> u32 {
     u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
 }
 
-/// A number with the colour of `id`: a new one while there are some.
-fn number_of(id: u32, colours: &mut Vec<[u8; 3]>) -> u8 {
-    if colours.len() < MAX_COLOURS {
-        colours.push(id_colour(id));
-        (colours.len() - 1) as u8
-    } else {
-        1 + (id % 255) as u8
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use consumer_forms::palette;
 
     fn bytes(ids: &[u32]) -> Vec<u8> {
         ids.iter().flat_map(|id| id.to_le_bytes()).collect()
@@ -127,9 +116,9 @@ mod tests {
         let colours: Vec<[u8; 3]> = found
             .numbers
             .iter()
-            .map(|n| found.colours[*n as usize])
+            .map(|n| found.palette.colours()[*n as usize])
             .collect();
-        let expected = [0, 7, 7, 9, 0, 0, 7, 9, 7, 0, 0, 0].map(id_colour);
+        let expected = [0, 7, 7, 9, 0, 0, 7, 9, 7, 0, 0, 0].map(palette::object);
         assert_eq!(colours, expected);
         let extent = |id, min_px, max_px, n_pixels| Extent {
             id,
@@ -140,13 +129,5 @@ mod tests {
         let expected = [extent(7, [0, 0], [3, 3], 4), extent(9, [3, 0], [4, 2], 2)];
         assert_eq!(found.extents, expected);
         assert_eq!(found.visible().count(), 0);
-    }
-
-    #[test]
-    fn more_objects_than_colours_share_some() {
-        let ids: Vec<u32> = (1..=600).collect();
-        let found = Ids::read([600, 1], &bytes(&ids));
-        assert_eq!((found.colours.len(), found.extents.len()), (256, 600));
-        assert!(found.numbers.iter().all(|number| *number != 0));
     }
 }

@@ -5,9 +5,9 @@ use std::borrow::Cow;
 use std::sync::LazyLock;
 
 use bytemuck::pod_read_unaligned;
-use consumer_kit::items::f32_of_half;
+use consumer_forms::palette::{self, hsv};
+use half::f16;
 use schema_frames::{DvsEvent, FrameHeader, LidarPoint, Modality, SemanticLidarPoint};
-use schema_types::noise::mix;
 
 /// The rows of an image without padding, in one piece; a copy only of rows that have some.
 pub fn tight<'a>(header: &FrameHeader, payload: &'a [u8]) -> Cow<'a, [u8]> {
@@ -22,28 +22,6 @@ pub fn tight<'a>(header: &FrameHeader, payload: &'a [u8]) -> Cow<'a, [u8]> {
     Cow::Owned(pixels)
 }
 
-/// A colour that differs between neighbouring ids; the background is black.
-pub fn id_colour(id: u32) -> [u8; 3] {
-    if id == 0 {
-        return [0; 3];
-    }
-    let bits = mix(id as u64);
-    let hue = (bits & 0xffff) as f32 / 65_536.0;
-    let saturation = 0.55 + 0.45 * ((bits >> 16) & 0xff) as f32 / 255.0;
-    let value = 0.60 + 0.40 * ((bits >> 24) & 0xff) as f32 / 255.0;
-    hsv(hue, saturation, value)
-}
-
-/// Hue, saturation and value, each 0..=1, as sRGB bytes.
-fn hsv(hue: f32, saturation: f32, value: f32) -> [u8; 3] {
-    let channel = |shift: f32| {
-        let k = (shift + hue * 6.0) % 6.0;
-        let share = k.min(4.0 - k).clamp(0.0, 1.0);
-        ((value - value * saturation * share) * 255.0).round() as u8
-    };
-    [channel(5.0), channel(3.0), channel(1.0)]
-}
-
 /// Instance ids as RGB.
 pub fn instance_rgb(header: &FrameHeader, payload: &[u8]) -> Vec<u8> {
     let ids = tight(header, payload);
@@ -52,7 +30,7 @@ pub fn instance_rgb(header: &FrameHeader, payload: &[u8]) -> Vec<u8> {
     for bytes in ids.chunks_exact(4) {
         let id = u32::from_le_bytes(bytes.try_into().expect("chunks of four"));
         if id != last.0 {
-            last = (id, id_colour(id));
+            last = (id, palette::object(id));
         }
         pixels.extend_from_slice(&last.1);
     }
@@ -161,7 +139,7 @@ pub fn normals_rgb(header: &FrameHeader, payload: &[u8]) -> Vec<u8> {
     let mut pixels = Vec::with_capacity(normals.len() / 8 * 3);
     for bytes in normals.chunks_exact(8) {
         let [x, y, z, _]: [u16; 4] = pod_read_unaligned(bytes);
-        let normal = [x, y, z].map(f32_of_half);
+        let normal = [x, y, z].map(|bits| f16::from_bits(bits).to_f32());
         let is_hit =
             normal.iter().any(|part| *part != 0.0) && normal.iter().all(|part| part.is_finite());
         pixels.extend(normal.map(|part| {
@@ -187,10 +165,7 @@ pub fn image_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
     (usable(size[0]) && usable(size[1])).then(|| size.map(|px| px as u32))
 }
 
-/// Colours of a picture of events: nothing, darker, brighter.
-pub const EVENT_COLOURS: [[u8; 3]; 3] = [[24; 3], [70, 130, 255], [255, 70, 60]];
-
-/// Events of a window as numbers of [`EVENT_COLOURS`], by the last change of each pixel.
+/// Events of a window as numbers of [`palette::EVENTS`], by the last change of each pixel.
 pub fn event_numbers(size_px: [u32; 2], payload: &[u8]) -> Vec<u8> {
     let [width, height] = size_px.map(|px| px as usize);
     let mut pixels = vec![0u8; width * height];
@@ -335,34 +310,6 @@ mod tests {
             normals_rgb(&header, bytemuck::cast_slice(&normals)),
             [128, 128, 255, 0, 128, 128, 0, 0, 0]
         );
-        for (bits, value) in [
-            (0x3800, 0.5),
-            (0xc000, -2.0),
-            (0x0001, 2f32.powi(-24)),
-            (0x7bff, 65504.0),
-            (0x3555, 0.333_251_95),
-        ] {
-            assert_eq!(f32_of_half(bits), value, "{bits:#x}");
-        }
-        assert!(f32_of_half(0x7c00).is_infinite() && f32_of_half(0x7e00).is_nan());
-    }
-
-    #[test]
-    fn neighbouring_ids_look_different_and_the_background_is_black() {
-        assert_eq!(id_colour(0), [0; 3]);
-        let distance = |a: [u8; 3], b: [u8; 3]| {
-            a.iter()
-                .zip(b)
-                .map(|(a, b)| a.abs_diff(b) as u32)
-                .sum::<u32>()
-        };
-        let close = (1..1000)
-            .filter(|id| distance(id_colour(*id), id_colour(id + 1)) < 40)
-            .count();
-        assert!(
-            close < 60,
-            "{close} of 999 neighbours are hard to tell apart"
-        );
     }
 
     #[test]
@@ -379,7 +326,7 @@ mod tests {
         let events = [event(1, 1), event(1, 0), event(0, 1), event(7, 1)];
         assert_eq!(
             rgb_of(
-                &EVENT_COLOURS,
+                &palette::EVENTS,
                 &event_numbers([2, 1], bytemuck::cast_slice(&events))
             ),
             [255, 70, 60, 70, 130, 255]

@@ -6,15 +6,15 @@
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
-use consumer_picture::depth::{PER_METRE, depth};
-use consumer_picture::h264::{H264, Planes};
-use consumer_picture::indexed::{indexed, overlay};
-use consumer_picture::jpeg::{Pixels, jpeg};
+use consumer_forms::palette;
+use consumer_forms::picture::depth::{PER_METRE, depth};
+use consumer_forms::picture::h264::{H264, Planes};
+use consumer_forms::picture::indexed::{indexed, overlay};
+use consumer_forms::picture::jpeg::{Pixels, jpeg};
 use rerun::components::{Colormap, MediaType, VideoCodec};
 use rerun::{AsComponents, ChannelDatatype, ColorModel, RecordingStream};
 use schema_frames::{FrameHeader, Modality};
 use schema_stages::Stage;
-use schema_types::class::CLASSES;
 
 use crate::ids::Ids;
 use crate::images;
@@ -246,7 +246,7 @@ impl Pictures {
         size: [u32; 2],
         ids: &Ids,
     ) -> anyhow::Result<()> {
-        self.numbered(rec, path, size, &ids.colours, &ids.numbers)
+        self.numbered(rec, path, size, ids.palette.colours(), &ids.numbers)
     }
 
     /// Numbers of colours.
@@ -339,10 +339,7 @@ fn picture(file: Vec<u8>, of: &'static str) -> rerun::EncodedImage {
 
 /// A colour for every number that a class can have.
 fn class_colours() -> [[u8; 3]; 256] {
-    std::array::from_fn(|number| {
-        let known = CLASSES.get(number).map(|info| info.rgb);
-        known.unwrap_or_else(|| images::id_colour(number as u32 + 1))
-    })
+    std::array::from_fn(|number| palette::class(number as u32))
 }
 
 #[cfg(test)]

@@ -1,15 +1,16 @@
 //! A viewing from start to end: shows the newest frame of every topic at a limited rate, with a new
 //! rerun recording for every run of the simulator.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use anyhow::Context as _;
 use consumer_kit::items::ResultParts;
 use consumer_kit::{
-    FollowedDocument, FollowedResult, Follower, LEAVE_AFTER, MAX_WAIT, Take, TopicId, WorldAt,
-    file_of_run, is_left_over,
+    Change, Domain, ListedTopic, Listing, MAX_WAIT, Rhythm, Take, TopicId, Wish, WorldAt,
+    file_of_run,
 };
 use rerun::RecordingStreamBuilder;
 use schema_bus::{Bus, BusOptions, DocumentPublisher, ResultSample, TopicDetails, mono_now, names};
@@ -25,7 +26,7 @@ use crate::stage::Stage;
 use crate::viewer::RERUN_VERSION;
 
 /// How often topics are listed.
-const DISCOVER_EVERY: Duration = Duration::from_secs(1);
+const LIST: Rhythm = Rhythm::steady(Duration::from_secs(1));
 /// How often small messages are sent although they fill no batch.
 const HURRY_EVERY: Duration = Duration::from_millis(250);
 /// How long sending the last data may take.
@@ -182,6 +183,72 @@ impl Options {
         }
         is_asked || self.topics.is_empty()
     }
+
+    /// How a listed topic is to be followed; `None` of one that is not shown.
+    fn wish(&self, listed: ListedTopic<'_>, batches_said: &mut bool) -> Option<Wish> {
+        let topic = listed.details;
+        if !self.takes(&topic.name) {
+            return None;
+        }
+        if names::is_batch(&topic.name) {
+            if !std::mem::replace(batches_said, true) {
+                tracing::info!(
+                    topic = topic.name,
+                    "batches are not shown: the topics of their cameras have the same images"
+                );
+            }
+            return None;
+        }
+        // What the last result of a writer that has ended says is true no more.
+        let is_old = topic.result.is_some() && topic.publishers == 0 && !listed.is_known;
+        let rhythm = self.rhythm(topic).filter(|_| !is_old)?;
+        Some(Wish::follow(rhythm.take))
+    }
+
+    /// How samples of a topic are taken, and how many are shown per second at most: of what happens
+    /// seldom or makes a curve or a line every one, of all others the newest.
+    fn rhythm(&self, topic: &TopicDetails) -> Option<Sampling> {
+        let is_every = match (topic.result, topic.modality) {
+            (Some(kind), _) => matches!(
+                kind,
+                ResultType::Scalars | ResultType::Control | ResultType::Text | ResultType::Bytes
+            ),
+            (None, Some(modality)) => {
+                Place::new(&topic.name)?;
+                if modality == Modality::Dvs && self.look.time_surface {
+                    return Some(Sampling {
+                        take: Take::All,
+                        max_hz: self.max_hz,
+                    });
+                }
+                modality == Modality::Imu || modality.is_event()
+            }
+            (None, None) => return None,
+        };
+        Some(match is_every {
+            true => Sampling {
+                take: Take::All,
+                max_hz: self.max_hz.max(EVERY_HZ),
+            },
+            false => Sampling {
+                take: Take::Newest,
+                max_hz: self.max_hz,
+            },
+        })
+    }
+}
+
+/// How samples of a topic are taken and shown.
+struct Sampling {
+    take: Take,
+    max_hz: f64,
+}
+
+/// Name of a topic in a table of topics.
+fn name_of(topics: &BTreeMap<String, Topic>, id: TopicId) -> Option<&str> {
+    let mut topics = topics.iter();
+    let found = topics.find(|(_, topic)| topic.id == id);
+    found.map(|(name, _)| name.as_str())
 }
 
 /// What was shown.
@@ -203,13 +270,14 @@ pub struct Shown {
 /// # Errors
 /// If the bus cannot be joined or the target refuses.
 pub fn show(options: &Options, stop: &mut dyn FnMut() -> bool) -> anyhow::Result<Shown> {
-    let bus = Bus::open_with(
-        &options.domain,
-        &format!("gantry-view-{}", std::process::id()),
-        &options.bus,
-    )?;
+    let name = format!("gantry-view-{}", std::process::id());
+    let bus = Bus::open_with(&options.domain, &name, &options.bus)?;
+    let lister = Bus::open_with(&options.domain, &format!("{name}-look"), &options.bus)?;
+    let listing =
+        Listing::start(lister, LIST).context("cannot start the thread that looks for topics")?;
+    let mut domain = Domain::on(bus, listing);
     let documents = [names::WORLD_INFO, names::WORLD_MAP, names::WORLD_ACTORS]
-        .map(|name| (name, FollowedDocument::new(name)));
+        .map(|name| (name, domain.follow_document(name)));
     let view = ViewPlace::new(options, 1);
     let (stage, health) = options.target.open(&view, 1, &options.look)?;
     let mut session = Session {
@@ -218,17 +286,16 @@ pub fn show(options: &Options, stop: &mut dyn FnMut() -> bool) -> anyhow::Result
         ages: Ages::default(),
         begun: Instant::now(),
         documents,
-        follower: Follower::on(bus),
+        domain,
         stage,
         health,
         options: options.clone(),
-        topics: BTreeMap::new(),
+        frames: BTreeMap::new(),
         results: BTreeMap::new(),
-        full: BTreeSet::new(),
         world_pace: Pace::new(options.max_hz),
         shown_tick: 0,
         epoch: 0,
-        discovered: None,
+        is_arranged: false,
         batches_said: false,
         hurried: Instant::now(),
         shown: Shown {
@@ -257,50 +324,41 @@ fn age_nanos(result: &ResultSample) -> u64 {
 
 struct Session {
     // Dropped in this order: ports before the node that made them.
-    results: BTreeMap<String, Results>,
     /// The document that says where this view is; `None` while another viewer's is there.
     told: Option<DocumentPublisher>,
-    documents: [(&'static str, FollowedDocument); 3],
-    follower: Follower,
+    domain: Domain,
+    documents: [(&'static str, TopicId); 3],
     stage: Stage,
     health: Health,
     options: Options,
     view: ViewPlace,
     ages: Ages,
     begun: Instant,
-    topics: BTreeMap<String, Topic>,
-    /// Topics of results without a place for us, which was said.
-    full: BTreeSet<String>,
+    /// By topic.
+    frames: BTreeMap<String, Topic>,
+    /// By topic.
+    results: BTreeMap<String, Topic>,
     world_pace: Pace,
     shown_tick: u64,
     epoch: u64,
-    discovered: Option<Instant>,
+    /// Whether the stage knows which topics there are.
+    is_arranged: bool,
     batches_said: bool,
     hurried: Instant,
     shown: Shown,
 }
 
+/// A topic of frames or results that is shown.
 struct Topic {
-    /// `None` while all its reader places are taken.
-    id: Option<TopicId>,
+    id: TopicId,
     pace: Pace,
-    alive: Instant,
-}
-
-/// A topic of results.
-struct Results {
-    followed: FollowedResult,
-    pace: Pace,
-    alive: Instant,
-    has_writer: bool,
-    /// Whether it cannot be read, which was said.
-    given_up: bool,
 }
 
 impl Session {
     fn turn(&mut self) -> anyhow::Result<()> {
         self.discover()?;
-        self.follower.wait(MAX_WAIT)?;
+        self.domain.wait(MAX_WAIT)?;
+        self.take_over()?;
         if let Some(told) = &self.told {
             told.greet();
         }
@@ -327,80 +385,69 @@ impl Session {
 
     /// Follows topics that are new and forgets the views of those that have gone.
     fn discover(&mut self) -> anyhow::Result<()> {
-        if self
-            .discovered
-            .is_some_and(|at| at.elapsed() < DISCOVER_EVERY)
-        {
+        let (options, batches_said) = (&self.options, &mut self.batches_said);
+        let is_new = self
+            .domain
+            .look(|listed| options.wish(listed, batches_said))?;
+        self.take_over()?;
+        if is_new {
+            self.tell_place();
+        }
+        if !is_new && self.is_arranged {
             return Ok(());
         }
-        self.discovered = Some(Instant::now());
-        self.tell_place();
-        for found in self.follower.bus().topics()? {
-            if !self.options.takes(&found.name) {
-                continue;
-            }
-            if names::is_batch(&found.name) {
-                if !std::mem::replace(&mut self.batches_said, true) {
-                    tracing::info!(
-                        topic = found.name,
-                        "batches are not shown: the topics of their cameras have the same images"
-                    );
-                }
-                continue;
-            }
-            if let Some(kind) = found.result {
-                self.discover_result(&found, kind)?;
-                continue;
-            }
-            let Some(place) = Place::new(&found.name).filter(|_| found.modality.is_some()) else {
-                continue;
-            };
-            if is_left_over(&found) && !self.topics.contains_key(&found.name) {
-                continue;
-            }
-            let (take, max_hz) = self.rhythm(place.modality);
-            let fresh = || Topic {
-                id: None,
-                pace: Pace::new(max_hz),
-                alive: Instant::now(),
-            };
-            let full = found.subscribers >= found.max_subscribers;
-            if full && !self.topics.contains_key(&found.name) {
-                self.say_full(&found)?;
-            }
-            let topic = self.topics.entry(found.name.clone()).or_insert_with(fresh);
-            if topic.id.is_none() && !full {
-                topic.id = Some(self.follower.follow(&found.name, take));
-            }
-            if found.publishers > 0 {
-                topic.alive = Instant::now();
-            }
-        }
+        self.is_arranged = true;
         let results = &self.results;
-        let is_visible = |topic: &str| {
-            let known = results.get(topic);
-            known.is_some_and(|topic| topic.alive.elapsed() < LEAVE_AFTER)
-        };
-        self.stage.keep_results(is_visible)?;
-        self.leave_gone_topics()?;
-        let visible = self
-            .topics
-            .iter()
-            .filter(|(_, topic)| topic.id.is_some() && topic.alive.elapsed() < LEAVE_AFTER);
         self.stage
-            .set_topics(visible.map(|(name, _)| name.as_str()))
+            .keep_results(|topic| results.contains_key(topic))?;
+        self.stage
+            .set_topics(self.frames.keys().map(String::as_str))
     }
 
-    /// How frames of a modality are taken, and how many are shown per second at most: of what
-    /// happens seldom or makes a curve every one, of all others the newest.
-    fn rhythm(&self, modality: Modality) -> (Take, f64) {
-        let max_hz = self.options.max_hz;
-        match modality {
-            Modality::Imu => (Take::All, max_hz.max(EVERY_HZ)),
-            Modality::Dvs if self.options.look.time_surface => (Take::All, max_hz),
-            event if event.is_event() => (Take::All, max_hz.max(EVERY_HZ)),
-            _ => (Take::Newest, max_hz),
+    /// Begins and ends to show topics as they came and went.
+    fn take_over(&mut self) -> anyhow::Result<()> {
+        while let Some(change) = self.domain.change() {
+            match change {
+                Change::Found { id, details } => {
+                    let Some(rhythm) = self.options.rhythm(&details) else {
+                        continue;
+                    };
+                    let topic = Topic {
+                        id,
+                        pace: Pace::new(rhythm.max_hz),
+                    };
+                    let topics = match details.result {
+                        Some(_) => &mut self.results,
+                        None => &mut self.frames,
+                    };
+                    topics.insert(details.name, topic);
+                }
+                Change::Full(details) => self.say_full(&details)?,
+                // A topic that another program has spoilt must not end the viewing of all others.
+                Change::Refused { id, error } => match name_of(&self.results, id) {
+                    Some(topic) => {
+                        let sentence = format!("{topic} is not shown: {error}");
+                        tracing::warn!("{sentence}");
+                        self.stage.say(rerun::TextLogLevel::WARN, &sentence)?;
+                        self.domain.want(id, false);
+                    }
+                    None => return Err(error.into()),
+                },
+                Change::Silent(id) => {
+                    if let Some(topic) = name_of(&self.results, id) {
+                        self.stage.clear_result(topic)?;
+                    }
+                }
+                // Sensors that come and go would otherwise leave a port each.
+                Change::Ended(id) => {
+                    self.domain.leave(id);
+                    self.frames.retain(|_, topic| topic.id != id);
+                    self.results.retain(|_, topic| topic.id != id);
+                }
+                Change::Unlisted(_) => {}
+            }
         }
+        Ok(())
     }
 
     /// Says on the bus where this view is, for programs that log into it, too; not while another
@@ -409,7 +456,7 @@ impl Session {
         if self.told.is_some() || self.view.url.is_empty() {
             return;
         }
-        if let Ok(told) = self.follower.bus().document_publisher(VIEW) {
+        if let Ok(told) = self.domain.bus().document_publisher(VIEW) {
             self.told = Some(told);
             self.send_place();
         }
@@ -430,69 +477,12 @@ impl Session {
         };
         let is_due = |(name, topic): (&String, &Topic)| {
             let is_seldom = Place::new(name).is_some_and(|place| place.modality.is_event());
-            topic.id.is_some() && !is_seldom
+            self.domain.is_wanted(topic.id) && !is_seldom
         };
-        let mut due = self.topics.iter().filter(|it| is_due(*it));
+        let mut due = self.frames.iter().filter(|it| is_due(*it));
         let has = |name: &String| self.shown.frames.get(name).is_some_and(|n| *n >= enough);
         let is_settled = self.begun.elapsed() >= SETTLE && self.shown_tick > 0;
         is_settled && due.all(|(name, _)| has(name))
-    }
-
-    /// Closes what has had no writer for so long that it is no longer shown: sensors that come and go
-    /// would otherwise leave a port each.
-    fn leave_gone_topics(&mut self) -> anyhow::Result<()> {
-        let now = Instant::now();
-        let is_gone = |alive: Instant| now.duration_since(alive) >= LEAVE_AFTER;
-        let topics = self.topics.values().filter(|topic| is_gone(topic.alive));
-        let ids: Vec<TopicId> = topics.filter_map(|topic| topic.id).collect();
-        let all = self.results.iter();
-        let results = all.filter(|(_, topic)| is_gone(topic.alive));
-        let events: Vec<String> = results.map(|(name, _)| name.clone()).collect();
-        if !ids.is_empty() || !events.is_empty() {
-            self.follower.leave(&ids, &events)?;
-        }
-        self.topics.retain(|_, topic| !is_gone(topic.alive));
-        self.results.retain(|_, topic| !is_gone(topic.alive));
-        Ok(())
-    }
-
-    /// Follows a topic of results that is new; clears what a writer that has ended left drawn.
-    fn discover_result(&mut self, found: &TopicDetails, kind: ResultType) -> anyhow::Result<()> {
-        if let Some(topic) = self.results.get_mut(&found.name) {
-            let had_writer = std::mem::replace(&mut topic.has_writer, found.publishers > 0);
-            if found.publishers > 0 {
-                topic.alive = Instant::now();
-            } else if had_writer {
-                self.stage.clear_result(&found.name)?;
-            }
-            return Ok(());
-        }
-        if found.publishers == 0 {
-            return Ok(());
-        }
-        if found.subscribers >= found.max_subscribers {
-            if self.full.insert(found.name.clone()) {
-                self.say_full(found)?;
-            }
-            return Ok(());
-        }
-        // Curves and lines show every result, all others the newest.
-        let (take, max_hz) = match kind {
-            ResultType::Scalars | ResultType::Control | ResultType::Text | ResultType::Bytes => {
-                (Take::All, self.options.max_hz.max(EVERY_HZ))
-            }
-            _ => (Take::Newest, self.options.max_hz),
-        };
-        self.follower.listen(&found.name)?;
-        let topic = Results {
-            followed: FollowedResult::new(&found.name, take),
-            pace: Pace::new(max_hz),
-            alive: Instant::now(),
-            has_writer: found.publishers > 0,
-            given_up: false,
-        };
-        self.results.insert(found.name.clone(), topic);
-        Ok(())
     }
 
     fn say_full(&self, found: &TopicDetails) -> anyhow::Result<()> {
@@ -526,7 +516,7 @@ impl Session {
                     .open(&self.view, run, &self.options.look)?;
             self.send_place();
             self.shown_tick = 0;
-            self.discovered = None;
+            self.is_arranged = false;
         }
         self.epoch = epoch;
         Ok(())
@@ -534,11 +524,10 @@ impl Session {
 
     fn take_documents(&mut self) -> anyhow::Result<()> {
         for idx in 0..self.documents.len() {
-            let (name, followed) = &mut self.documents[idx];
-            let Some(document) = followed.changed(self.follower.bus())?.cloned() else {
+            let (name, id) = self.documents[idx];
+            let Some(document) = self.domain.take_document(id)?.cloned() else {
                 continue;
             };
-            let name = *name;
             self.meet(document.header.epoch)?;
             match name {
                 names::WORLD_MAP => self.stage.set_map(&document.text)?,
@@ -563,14 +552,12 @@ impl Session {
     fn take_frames(&mut self) -> anyhow::Result<()> {
         static TAKE: schema_stages::Stage = schema_stages::Stage::new("take");
         let mut taken = Vec::new();
-        for (name, topic) in &mut self.topics {
+        for (name, topic) in &mut self.frames {
             let _span = TAKE.span();
-            let Some(id) = topic.id else { continue };
             for _ in 0..MAX_FRAMES_A_TURN {
-                let Some(frame) = self.follower.take(id)? else {
+                let Some(frame) = self.domain.take_frame(topic.id)? else {
                     break;
                 };
-                topic.alive = Instant::now();
                 if topic.pace.admits(Instant::now()) {
                     let latency_nanos = mono_now()
                         .0
@@ -584,7 +571,7 @@ impl Session {
         for (name, frame, latency_nanos) in taken {
             let header = *frame.header();
             self.meet(header.epoch)?;
-            if let Some(world) = self.follower.world_at(header.tick)? {
+            if let Some(world) = self.domain.world_at(header.tick)? {
                 self.stage.remember(&world.header, &world.records);
                 self.show_world(&world)?;
             }
@@ -601,29 +588,20 @@ impl Session {
     /// holds up nothing else.
     fn take_results(&mut self) -> anyhow::Result<()> {
         for (name, topic) in &mut self.results {
-            if topic.given_up {
-                continue;
-            }
-            // A topic that another program has spoilt must not end the viewing of all others.
-            if let Err(error) = topic.followed.look(self.follower.bus()) {
-                let sentence = format!("{name} is not shown: {error}");
-                tracing::warn!("{sentence}");
-                self.stage.say(rerun::TextLogLevel::WARN, &sentence)?;
-                topic.given_up = true;
-                continue;
-            }
             for _ in 0..MAX_RESULTS_A_TURN {
-                let Some(result) = topic.followed.take()? else {
+                let Some(result) = self.domain.take_result(topic.id)? else {
                     break;
                 };
-                topic.alive = Instant::now();
+                let Some(results) = self.domain.results(topic.id) else {
+                    break;
+                };
                 let epoch = result.header().epoch;
                 // A result about another run of the simulator has no place in this recording.
                 let is_foreign = epoch != 0 && self.epoch != 0 && epoch != self.epoch;
                 if is_foreign || !topic.pace.admits(Instant::now()) {
                     continue;
                 }
-                let parts = ResultParts::of(&result, topic.followed.about());
+                let parts = ResultParts::of(&result, results.about());
                 self.stage.show_result(&parts, age_nanos(&result))?;
                 *self.shown.results.entry(name.clone()).or_insert(0) += 1;
             }
@@ -650,7 +628,7 @@ impl Session {
 
     /// Shows the newest world between frames and when there are no frames.
     fn take_world(&mut self) -> anyhow::Result<()> {
-        let Some(world) = self.follower.newest_world()? else {
+        let Some(world) = self.domain.newest_world()? else {
             return Ok(());
         };
         self.meet(world.header.epoch)?;

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use consumer_forms::palette;
 use consumer_kit::KEPT_SNAPSHOTS;
 use consumer_kit::items::ResultParts;
 use rerun::components::ViewCoordinates;
@@ -330,7 +331,7 @@ impl Stage {
         let [r, g, b] = if self.rigs.contains_key(&record.id) {
             [255, 170, 40]
         } else {
-            images::id_colour(record.id)
+            palette::object(record.id)
         };
         Rgba32::from_rgb(r, g, b)
     }
@@ -472,7 +473,7 @@ impl Stage {
                     return Ok(());
                 };
                 let numbers = images::event_numbers(size, payload);
-                let colours = &images::EVENT_COLOURS;
+                let colours = &palette::EVENTS;
                 self.pictures
                     .numbered(&self.rec, &path, size, colours, &numbers)?;
                 self.pass(&place.topic(), header, payload);
@@ -518,7 +519,7 @@ impl Stage {
         .with_labels(seen.iter().map(|it| self.labels[&it.id].as_str()))
         .with_show_labels(false)
         .with_colors(seen.iter().map(|it| {
-            let [r, g, b] = images::id_colour(it.id);
+            let [r, g, b] = palette::object(it.id);
             Rgba32::from_rgb(r, g, b)
         }))
         .with_radii([rerun::Radius::new_ui_points(TRUTH_LINE)]);

@@ -3,7 +3,7 @@
 use bytemuck::pod_read_unaligned;
 use schema_frames::DvsEvent;
 
-use crate::images::EVENT_COLOURS;
+use consumer_forms::palette;
 
 /// Age at which a change is no longer seen, nanoseconds.
 const FADED_NANOS: u64 = 100_000_000;
@@ -53,7 +53,7 @@ impl Surface {
 
 /// Colours of a time surface: nothing, then darker from old to new, then brighter from old to new.
 pub(crate) fn colours() -> Vec<[u8; 3]> {
-    let [nothing, darker, brighter] = EVENT_COLOURS;
+    let [nothing, darker, brighter] = palette::EVENTS;
     let faded = |full: [u8; 3], step: u64| {
         std::array::from_fn(|channel| {
             let (from, to) = (nothing[channel] as i64, full[channel] as i64);
@@ -95,7 +95,7 @@ mod tests {
         assert_eq!(colours.len() as u64, 1 + 2 * STEPS);
         assert_eq!(
             [colours[31], colours[62]],
-            [EVENT_COLOURS[1], EVENT_COLOURS[2]]
+            [palette::EVENTS[1], palette::EVENTS[2]]
         );
     }
 }

@@ -16,14 +16,13 @@ use std::io::IsTerminal as _;
 use launch_cli::{ColorWhen, CommonArgs, Exit};
 
 use crate::cli::DoctorArgs;
-use crate::up::quickstart_bytes;
 use finding::{Colour, Grade};
 
-pub fn run(args: &DoctorArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
+/// Runs `gantry doctor`; `need_bytes` is the shared memory of the quickstart.
+pub fn run(args: &DoctorArgs, common: &CommonArgs, need_bytes: u64) -> anyhow::Result<Exit> {
     let mut findings = graphics::look();
-    let need = quickstart_bytes();
-    findings.extend(machine::look(&common.domain, need));
-    findings.extend(limits::look(need));
+    findings.extend(machine::look(&common.domain, need_bytes));
+    findings.extend(limits::look(need_bytes));
     findings.extend(processor::look());
     findings.extend(display::look());
     findings.extend(disk::look(launch_cli::data_dir(None)));

@@ -1,29 +1,29 @@
-//! `gantry`: starts, watches and stops a set of processes (`up`), shows what they do (`top`,
-//! `graph`, `topic`), examines the machine (`doctor`) and maps (`map`), makes projects (`new`) and
-//! stands in for a CARLA that other programs start (`carla-root`).
+//! `gantry`: starts, watches and stops a set of processes, and looks at what they do.
 //!
-//! Every other word runs the program `gantry-WORD` beside this one, as `cargo` and `git` do.
+//! Five ideas, a folder each: `up` runs a launch file; `look` shows what is on the bus (`top`,
+//! `graph`, `topic`); `doctor` examines the machine; `new` makes projects; `carla` takes over what
+//! users of CARLA bring (`map`, `carla-root`). None needs another, but that a server of `carla-root`
+//! is run by `up`. Every other word runs the program `gantry-WORD` beside this one (`external`), as
+//! `cargo` and `git` do.
+//!
 //! The tool reads topics like any consumer and sends the daemon no commands; it only starts and
 //! stops it.
 
 mod bus;
-mod carla_root;
-mod census;
+mod carla;
 mod cli;
 mod doctor;
 mod external;
-mod graph;
-mod map;
+mod look;
 mod new;
 mod programs;
-mod reading;
-mod top;
-mod topic;
 mod up;
 
 use std::process::ExitCode;
 
+use carla::{carla_root, map};
 use cli::{Args, TopicWord, Word};
+use look::{graph, top, topic};
 
 /// The program `gantry`, from its arguments to its exit code.
 pub fn main() -> ExitCode {
@@ -46,7 +46,7 @@ pub fn main() -> ExitCode {
         }
         Word::Doctor(doctor) => {
             args.common.init_logging();
-            doctor::run(doctor, &args.common)
+            doctor::run(doctor, &args.common, up::quickstart_bytes())
         }
         Word::Map(map) => {
             args.common.init_logging();

@@ -114,6 +114,7 @@ pub fn start(
         "logs and the full launch file are in {}",
         run_dir.display()
     ));
+    let notes = launch_run::NoteWriter::make(&run_dir)?;
     // A launcher that was killed may have left its topics behind.
     bus.clean();
     let kept: Vec<&str> = own_topics(launch)
@@ -130,7 +131,7 @@ pub fn start(
     let _topics: Vec<_> = own_topics(launch)
         .map(|(name, topic)| bus.hold_topic(name, &topic))
         .collect::<anyhow::Result<_>>()?;
-    let supervisor = supervise::Supervisor::new(plans, output, bus, run_for, signals)?;
+    let supervisor = supervise::Supervisor::new(plans, output, notes, bus, run_for, signals)?;
     Ok(supervisor.run())
 }
 

@@ -7,7 +7,7 @@
 //!
 //! In reading order: [`model`] (what a launch file says), [`process`] and [`period`] (its
 //! processes), [`topic`] (limits and types of topics), [`batch`] (cameras whose images come as one
-//! frame), `files` (several files as one), `parse`
+//! frame), [`presets`] (weathers by name), `files` (several files as one), `parse`
 //! (checking, one file per section), `tree` and `fill` (keys with their places, and how they are
 //! applied to a value), [`error`], `write`, and [`budget`] (the topics that the sensors will have).
 //!
@@ -36,6 +36,7 @@ mod fill;
 pub mod model;
 mod parse;
 pub mod period;
+pub mod presets;
 pub mod process;
 pub mod topic;
 mod tree;

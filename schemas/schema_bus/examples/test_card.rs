@@ -111,7 +111,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                     })
                     .collect(),
                 Err(error) => vec![CommandReply::Refused {
-                    error: error.clone(),
+                    error: error.to_string(),
                 }],
             };
             server.reply(

@@ -2,33 +2,33 @@
 
 use schema_frames::{DocumentHeader, ResultType};
 
-use crate::any_reader::AnyReader;
-use crate::claim::Claim;
-use crate::command::{CommandClient, CommandServer};
-use crate::control::{AckReader, AckWriter, ControlReader, ControlWriter};
-use crate::document::{DocumentPublisher, DocumentReader};
-use crate::error::BusError;
-use crate::event::{Listener, Notifier};
-use crate::frame::{FramePublisher, FrameService};
-use crate::gpu::{
+use crate::contract::error::BusError;
+use crate::contract::names;
+use crate::looking::any_reader::AnyReader;
+use crate::looking::introspect::{ServicePorts, services};
+use crate::looking::watch::Watch;
+use crate::memory::shortage::guarded;
+use crate::memory::sizes::{FrameTopic, ResultTopic};
+use crate::place::event::{Listener, Notifier};
+use crate::place::node::{BusNode, BusOptions};
+use crate::place::service::is_published;
+use crate::place::topics::{TopicDetails, topics};
+use crate::ports::command::{CommandClient, CommandServer};
+use crate::ports::control::{AckReader, AckWriter, ControlReader, ControlWriter};
+use crate::ports::document::{DocumentPublisher, DocumentReader};
+use crate::ports::frames::reader::FrameReader;
+use crate::ports::frames::writer::{FramePublisher, FrameService};
+use crate::ports::gpu::{
     GpuDevice, GpuFrameReader, GpuMemory, GpuOffer, GpuPlaces, GpuResultPublisher, GpuResultReader,
     GpuSample, GpuServer, fetch, offer,
 };
-use crate::introspect::{ServicePorts, services};
-use crate::memory::{FrameTopic, ResultTopic};
-use crate::names;
-use crate::node::{BusNode, BusOptions};
-use crate::reader::FrameReader;
-use crate::render::{RenderClient, RenderServer};
-use crate::result_reader::ResultReader;
-use crate::result_service::ResultService;
-use crate::result_writer::ResultPublisher;
-use crate::scene::{RenderedReader, RenderedWriter, ScenePublisher, SceneReader};
-use crate::service::is_published;
-use crate::shortage::guarded;
-use crate::snapshot::{SnapshotPublisher, SnapshotReader};
-use crate::topics::{TopicDetails, topics};
-use crate::watch::Watch;
+use crate::ports::render::{RenderClient, RenderServer};
+use crate::ports::results::reader::ResultReader;
+use crate::ports::results::service::ResultService;
+use crate::ports::results::writer::ResultPublisher;
+use crate::ports::scene::{RenderedReader, RenderedWriter, ScenePublisher, SceneReader};
+use crate::ports::snapshot::{SnapshotPublisher, SnapshotReader};
+use crate::time::claim::Claim;
 
 /// Shared memory that a service or a port takes besides its segment, bytes: what its error names.
 const PORT_BYTES: u64 = 1 << 16;

@@ -35,103 +35,57 @@
     reason = "type names on the bus, memory of loans and segments, poll(2); each block proves itself"
 )]
 
-// What the contract fixes: names, capacities, sizes, clock, errors.
-mod clock;
-mod complaints;
-mod error;
-mod iceoryx_error;
+// Each room may use those above it in this list, never those below.
+mod contract;
 mod memory;
-pub mod names;
-pub mod qos;
-mod wire;
+mod place;
+mod time;
 
-// A process's place on the bus, and the services there.
-mod declared;
-mod event;
-mod gpu_socket;
-mod intake;
-mod leftovers;
-mod node;
-mod origin;
-mod origins;
-mod root;
-mod service;
-mod shortage;
-mod topics;
+mod looking;
+mod ports;
 
-// Looking at others without taking part.
-mod any_reader;
-mod introspect;
-mod slot;
-mod watch;
-
-// Sensor frames.
-mod frame;
-mod reader;
-mod reserve;
-mod segment;
-
-// Results of users' programs.
-mod result_draft;
-mod result_reader;
-mod result_service;
-mod result_writer;
-
-// Frames and results that stay on a GPU.
-mod gpu;
-
-// Everything else that is sent.
-mod claim;
-mod command;
-mod control;
-mod document;
-mod drain;
-mod lockstep;
-mod lockstep_watch;
-mod render;
-mod scene;
-mod snapshot;
-
-// Everything a process can open on the bus, on one page.
+// Everything a process can open on the bus, on one page, and who takes part in the lockstep.
 mod bus;
+mod participants;
 
-pub use any_reader::{AnyReader, AnySample};
 pub use bus::Bus;
-pub use claim::Claim;
-pub use clock::mono_now;
-pub use command::{CommandClient, CommandError, CommandServer, Request};
-pub use complaints::Complaints;
-pub use control::{Ack, AckReader, AckWriter, ControlBatch, ControlReader, ControlWriter};
-pub use document::{Document, DocumentPublisher, DocumentReader};
-pub use error::{BusError, LoanError};
-pub use event::{Listener, Notifier, Token, WaitSet};
-pub use frame::{DeviceLoan, FrameLoan, FramePublisher, FrameService};
-pub use gpu::{
-    GpuDevice, GpuFrame, GpuFrameReader, GpuMemory, GpuOffer, GpuPlaces, GpuResult,
-    GpuResultPublisher, GpuResultReader, GpuResultSlot, GpuSample, GpuServer, GpuTopic,
-    SharedMemory,
-};
-pub use intake::ReaderCounts;
-pub use introspect::{Exchange, Port, ServicePorts};
-pub use lockstep::{AckFault, Gate, Participant};
-pub use lockstep_watch::{JoinError, Look};
-pub use memory::{
+pub use contract::error::{BusError, LoanError};
+pub use contract::origin::{Life, Origin};
+pub use contract::{names, qos};
+pub use looking::any_reader::{AnyReader, AnySample};
+pub use looking::introspect::{Exchange, Port, ServicePorts};
+pub use looking::watch::{Newest, Watch};
+pub use memory::segment::Segment;
+pub use memory::shortage::MAX_MISSING_STRETCHES;
+pub use memory::sizes::{
     FrameTopic, MemoryShortage, OTHER_BYTES, ResultTopic, check_shared_memory, shared_memory_free,
     shared_memory_needed,
 };
-pub use node::{BusOptions, write_private_config};
-pub use origin::{Life, Origin};
-pub use reader::{Frame, FrameReader};
-pub use render::{RenderClient, RenderQuestion, RenderServer};
-pub use result_draft::{Answerable, Answered, ResultDraft};
-pub use result_reader::{ResultReader, ResultSample};
-pub use result_service::ResultService;
-pub use result_writer::{ResultLoan, ResultPublisher};
-pub use scene::{
-    Rendered, RenderedReader, RenderedWriter, SceneMessage, ScenePublisher, SceneReader,
+pub use participants::{JoinError, Look};
+pub use place::complaints::Complaints;
+pub use place::event::{Listener, Notifier, Token, WaitSet};
+pub use place::node::{BusOptions, write_private_config};
+pub use place::topics::{GpuSide, TopicDetails, TopicKind};
+pub use ports::command::{CommandClient, CommandError, CommandServer, Request, RequestFault};
+pub use ports::control::{Ack, AckReader, AckWriter, ControlBatch, ControlReader, ControlWriter};
+pub use ports::document::{Document, DocumentPublisher, DocumentReader};
+pub use ports::frames::reader::{Frame, FrameReader, Frames};
+pub use ports::frames::writer::{DeviceLoan, FrameLoan, FramePublisher, FrameService};
+pub use ports::gpu::{
+    GpuDevice, GpuFrame, GpuFrameReader, GpuFrames, GpuMemory, GpuOffer, GpuPlaces, GpuResult,
+    GpuResultPublisher, GpuResultReader, GpuResultSlot, GpuResults, GpuSample, GpuServer, GpuTopic,
+    SharedMemory,
 };
-pub use segment::Segment;
-pub use shortage::MAX_MISSING_STRETCHES;
-pub use snapshot::{Snapshot, SnapshotPublisher, SnapshotReader};
-pub use topics::{GpuSide, TopicDetails, TopicKind};
-pub use watch::{Newest, Watch};
+pub use ports::reader::{Moment, Reader, ReaderCounts, SampleFault, SampleKind};
+pub use ports::render::{RenderClient, RenderQuestion, RenderServer};
+pub use ports::results::draft::{Answerable, Answered, ResultDraft};
+pub use ports::results::reader::{ResultReader, ResultSample, Results};
+pub use ports::results::service::ResultService;
+pub use ports::results::writer::{ResultLoan, ResultPublisher};
+pub use ports::scene::{
+    Rendered, RenderedReader, RenderedWriter, SceneMessage, ScenePublisher, SceneReader, Scenes,
+};
+pub use ports::snapshot::{Snapshot, SnapshotPublisher, SnapshotReader, Snapshots};
+pub use time::claim::Claim;
+pub use time::clock::mono_now;
+pub use time::gate::{AckFault, Gate, Participant};

@@ -242,8 +242,8 @@ impl RecordingFile {
     }
 
     /// Why the file was walked over instead of read from its summary; `None` if it was not.
-    pub fn walked_because(&self) -> Option<&str> {
-        self.index.walked_because.as_deref()
+    pub fn walked_because(&self) -> Option<String> {
+        self.index.walked_because.as_ref().map(ToString::to_string)
     }
 
     /// Whether our recorder wrote it: it holds frames, results, snapshots or documents of ours.

@@ -97,43 +97,54 @@ impl<R: Read> RecordWalk<R> {
     }
 }
 
+/// Why the bytes of a record cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// A chunk would take more memory than is given to it.
+    #[error("a chunk claims {0} unpacked bytes, the limit is {MAX_RECORD_BYTES}")]
+    TooLarge(u64),
+    /// The record that is called a chunk is none.
+    #[error("a chunk record holds something else")]
+    NotAChunk,
+    /// An attachment ends within its own header.
+    #[error("an attachment record of {0} bytes is too short for its own header")]
+    ShortAttachment(usize),
+    /// The record breaks the rules of MCAP.
+    #[error(transparent)]
+    Mcap(#[from] mcap::McapError),
+}
+
 /// Splits the body of a chunk record into its header and compressed bytes, and checks every length.
 ///
 /// # Errors
-/// A sentence that says what is wrong.
-pub fn chunk(body: &[u8]) -> Result<(ChunkHeader, &[u8]), String> {
+/// If the record is no chunk, or one of its lengths cannot be true.
+pub fn chunk(body: &[u8]) -> Result<(ChunkHeader, &[u8]), RecordError> {
     match mcap::parse_record(op::CHUNK, body) {
         Ok(Record::Chunk {
             header,
             data: Cow::Borrowed(data),
         }) => {
             if header.uncompressed_size > MAX_RECORD_BYTES {
-                return Err(format!(
-                    "a chunk claims {} unpacked bytes, the limit is {MAX_RECORD_BYTES}",
-                    header.uncompressed_size
-                ));
+                return Err(RecordError::TooLarge(header.uncompressed_size));
             }
             Ok((header, data))
         }
-        Ok(_) => Err("a chunk record holds something else".to_string()),
-        Err(error) => Err(error.to_string()),
+        Ok(_) => Err(RecordError::NotAChunk),
+        Err(error) => Err(error.into()),
     }
 }
 
 /// Parses a record outside of chunks. Any bytes are safe to pass.
 ///
 /// # Errors
-/// A sentence that says what is wrong.
-pub fn record(opcode: u8, body: &[u8]) -> Result<Record<'_>, String> {
+/// If the record breaks the rules of MCAP.
+pub fn record(opcode: u8, body: &[u8]) -> Result<Record<'_>, RecordError> {
     if opcode == op::ATTACHMENT
         && body.len() < MIN_ATTACHMENT_BYTES.saturating_add(attachment_text_bytes(body))
     {
-        return Err(format!(
-            "an attachment record of {} bytes is too short for its own header",
-            body.len()
-        ));
+        return Err(RecordError::ShortAttachment(body.len()));
     }
-    mcap::parse_record(opcode, body).map_err(|error| error.to_string())
+    Ok(mcap::parse_record(opcode, body)?)
 }
 
 /// Two times, two text lengths, the data's length and the checksum.
@@ -162,7 +173,7 @@ pub fn for_each_in_chunk(
     body: &[u8],
     each: &mut dyn FnMut(Record<'_>) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
-    let (header, _) = chunk(body).map_err(anyhow::Error::msg)?;
+    let (header, _) = chunk(body)?;
     // The chunk's own size bounds every record in it, so that a damaged length cannot ask for more
     // memory than the chunk has.
     let options = LinearReaderOptions::default()
@@ -179,9 +190,7 @@ pub fn for_each_in_chunk(
                 let n_read = input.read(reader.insert(wanted.min(head.len() + body.len())))?;
                 reader.notify_read(n_read);
             }
-            LinearReadEvent::Record { data, opcode } => {
-                each(record(opcode, data).map_err(anyhow::Error::msg)?)?
-            }
+            LinearReadEvent::Record { data, opcode } => each(record(opcode, data)?)?,
         }
     }
     Ok(())

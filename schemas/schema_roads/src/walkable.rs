@@ -13,6 +13,7 @@ mod faces;
 mod mesh;
 mod outlines;
 pub mod pavements;
+pub mod stroll;
 
 use crate::map::RoadMap;
 

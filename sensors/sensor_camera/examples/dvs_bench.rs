@@ -5,33 +5,42 @@
 //! moves 0.4 m a frame along the test street; `flicker` is an image that turns brighter and darker
 //! everywhere, so that the time is that of making, sorting and writing events.
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/it/common.rs"]
 mod common;
 #[path = "dvs_shots/mod.rs"]
 mod shots;
 
-use launch_cli::bench::{BenchResult, take_json_argument};
+use std::process::ExitCode;
+
+use launch_cli::bench::{self, BenchResult, anyhow, clap, process_cpu_secs};
 use sensor_camera::dvs::EventCamera;
 use sensor_spec::{DvsMode, DvsSpec};
-use shots::{Shot, cpu_secs, drive};
+use shots::{Shot, drive};
 
 const WINDOW_NANOS: u64 = 50_000_000;
 
-fn main() {
-    let (words, json) = take_json_argument(std::env::args().skip(1));
-    let mut result = BenchResult::new("dvs_bench", None);
-    let numbers: Vec<u32> = words
-        .iter()
-        .map(|text| text.parse().expect("arguments are whole numbers"))
-        .collect();
-    let (size_px, rounds, threads) = match numbers[..] {
-        [width, height, rounds, threads] => ([width, height], rounds, threads as usize),
-        _ => ([800, 600], 3, 1),
-    };
+/// Times the event camera alone
+#[derive(Debug, clap::Args)]
+struct Args {
+    #[arg(default_value_t = 800)]
+    width: u32,
+    #[arg(default_value_t = 600)]
+    height: u32,
+    #[arg(default_value_t = 3)]
+    rounds: u32,
+    #[arg(default_value_t = 1)]
+    threads: usize,
+}
+
+fn main() -> ExitCode {
+    bench::run("dvs_bench", measure_all)
+}
+
+fn measure_all(args: &Args, result: &mut BenchResult) -> anyhow::Result<()> {
+    let (size_px, rounds) = ([args.width, args.height], args.rounds);
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .expect("threads can be started");
+        .num_threads(args.threads)
+        .build()?;
     // Six firings, 0.4 m apart.
     let drive = drive(
         size_px,
@@ -90,9 +99,7 @@ fn main() {
             },
         );
     });
-    result
-        .write(json.as_deref())
-        .unwrap_or_else(|error| panic!("{error:#}"));
+    Ok(())
 }
 
 fn measure(
@@ -110,7 +117,7 @@ fn measure(
     let order: Vec<usize> = (1..shots.len()).collect();
     let (mut n_events, mut best, mut best_wall) = (0, f64::INFINITY, f64::INFINITY);
     for _ in 0..rounds {
-        let (begin, wall) = (cpu_secs(), std::time::Instant::now());
+        let (begin, wall) = (process_cpu_secs(), std::time::Instant::now());
         n_events = order
             .iter()
             .map(|i| {
@@ -119,7 +126,7 @@ fn measure(
                     .n_events
             })
             .sum();
-        best = best.min(cpu_secs() - begin);
+        best = best.min(process_cpu_secs() - begin);
         best_wall = best_wall.min(wall.elapsed().as_secs_f64());
     }
     let n_frames = order.len() as f64;

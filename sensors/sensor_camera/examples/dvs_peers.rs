@@ -7,32 +7,46 @@
 //! bus, behind each its window's number as u64) for `motion` and `two_frame` every 50 ms and
 //! `two_frame_1khz`, and `cpu.txt` with each one's CPU seconds per simulated second.
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/it/common.rs"]
 mod common;
 #[path = "dvs_shots/mod.rs"]
 mod shots;
 
 use std::io::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
 
+use launch_cli::bench::{self, clap, process_cpu_secs};
 use sensor_camera::dvs::EventCamera;
 use sensor_spec::{DvsMode, DvsSpec};
-use shots::{Shot, cpu_secs, drive};
+use shots::{Shot, drive};
 
 const N_FRAMES: u64 = 101;
 const STEP_NANOS: u64 = 1_000_000;
 const SPEED_MPS: f64 = 8.0;
 
-fn main() -> std::io::Result<()> {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let (folder, size_px) = match &words[..] {
-        [folder] => (folder, [800, 600]),
-        [folder, width, height] => (
-            folder,
-            [width, height].map(|text| text.parse().expect("width and height are whole numbers")),
-        ),
-        _ => panic!("give a folder, and perhaps width and height"),
-    };
-    let folder = std::path::Path::new(folder);
+/// Renders frames and makes events of them, for other event cameras
+#[derive(Debug, clap::Args)]
+struct Args {
+    folder: PathBuf,
+    #[arg(default_value_t = 800)]
+    width: u32,
+    #[arg(default_value_t = 600)]
+    height: u32,
+}
+
+fn main() -> ExitCode {
+    bench::run("dvs_peers", |args: &Args, result| {
+        for (name, cpu_secs) in make(args)? {
+            result.row(name, &[("cpu_secs", cpu_secs)]);
+        }
+        Ok(())
+    })
+}
+
+/// Writes the files; the CPU seconds per simulated second of each way.
+fn make(args: &Args) -> std::io::Result<Vec<(&'static str, f64)>> {
+    let (folder, size_px) = (&args.folder, [args.width, args.height]);
     std::fs::create_dir_all(folder)?;
     let fine = frames(size_px, 1);
     let coarse = frames(size_px, 50);
@@ -41,6 +55,7 @@ fn main() -> std::io::Result<()> {
         .try_for_each(|shot| file.write_all(&shot.luminance))?;
     file.flush()?;
     let mut cpu = std::fs::File::create(folder.join("cpu.txt"))?;
+    let mut spent = Vec::new();
     let base = DvsSpec {
         max_events: 20_000_000,
         ..Default::default()
@@ -70,13 +85,11 @@ fn main() -> std::io::Result<()> {
             step,
             spec,
         )?;
-        writeln!(
-            cpu,
-            "{name} {:.4}",
-            secs / ((N_FRAMES - 1) as f64 * STEP_NANOS as f64 * 1e-9)
-        )?;
+        let secs = secs / ((N_FRAMES - 1) as f64 * STEP_NANOS as f64 * 1e-9);
+        writeln!(cpu, "{name} {secs:.4}")?;
+        spent.push((name, secs));
     }
-    Ok(())
+    Ok(spent)
 }
 
 /// CPU seconds of making the events, one thread.
@@ -97,9 +110,13 @@ fn write_events(
         .build()
         .expect("a thread can be started");
     for (window, shot) in shots.iter().enumerate() {
-        let begin = cpu_secs();
+        let begin = process_cpu_secs();
         let made = pool.install(|| camera.advance(&shot.images(width), window_nanos, &mut out));
-        secs += if window > 0 { cpu_secs() - begin } else { 0.0 };
+        secs += if window > 0 {
+            process_cpu_secs() - begin
+        } else {
+            0.0
+        };
         for event in out.chunks_exact(16).take(made.n_events) {
             file.write_all(event)?;
             file.write_all(&(window.max(1) as u64 - 1).to_le_bytes())?;

@@ -5,13 +5,13 @@
 //! wall time per frame as min / median, the process's CPU time per frame (the figure to trust on a
 //! busy machine), and what was drawn.
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/it/common.rs"]
 mod common;
 
-use std::cell::RefCell;
+use std::process::ExitCode;
 use std::time::Instant;
 
-use launch_cli::bench::{BenchResult, take_json_argument};
+use launch_cli::bench::{self, BenchResult, Samples, clap, process_cpu_secs};
 use schema_frames::Modality;
 use sensor_camera::{CameraRenderer, Output, Place, Quality, View, ViewJob};
 use sensor_gpu::Gpu;
@@ -25,27 +25,40 @@ const SIX: [Modality; 6] = [
     Modality::Normals,
 ];
 
-fn main() {
-    let (words, json) = take_json_argument(std::env::args().skip(1));
-    let numbers: Vec<u32> = words
-        .iter()
-        .map(|text| text.parse().expect("arguments are whole numbers"))
-        .collect();
-    let (width_px, height_px, n_frames) = match numbers[..] {
-        [width_px, height_px, n_frames] => (width_px, height_px, n_frames),
-        _ => (800, 600, 40),
-    };
+/// Measures views of one modality and of six
+#[derive(Debug, clap::Args)]
+struct Args {
+    #[arg(default_value_t = 800)]
+    width: u32,
+    #[arg(default_value_t = 600)]
+    height: u32,
+    #[arg(default_value_t = 40)]
+    frames: u32,
+}
+
+fn main() -> ExitCode {
+    bench::run("measure_views", |args: &Args, result| {
+        measure_all(args, result);
+        Ok(())
+    })
+}
+
+fn measure_all(args: &Args, result: &mut BenchResult) {
     let gpu = common::gpu();
     println!(
-        "{} at {width_px}x{height_px}, {n_frames} frames",
-        gpu.name()
+        "{} at {}x{}, {} frames",
+        gpu.name(),
+        args.width,
+        args.height,
+        args.frames
     );
-    let bench = Bench {
+    result.set_gpu(gpu.name());
+    let mut bench = Bench {
         gpu: &gpu,
-        size_px: [width_px, height_px],
-        n_frames,
+        size_px: [args.width, args.height],
+        n_frames: args.frames,
         quality: Quality::default_for(&gpu),
-        result: RefCell::new(BenchResult::new("measure_views", Some(gpu.name()))),
+        result,
     };
     // The first measurement includes the wake-up of the device.
     bench.measure("depth alone", &[&[Modality::Depth]]);
@@ -61,10 +74,6 @@ fn main() {
     bench.measure("rgb alone", &[&[Modality::Rgb]]);
     bench.measure("events alone", &[&[Modality::Dvs]]);
     bench.measure("no reader", &[&[]]);
-    let result = bench.result.borrow();
-    result
-        .write(json.as_deref())
-        .unwrap_or_else(|error| panic!("{error:#}"));
 }
 
 struct Bench<'g> {
@@ -72,12 +81,12 @@ struct Bench<'g> {
     size_px: [u32; 2],
     n_frames: u32,
     quality: Quality,
-    result: RefCell<BenchResult>,
+    result: &'g mut BenchResult,
 }
 
 impl Bench<'_> {
     /// Renders a drive along the street; returns the CPU milliseconds per frame.
-    fn measure(&self, name: &str, asked: &[&[Modality]]) -> f64 {
+    fn measure(&mut self, name: &str, asked: &[&[Modality]]) -> f64 {
         let (assets, car) = common::street();
         let mut renderer = CameraRenderer::new(self.gpu, self.quality);
         let mut views: Vec<View> = asked
@@ -93,10 +102,10 @@ impl Bench<'_> {
             })
             .collect();
         let mut millis = Vec::new();
-        let (mut counts, mut cpu_begin) = (self.gpu.counters().counts(), cpu_millis());
+        let (mut counts, mut cpu_begin) = (self.gpu.counters().counts(), process_cpu_secs());
         for step in 0..self.n_frames + WARM_UP {
             if step == WARM_UP {
-                (counts, cpu_begin) = (self.gpu.counters().counts(), cpu_millis());
+                (counts, cpu_begin) = (self.gpu.counters().counts(), process_cpu_secs());
             }
             let x_m = step as f64 * 0.4;
             let cars = (0..8)
@@ -133,41 +142,23 @@ impl Bench<'_> {
             millis.push(begin.elapsed().as_secs_f64() * 1e3);
         }
         let counts = self.gpu.counters().counts().since(counts);
-        let cpu = (cpu_millis() - cpu_begin) / self.n_frames as f64;
-        let mut millis = millis.split_off(WARM_UP as usize);
-        millis.sort_by(f64::total_cmp);
-        let median = millis[millis.len() / 2];
+        let cpu = (process_cpu_secs() - cpu_begin) * 1e3 / self.n_frames as f64;
+        let millis: Samples = millis.into_iter().skip(WARM_UP as usize).collect();
+        let (best, median) = (millis.best(), millis.median());
         let per_frame = |n: u64| n / self.n_frames as u64;
         println!(
-            "{name}: {:.2} / {median:.2} ms, CPU {cpu:.1} ms; {} passes, {} draws, {} triangles, {} copies",
-            millis[0],
+            "{name}: {best:.2} / {median:.2} ms, CPU {cpu:.1} ms; {} passes, {} draws, {} triangles, {} copies",
             per_frame(counts.passes),
             per_frame(counts.draws),
             per_frame(counts.triangles),
             per_frame(counts.copies)
         );
-        self.result.borrow_mut().row(
+        self.result.row(
             name,
-            &[
-                ("min_ms", millis[0]),
-                ("median_ms", median),
-                ("cpu_ms", cpu),
-            ],
+            &[("min_ms", best), ("median_ms", median), ("cpu_ms", cpu)],
         );
         cpu
     }
-}
-
-/// CPU time of this process so far (Linux counts it in hundredths of a second).
-fn cpu_millis() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").expect("Linux has /proc");
-    let after_name = &stat[stat.rfind(')').expect("the name ends in a bracket")..];
-    after_name
-        .split(' ')
-        .skip(12)
-        .take(2)
-        .map(|ticks| ticks.parse::<f64>().expect("ticks are a number") * 10.0)
-        .sum()
 }
 
 /// Frames before counting: pipelines compile, the shadow map is drawn.

@@ -3,7 +3,7 @@
 //!
 //! WEATHER is `noon` (default), `evening`, `night`, `overcast`, `fog` or `rain`.
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/it/common.rs"]
 mod common;
 
 use std::path::Path;

@@ -1,8 +1,8 @@
 //! Lidar on the GPU against a triangle mesh from a file: one scan from submission to points in
 //! (imported) memory, and rays per second over a batch of lidars at different places.
 //!
-//! `cargo run --release -p sensor_ray --example gpu_bench -- MESH [TURNS] [ADAPTER]`; `mesh_file`
-//! has the format of MESH.
+//! `cargo run --release -p sensor_ray --example gpu_bench -- MESH [TURNS] [ADAPTER]
+//! [--json FILE]`; `mesh_file` has the format of MESH.
 
 #![expect(
     unsafe_code,
@@ -12,31 +12,41 @@
 #[path = "mesh_file/mod.rs"]
 mod mesh_file;
 
+use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
 
-use launch_cli::bench::{BenchResult, take_json_argument};
+use launch_cli::bench::{self, BenchResult, Samples, anyhow, clap};
 use nalgebra::{Isometry3, Vector3};
 use schema_types::noise::Noise;
 use sensor_gpu::{Gpu, GpuOptions, Place, ShmTarget};
 use sensor_ray::{GpuRayOptions, GpuRays, Lidar, RayScene, ScanJob, SensorPath};
 use sensor_spec::LidarSpec;
 
-fn main() {
-    let (words, json) = take_json_argument(std::env::args().skip(1));
-    let mut args = words.into_iter();
-    let path = args.next().expect("the first argument is the mesh file");
-    let turns: usize = args
-        .next()
-        .map_or(20, |text| text.parse().expect("turns are a whole number"));
+/// Casts a lidar's rays on the GPU against a mesh from a file
+#[derive(Debug, clap::Args)]
+struct Args {
+    /// The mesh
+    mesh: String,
+    #[arg(default_value_t = 20)]
+    turns: usize,
+    /// Part of the adapter's name
+    adapter: Option<String>,
+}
+
+fn main() -> ExitCode {
+    bench::run("gpu_bench", measure_all)
+}
+
+fn measure_all(args: &Args, result: &mut BenchResult) -> anyhow::Result<()> {
+    let turns = args.turns.max(1);
     let gpu = Gpu::open(&GpuOptions {
-        adapter: args.next(),
+        adapter: args.adapter.clone(),
         ..Default::default()
-    })
-    .unwrap_or_else(|error| panic!("{error}"));
+    })?;
     println!("adapter {}, can import: {}", gpu.name(), gpu.can_import());
-    let mut result = BenchResult::new("gpu_bench", Some(gpu.name()));
-    let assets = mesh_file::read(&path);
+    result.set_gpu(gpu.name());
+    let assets = mesh_file::read(&args.mesh);
     let scene = RayScene::load_for_gpu(&assets);
     println!("{} triangles", scene.n_static_triangles());
     let (base, len) = segment(BATCH * SLOT_BYTES);
@@ -89,9 +99,7 @@ fn main() {
     println!("few rays: what a submission costs");
     result.row("few rays", &measure(&mut rays, &target, 1, turns, false));
     compare(&mut rays, &scene);
-    result
-        .write(json.as_deref())
-        .unwrap_or_else(|error| panic!("{error:#}"));
+    Ok(())
 }
 
 const BATCH: usize = 32;
@@ -150,22 +158,22 @@ fn measure(
             with_recording.push((end - begin).as_secs_f64() * 1e3);
         }
     }
-    after_submit.sort_by(f64::total_cmp);
-    with_recording.sort_by(f64::total_cmp);
+    let after_submit: Samples = after_submit.into_iter().collect();
+    let with_recording: Samples = with_recording.into_iter().collect();
     let n_rays = n_lidars as f64 * (spec.channels * spec.columns) as f64;
-    let (after, whole) = (after_submit[turns / 2], with_recording[turns / 2]);
+    let (after, whole) = (after_submit.median(), with_recording.median());
     println!(
         "  {n_lidars:2} lidars: median {after:.3} ms after submission (best {:.3}), {whole:.3} ms with recording (best {:.3}), {:.0} Mray/s, {:.3} of rays return",
-        after_submit[0],
-        with_recording[0],
+        after_submit.best(),
+        with_recording.best(),
         n_rays / whole * 1e-3,
         n_points as f64 / n_rays
     );
     [
         ("ms", after),
-        ("best_ms", after_submit[0]),
+        ("best_ms", after_submit.best()),
         ("recorded_ms", whole),
-        ("recorded_best_ms", with_recording[0]),
+        ("recorded_best_ms", with_recording.best()),
         ("mrays_per_sec", n_rays / whole * 1e-3),
     ]
 }

@@ -1,7 +1,8 @@
 //! Rays per second against a triangle mesh from a file, for comparison with other ray casters on
 //! the same mesh, rays and threads.
 //!
-//! `cargo run --release -p sensor_ray --example mesh_bench -- MESH [THREADS] [TURNS]`. `mesh_file`
+//! `cargo run --release -p sensor_ray --example mesh_bench -- MESH [THREADS] [TURNS]
+//! [--json FILE]`. `mesh_file`
 //! has the format of MESH. The lidar stands at (0, −1.7, 1.9) with 64 beams from 2° to −24.8° and
 //! 2048 azimuths; what is timed ends with the points in a frame's bytes, distances made exact in
 //! `f64`. CPU time does not count what neighbours take.
@@ -9,37 +10,39 @@
 #[path = "mesh_file/mod.rs"]
 mod mesh_file;
 
+use std::process::ExitCode;
 use std::time::Instant;
 
-use launch_cli::bench::{BenchResult, take_json_argument};
+use launch_cli::bench::{self, BenchResult, Samples, clap, process_cpu_secs};
 use nalgebra::Isometry3;
 use schema_types::noise::Noise;
 use sensor_ray::{Lidar, RayScene, SensorPath};
 use sensor_spec::LidarSpec;
 
-fn main() {
-    let (words, json) = take_json_argument(std::env::args().skip(1));
-    let mut result = BenchResult::new("mesh_bench", None);
-    let mut args = words.into_iter();
-    let path = args.next().expect("the first argument is the mesh file");
-    let threads = args
-        .next()
-        .map_or(1, |text| text.parse().expect("threads are a whole number"));
-    let turns = args
-        .next()
-        .map_or(12, |text| text.parse().expect("turns are a whole number"));
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .expect("threads can be started");
-    pool.install(|| run(&path, threads, turns, &mut result));
-    result
-        .write(json.as_deref())
-        .unwrap_or_else(|error| panic!("{error:#}"));
+/// Casts rays against a mesh from a file
+#[derive(Debug, clap::Args)]
+struct Args {
+    /// The mesh
+    mesh: String,
+    #[arg(default_value_t = 1)]
+    threads: usize,
+    #[arg(default_value_t = 12)]
+    turns: usize,
 }
 
-fn run(path: &str, threads: usize, turns: usize, result: &mut BenchResult) {
-    let assets = mesh_file::read(path);
+fn main() -> ExitCode {
+    bench::run("mesh_bench", |args: &Args, result| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(args.threads)
+            .build()?;
+        pool.install(|| run(args, result));
+        Ok(())
+    })
+}
+
+fn run(args: &Args, result: &mut BenchResult) {
+    let threads = args.threads;
+    let assets = mesh_file::read(&args.mesh);
     let begin = Instant::now();
     let scene = RayScene::load(&assets);
     println!(
@@ -59,18 +62,17 @@ fn run(path: &str, threads: usize, turns: usize, result: &mut BenchResult) {
     let mut lidar = Lidar::new(spec);
     let mut bytes = vec![0; n_rays as usize * 16];
     let pose = SensorPath::still(Isometry3::translation(0.0, -1.7, 1.9));
-    let mut millis = Vec::new();
     let (mut n_points, mut cpu_best) = (0, f64::INFINITY);
-    for _ in 0..turns {
-        let (begin, cpu) = (Instant::now(), cpu_millis());
+    let millis = Samples::of(args.turns, || {
+        let (begin, cpu) = (Instant::now(), process_cpu_secs());
         n_points = lidar.scan(&scene, &pose, Noise::new(1, 2, 3), None);
         lidar.write(&mut bytes);
-        millis.push(begin.elapsed().as_secs_f64() * 1e3);
-        cpu_best = cpu_best.min(cpu_millis() - cpu);
-    }
-    millis.sort_by(f64::total_cmp);
+        let wall = begin.elapsed();
+        cpu_best = cpu_best.min((process_cpu_secs() - cpu) * 1e3);
+        wall.as_secs_f64() * 1e3
+    });
     let rate = |millis: f64| n_rays as f64 / millis * 1e-3;
-    let (best, median) = (millis[0], millis[millis.len() / 2]);
+    let (best, median) = (millis.best(), millis.median());
     println!(
         "threads {threads}: median {median:.2} ms, best {best:.2} ms, {:.2} Mray/s (best {:.2}); CPU best {cpu_best:.1} ms, {:.2} Mray/s; hits {:.3}",
         rate(median),
@@ -87,12 +89,4 @@ fn run(path: &str, threads: usize, turns: usize, result: &mut BenchResult) {
             ("cpu_ms", cpu_best),
         ],
     );
-}
-
-/// CPU time of this process: it does not count what neighbours take.
-fn cpu_millis() -> f64 {
-    let usage = nix::sys::resource::getrusage(nix::sys::resource::UsageWho::RUSAGE_SELF)
-        .expect("a process may ask for its own usage");
-    let millis = |t: nix::sys::time::TimeVal| t.tv_sec() as f64 * 1e3 + t.tv_usec() as f64 * 1e-3;
-    millis(usage.user_time()) + millis(usage.system_time())
 }

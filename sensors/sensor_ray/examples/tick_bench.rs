@@ -4,10 +4,10 @@
 //! `cargo run --release -p sensor_ray --example tick_bench [PEOPLE] [CARS] [TICKS] [--json FILE]`
 //! prints CPU time of this thread, best and median.
 
-use launch_cli::bench::{BenchResult, take_json_argument};
+use std::process::ExitCode;
+
+use launch_cli::bench::{self, BenchResult, Samples, anyhow, clap, thread_cpu_secs};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
-use nix::sys::time::TimeSpec;
-use nix::time::{ClockId, clock_gettime};
 use schema_types::noise::Noise;
 use schema_types::{ActorId, Class, ObjectId};
 use sensor_core::mesh::Surface;
@@ -36,18 +36,27 @@ const PARTS: [([f64; 3], [f32; 3]); 12] = [
     ([0.06, 0.0, 0.03], [0.14, 0.14, 0.03]),
 ];
 
-fn main() {
-    let (words, json) = take_json_argument(std::env::args());
-    let number = |place: usize, default: usize| {
-        words
-            .get(place)
-            .and_then(|n| n.parse().ok())
-            .unwrap_or(default)
-    };
-    let (n_people, n_cars, n_ticks) = (number(1, 40), number(2, 21), number(3, 200));
+/// Times what a tick asks of lidars before rays are cast
+#[derive(Debug, clap::Args)]
+struct Args {
+    #[arg(default_value_t = 40)]
+    people: usize,
+    #[arg(default_value_t = 21)]
+    cars: usize,
+    #[arg(default_value_t = 200)]
+    ticks: usize,
+}
+
+fn main() -> ExitCode {
+    bench::run("tick_bench", measure)
+}
+
+fn measure(args: &Args, result: &mut BenchResult) -> anyhow::Result<()> {
+    let (n_people, n_cars, n_ticks) = (args.people, args.cars, args.ticks);
     let assets = place();
     let mut scene = RayScene::load_for_gpu(&assets);
-    let gpu = Gpu::open(&GpuOptions::default()).unwrap_or_else(|error| panic!("{error}"));
+    let gpu = Gpu::open(&GpuOptions::default())?;
+    result.set_gpu(gpu.name());
     let mut rays = GpuRays::new(&gpu, GpuRayOptions::default());
     let (mut placed, mut told, mut for_cpu) = (Vec::new(), Vec::new(), Vec::new());
     for tick in 0..n_ticks {
@@ -61,64 +70,51 @@ fn main() {
         for_cpu.push(micros(|| scene.update(&instances)));
     }
     let n = crowd(n_people, n_cars, 0.0).len();
-    let mut result = BenchResult::new("tick_bench", Some(gpu.name()));
-    for (what, mut times) in [
+    for (what, times) in [
         ("place", placed),
         ("tell the GPU", told),
         ("for the processor's rays", for_cpu),
     ] {
-        times.sort_by(f64::total_cmp);
+        let times: Samples = times.into_iter().collect();
         println!(
             "sensor_ray/tick/{what}: {n} parts, best {:.0} µs, median {:.0} µs",
-            times[0],
-            times[times.len() / 2]
+            times.best(),
+            times.median()
         );
         result.row(
             what,
             &[
                 ("n_parts", n as f64),
-                ("best_us", times[0]),
-                ("median_us", times[times.len() / 2]),
+                ("best_us", times.best()),
+                ("median_us", times.median()),
             ],
         );
     }
     let mut lidar = Lidar::new(LidarSpec::default());
     let path = SensorPath::still(Isometry3::translation(0.0, 0.0, 1.8));
-    let one = rayon::ThreadPoolBuilder::new()
-        .num_threads(1)
-        .build()
-        .expect("a thread can be started");
-    let mut turns: Vec<f64> = one.install(|| {
-        (0..25)
-            .map(|_| {
-                micros(|| assert!(lidar.scan(&scene, &path, Noise::new(1, 2, 3), None) > 1000))
-            })
-            .collect()
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let turns = one.install(|| {
+        Samples::of(25, || {
+            micros(|| assert!(lidar.scan(&scene, &path, Noise::new(1, 2, 3), None) > 1000))
+        })
     });
-    turns.sort_by(f64::total_cmp);
     println!(
         "sensor_ray/tick/turn: 64x2000 rays, one thread, best {:.0} µs, median {:.0} µs",
-        turns[0],
-        turns[turns.len() / 2]
+        turns.best(),
+        turns.median()
     );
     result.row(
         "turn",
-        &[("best_us", turns[0]), ("median_us", turns[turns.len() / 2])],
+        &[("best_us", turns.best()), ("median_us", turns.median())],
     );
-    result
-        .write(json.as_deref())
-        .unwrap_or_else(|error| panic!("{error:#}"));
+    Ok(())
 }
 
 /// CPU time of this thread.
 fn micros(work: impl FnOnce()) -> f64 {
-    let now = || {
-        clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID).expect("a thread may ask for its own time")
-    };
-    let started = now();
+    let started = thread_cpu_secs();
     work();
-    let spent: TimeSpec = now() - started;
-    spent.tv_sec() as f64 * 1e6 + spent.tv_nsec() as f64 * 1e-3
+    (thread_cpu_secs() - started) * 1e6
 }
 
 fn body(class: Class, half_m: [f32; 3]) -> Mesh {

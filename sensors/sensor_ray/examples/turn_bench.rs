@@ -4,11 +4,11 @@
 //! `cargo run --release -p sensor_ray --example turn_bench [turns] [threads] [--json FILE]` prints
 //! CPU time (best and median) and the best wall time.
 
+use std::process::ExitCode;
 use std::time::Instant;
 
-use launch_cli::bench::{BenchResult, take_json_argument};
+use launch_cli::bench::{self, BenchResult, Samples, clap, process_cpu_secs};
 use nalgebra::{Isometry3, Vector3};
-use nix::sys::resource::{UsageWho, getrusage};
 use schema_types::noise::Noise;
 use schema_types::{ActorId, Class, ObjectId};
 use sensor_core::mesh::Surface;
@@ -17,62 +17,81 @@ use sensor_ray::RayScene;
 use sensor_ray::lidar::{Lidar, SensorPath};
 use sensor_spec::LidarSpec;
 
-fn main() {
-    let (words, json) = take_json_argument(std::env::args());
-    let number = |place: usize, default: usize| {
-        words
-            .get(place)
-            .and_then(|n| n.parse().ok())
-            .unwrap_or(default)
-    };
-    let (turns, threads) = (number(1, 15), number(2, 1));
-    let assets = street();
-    let mut result = BenchResult::new("turn_bench", None);
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .expect("threads can be started");
-    pool.install(|| {
-        let started = cpu_nanos();
-        let mut scene = RayScene::load(&assets);
-        let build_ms = (cpu_nanos() - started) as f64 * 1e-6;
-        println!("sensor_ray/load: {} triangles in {build_ms:.0} ms", scene.n_static_triangles());
-        result.row("build", &[("ms", build_ms)]);
-        let instances = traffic(&assets);
-        let millis = measure(turns, || scene.update(&instances));
-        println!("sensor_ray/update/{}: best {:.3} ms, median {:.3} ms", instances.len(), millis.cpu_best, millis.cpu_median);
-        for (name, semantic, motion_distortion) in [("plain", false, false), ("semantic", true, false), ("distorted", false, true)] {
-            let mut lidar = Lidar::new(LidarSpec { semantic, motion_distortion, ..Default::default() });
-            let path = SensorPath {
-                world_from_sensor_start: Isometry3::translation(-1.0, 0.0, 2.0),
-                world_from_sensor: Isometry3::translation(0.0, 0.0, 2.0),
-            };
-            let mut n_points = 0;
-            let millis = measure(turns, || n_points = lidar.scan(&scene, &path, Noise::new(1, 2, 3), None));
-            assert!(n_points > 100_000, "the street returns most rays");
-            let Millis { cpu_best, cpu_median, wall_best } = millis;
-            println!("sensor_ray/turn/{name}/64x2000/{threads}: CPU best {cpu_best:.1} ms, median {cpu_median:.1} ms, wall best {wall_best:.1} ms, {n_points} points");
-            result.row(
-                name,
-                &[
-                    ("n_threads", threads as f64),
-                    ("cpu_best_ms", cpu_best),
-                    ("cpu_median_ms", cpu_median),
-                    ("wall_best_ms", wall_best),
-                ],
-            );
-        }
-    });
-    result
-        .write(json.as_deref())
-        .unwrap_or_else(|error| panic!("{error:#}"));
+/// Times a lidar's turn in a street
+#[derive(Debug, clap::Args)]
+struct Args {
+    #[arg(default_value_t = 15)]
+    turns: usize,
+    #[arg(default_value_t = 1)]
+    threads: usize,
 }
 
-/// CPU time of this process, nanoseconds.
-fn cpu_nanos() -> i64 {
-    let usage = getrusage(UsageWho::RUSAGE_SELF).expect("a process may ask for its own usage");
-    let nanos = |t: nix::sys::time::TimeVal| t.tv_sec() * 1_000_000_000 + t.tv_usec() * 1_000;
-    nanos(usage.user_time()) + nanos(usage.system_time())
+fn main() -> ExitCode {
+    bench::run("turn_bench", |args: &Args, result| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(args.threads)
+            .build()?;
+        pool.install(|| run(args, result));
+        Ok(())
+    })
+}
+
+fn run(args: &Args, result: &mut BenchResult) {
+    let (turns, threads) = (args.turns, args.threads);
+    let assets = street();
+    let started = process_cpu_secs();
+    let mut scene = RayScene::load(&assets);
+    let build_ms = (process_cpu_secs() - started) * 1e3;
+    println!(
+        "sensor_ray/load: {} triangles in {build_ms:.0} ms",
+        scene.n_static_triangles()
+    );
+    result.row("build", &[("ms", build_ms)]);
+    let instances = traffic(&assets);
+    let millis = measure(turns, || scene.update(&instances));
+    println!(
+        "sensor_ray/update/{}: best {:.3} ms, median {:.3} ms",
+        instances.len(),
+        millis.cpu_best,
+        millis.cpu_median
+    );
+    for (name, semantic, motion_distortion) in [
+        ("plain", false, false),
+        ("semantic", true, false),
+        ("distorted", false, true),
+    ] {
+        let mut lidar = Lidar::new(LidarSpec {
+            semantic,
+            motion_distortion,
+            ..Default::default()
+        });
+        let path = SensorPath {
+            world_from_sensor_start: Isometry3::translation(-1.0, 0.0, 2.0),
+            world_from_sensor: Isometry3::translation(0.0, 0.0, 2.0),
+        };
+        let mut n_points = 0;
+        let millis = measure(turns, || {
+            n_points = lidar.scan(&scene, &path, Noise::new(1, 2, 3), None)
+        });
+        assert!(n_points > 100_000, "the street returns most rays");
+        let Millis {
+            cpu_best,
+            cpu_median,
+            wall_best,
+        } = millis;
+        println!(
+            "sensor_ray/turn/{name}/64x2000/{threads}: CPU best {cpu_best:.1} ms, median {cpu_median:.1} ms, wall best {wall_best:.1} ms, {n_points} points"
+        );
+        result.row(
+            name,
+            &[
+                ("n_threads", threads as f64),
+                ("cpu_best_ms", cpu_best),
+                ("cpu_median_ms", cpu_median),
+                ("wall_best_ms", wall_best),
+            ],
+        );
+    }
 }
 
 /// What a repeated piece of work took.
@@ -83,18 +102,16 @@ struct Millis {
 }
 
 fn measure(turns: usize, mut work: impl FnMut()) -> Millis {
-    let mut cpu = Vec::new();
     let mut wall_best = f64::INFINITY;
-    for _ in 0..turns.max(1) {
-        let (started, at) = (cpu_nanos(), Instant::now());
+    let cpu = Samples::of(turns, || {
+        let (started, at) = (process_cpu_secs(), Instant::now());
         work();
         wall_best = wall_best.min(at.elapsed().as_secs_f64() * 1e3);
-        cpu.push((cpu_nanos() - started) as f64 * 1e-6);
-    }
-    cpu.sort_by(f64::total_cmp);
+        (process_cpu_secs() - started) * 1e3
+    });
     Millis {
-        cpu_best: cpu[0],
-        cpu_median: cpu[cpu.len() / 2],
+        cpu_best: cpu.best(),
+        cpu_median: cpu.median(),
         wall_best,
     }
 }

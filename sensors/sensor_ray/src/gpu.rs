@@ -28,6 +28,7 @@ mod scans;
 mod shader;
 mod submission;
 
+pub use gpu_scene::TooLarge;
 pub use scans::{ScanOutcome, Scans};
 pub use submission::ScanJob;
 
@@ -101,9 +102,9 @@ impl GpuRays {
     /// every [`RayScene::update`], [`RayScene::update_for_gpu`] or [`RayScene::hide`].
     ///
     /// # Errors
-    /// A sentence that says what is too large for the GPU. The GPU does not hold `scene` then, so
-    /// the CPU has to cast.
-    pub fn update(&mut self, scene: &RayScene) -> Result<(), String> {
+    /// If something of it is too large for the GPU. The GPU does not hold `scene` then, so the CPU
+    /// has to cast.
+    pub fn update(&mut self, scene: &RayScene) -> Result<(), TooLarge> {
         let updated = self.gpu_scene.update(&self.gpu, scene);
         // Buffers may have been replaced before an error was found.
         if updated != Ok(false) {

@@ -46,7 +46,7 @@ mod ray_scene;
 mod rays;
 
 pub use ball::{BallFilter, BallHit};
-pub use gpu::{GpuRayOptions, GpuRays, ScanJob, ScanOutcome, Scans};
+pub use gpu::{GpuRayOptions, GpuRays, ScanJob, ScanOutcome, Scans, TooLarge};
 pub use lidar::{Lidar, SensorPath};
 pub use radar::RadarPose;
 pub use ray_scene::RayScene;

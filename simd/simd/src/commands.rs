@@ -16,22 +16,34 @@ use schema_frames::query::MAX_HITS;
 use schema_frames::{Command, CommandBatch, CommandReply, ReplyBatch};
 use schema_types::{ActorId, Pose};
 
-use crate::daemon::Daemon;
-use crate::spectator;
+use crate::clock::Clock;
+use crate::faults::Faults;
+use crate::history::History;
+use crate::participants::Participants;
+use crate::ports::Ports;
+use crate::sensing::Sensing;
+use crate::world::LiveWorld;
 use sensors::SensorWish;
 use stepping::Configuration;
 
-/// Runs the requests that have their turn, by (client, seq), and answers.
-pub fn serve(daemon: &mut Daemon) {
-    let requests = match daemon.ports.commands.take_all() {
-        Ok(requests) => requests,
-        Err(error) => {
-            daemon.faults.unreadable(&error);
-            return;
-        }
-    };
+/// The parts of the daemon, lent to the commands of a round. Each command is handed those of them
+/// that it touches.
+pub struct Context<'a> {
+    pub world: &'a mut LiveWorld,
+    pub sensing: &'a mut Sensing,
+    pub ports: &'a mut Ports,
+    pub clock: &'a mut Clock,
+    pub participants: &'a mut Participants,
+    pub history: &'a mut History,
+    pub faults: &'a mut Faults,
+}
+
+/// Runs the requests that have their turn, by (client, seq), and answers. Returns whether there were
+/// any: then documents may have changed.
+pub fn serve(context: &mut Context<'_>) -> bool {
+    let requests = context.ports.take_requests(context.faults);
     if requests.is_empty() {
-        return;
+        return false;
     }
     for request in requests {
         let replies = match &request.batch {
@@ -46,15 +58,15 @@ pub fn serve(daemon: &mut Daemon) {
                             "the answers to this request are longer than {} MiB already; ask for fewer things at once",
                             limits::MAX_ANSWER_BYTES >> 20
                         )),
-                        false => answer(daemon, command, &request.origin),
+                        false => answer(context, command, &request.origin),
                     };
                     n_bytes += answer_bytes(&reply);
                     reply
                 };
                 let replies: Vec<CommandReply> = batch.commands.iter().map(&mut reply_to).collect();
                 let outcomes = outcomes(&batch.commands, &replies);
-                if !outcomes.is_empty() && daemon.player.is_none() {
-                    daemon.journal.note_commands(
+                if !outcomes.is_empty() && !context.history.is_played() {
+                    context.history.note_commands(
                         &request.client,
                         request.seq,
                         request.text(),
@@ -63,25 +75,23 @@ pub fn serve(daemon: &mut Daemon) {
                 }
                 replies
             }
-            Err(error) => vec![refused(error.clone())],
+            Err(error) => vec![refused(error.to_string())],
         };
         let answer = ReplyBatch {
             v: schema_frames::command::COMMAND_VERSION,
-            epoch: daemon.episode.stamp.epoch.to_string(),
-            tick: daemon.tick.0,
+            epoch: context.world.episode().stamp().epoch.to_string(),
+            tick: context.clock.tick().0,
             replies,
         };
-        if let Err(error) = daemon.ports.commands.reply(request, &answer) {
-            tracing::warn!(%error, "an answer could not be sent");
-        }
+        context.ports.reply(request, &answer);
     }
-    daemon.journal.end_round(daemon.tick.0);
-    daemon.publish_documents();
+    context.history.end_round(context.clock.tick());
+    true
 }
 
 /// Runs those commands of a journal's request again that act on the world; returns their outcomes.
 pub fn run_again(
-    daemon: &mut Daemon,
+    context: &mut Context<'_>,
     client: &str,
     seq: u64,
     text: &str,
@@ -102,14 +112,14 @@ pub fn run_again(
                     period_nanos: *period_nanos,
                     longest_substep_nanos: *longest_substep_nanos,
                 };
-                stepping::configure(daemon, &wish)
+                configure(context, &wish)
             }
-            command => run(daemon, command),
+            command => run(context, command),
         };
         outcomes.push(short(reply).outcome());
     }
-    daemon
-        .journal
+    context
+        .history
         .note_commands(client, seq, text, outcomes.clone());
     Ok(outcomes)
 }
@@ -125,19 +135,19 @@ fn outcomes(commands: &[Command], replies: &[CommandReply]) -> Vec<String> {
 }
 
 /// Runs a client's command, or says why not.
-fn answer(daemon: &mut Daemon, command: &Command, asker: &Origin) -> CommandReply {
+fn answer(context: &mut Context<'_>, command: &Command, asker: &Origin) -> CommandReply {
     let decides_ticks = matches!(
         command,
         Command::Step { .. } | Command::Configure { .. } | Command::SetSpeed { .. }
     );
-    if daemon.player.is_some() && (decides_ticks || command.acts_on_world()) {
+    if context.history.is_played() && (decides_ticks || command.acts_on_world()) {
         return refused(
             "a run is run again from its journal here, and until that ends nobody else may change it; ask what you like, and change it then".into(),
         );
     }
     let reply = match command {
-        Command::JoinLockstep { name } => stepping::join(daemon, name, asker),
-        command => run(daemon, command),
+        Command::JoinLockstep { name } => join(context, name, asker),
+        command => run(context, command),
     };
     short(reply)
 }
@@ -176,13 +186,46 @@ fn answer_bytes(reply: &CommandReply) -> usize {
     n_records * RECORD_BYTES
 }
 
+/// Lets a client join the lockstep.
+fn join(context: &mut Context<'_>, name: &str, asker: &Origin) -> anyhow::Result<CommandReply> {
+    stepping::join(
+        context.participants,
+        context.ports,
+        context.clock,
+        name,
+        asker,
+    )
+}
+
+/// Changes when ticks happen.
+fn configure(context: &mut Context<'_>, wish: &Configuration) -> anyhow::Result<CommandReply> {
+    let context = stepping::Context {
+        clock: context.clock,
+        participants: context.participants,
+        world: context.world,
+        ports: context.ports,
+    };
+    stepping::configure(context, wish)
+}
+
 /// Runs one command. Every command is named here, so that a new one cannot go to the wrong place.
-fn run(daemon: &mut Daemon, command: &Command) -> anyhow::Result<CommandReply> {
+fn run(context: &mut Context<'_>, command: &Command) -> anyhow::Result<CommandReply> {
+    let Context {
+        world,
+        sensing,
+        ports,
+        clock,
+        participants,
+        history,
+        faults,
+    } = context;
     match command {
         Command::Ping => Ok(CommandReply::Pong {
             version: env!("CARGO_PKG_VERSION").into(),
         }),
-        Command::Step { n } => stepping::cue(daemon, *n),
+        Command::Step { n } => Ok(CommandReply::Stepping {
+            last_tick: participants.cue(*n, clock.tick())?,
+        }),
         Command::Configure {
             mode,
             period_nanos,
@@ -193,24 +236,41 @@ fn run(daemon: &mut Daemon, command: &Command) -> anyhow::Result<CommandReply> {
                 period_nanos: *period_nanos,
                 longest_substep_nanos: *longest_substep_nanos,
             };
-            stepping::configure(daemon, &wish)
+            configure(context, &wish)
         }
-        Command::SetSpeed { ratio } => stepping::set_speed(daemon, *ratio),
+        Command::SetSpeed { ratio } => {
+            clock.set_speed(*ratio)?;
+            Ok(CommandReply::Done)
+        }
         Command::Seek { .. } => bail!(
             "this is a live simulator, whose time only goes on; seek works on a replay (gantry replay), and restore_checkpoint goes back here"
         ),
         Command::JoinLockstep { .. } => bail!("only a client can join the lockstep"),
-        Command::LeaveLockstep { participant } => stepping::leave(daemon, *participant),
-        Command::ListMaps => Ok(CommandReply::Maps {
-            names: daemon.maps.names(),
-        }),
-        Command::StoreMap(map) => {
-            daemon.maps.store(map.clone())?;
+        Command::LeaveLockstep { participant } => {
+            participants.leave(*participant)?;
+            ports.touch_info();
             Ok(CommandReply::Done)
         }
-        Command::LoadMap { map } => maps::load(daemon, map),
-        Command::Counters => Ok(counters::counters(daemon)),
-        Command::Journal { after } => Ok(daemon.journal.answer(*after)),
+        Command::ListMaps => Ok(CommandReply::Maps {
+            names: world.maps().names(),
+        }),
+        Command::StoreMap(map) => {
+            world.maps_mut().store(map.clone())?;
+            Ok(CommandReply::Done)
+        }
+        Command::LoadMap { map } => {
+            let context = maps::Context {
+                world,
+                sensing,
+                ports,
+                clock,
+                participants,
+                history,
+            };
+            maps::load(context, map)
+        }
+        Command::Counters => Ok(counters::counters(sensing, ports, clock, faults)),
+        Command::Journal { after } => Ok(history.answer(*after)),
         // Passive sensors have no frames: CARLA's clients compute lane invasions themselves, and the
         // gateway computes what the V2X radio receives.
         Command::Spawn { type_id, .. }
@@ -239,35 +299,59 @@ fn run(daemon: &mut Daemon, command: &Command) -> anyhow::Result<CommandReply> {
                 spec,
                 attributes,
             };
-            sensors::spawn(daemon, &wish)
+            let is_told = history.is_played();
+            let mut context = sensors::Context {
+                world,
+                sensing,
+                ports,
+                clock,
+                is_told,
+            };
+            sensors::spawn(&mut context, &wish)
         }
-        Command::Destroy { actor_id } => sensors::destroy(daemon, ActorId(*actor_id)),
-        Command::SaveCheckpoint { to } => checkpoints::save(daemon, to),
-        Command::RestoreCheckpoint { from } => checkpoints::restore(daemon, from),
-        Command::Reset => checkpoints::reset(daemon),
+        Command::Destroy { actor_id } => {
+            let is_owed = participants.are_there();
+            sensors::destroy(world, sensing, ports, ActorId(*actor_id), is_owed)
+        }
+        Command::SaveCheckpoint { to } => checkpoints::save(world, clock, to),
+        Command::RestoreCheckpoint { from } => {
+            let context = checkpoints::Context {
+                world,
+                sensing,
+                ports,
+                clock,
+                participants,
+            };
+            checkpoints::restore(context, history, from)
+        }
+        Command::Reset => {
+            let context = checkpoints::Context {
+                world,
+                sensing,
+                ports,
+                clock,
+                participants,
+            };
+            checkpoints::reset(context)
+        }
         Command::CastRays { rays, all } => {
             let max_hits = if *all { MAX_HITS } else { 1 };
-            rays::cast(daemon, rays, max_hits)
+            rays::cast(world, sensing, clock, rays, max_hits)
         }
         Command::DrawDebug { shapes } => {
-            daemon.debug.draw(shapes)?;
+            sensing.draw(shapes)?;
             Ok(CommandReply::Done)
         }
         Command::ClearDebug { what } => {
-            daemon.debug.clear(*what);
+            sensing.clear(*what);
             Ok(CommandReply::Done)
         }
         Command::HideActors {
             sensor_id,
             actor_ids,
-        } => sensors::hide(daemon, ActorId(*sensor_id), actor_ids),
+        } => sensors::hide(sensing, ActorId(*sensor_id), actor_ids),
         Command::ShowTelemetry { actor_id, shown } => {
-            let vehicle = ActorId(*actor_id);
-            anyhow::ensure!(
-                !shown || !spectator::telemetry_lines(&mut daemon.world, vehicle).is_empty(),
-                "actor {actor_id} is no vehicle, and only vehicles have telemetry"
-            );
-            daemon.debug.show_telemetry(vehicle, *shown);
+            sensing.show_telemetry(world, ActorId(*actor_id), *shown)?;
             Ok(CommandReply::Done)
         }
         Command::Spawn { .. }
@@ -292,8 +376,8 @@ fn run(daemon: &mut Daemon, command: &Command) -> anyhow::Result<CommandReply> {
         | Command::ShowLayers { .. }
         | Command::SetSceneryLamps { .. }
         | Command::SetLampCycle { .. } => {
-            daemon.ports.documents.touch_info();
-            Ok(daemon.world.apply(command))
+            ports.touch_info();
+            Ok(world.apply(command))
         }
     }
 }

@@ -1,279 +1,421 @@
-//! The state of the daemon, and what every change of it publishes.
+//! The daemon: its parts, and its top-level steps, each of which hands the parts that it needs to one
+//! of them.
 //!
-//! The tick loop and the commands work on this state; it knows neither of them.
+//! The tick loop says in which order the steps are made.
 
-use std::sync::Arc;
+use std::time::Duration;
 
-use schema_bus::{Bus, Claim, Gate, GpuServer, mono_now};
-use schema_frames::{CollisionEvent, SnapshotHeader};
-use schema_types::time::TickClock;
-use schema_types::{ActorId, SimTime, Tick};
-use sensor_core::scene::Scene;
-use simd_frames::frames::{Sensors, TickView};
+use schema_bus::mono_now;
+use schema_frames::JournalFile;
 use simd_frames::hash::BytesHash;
-use simd_frames::topic::Audience;
-use simd_world::{Collision, World};
 
-use crate::checkpoints::Checkpoints;
-use crate::clients::Clients;
-use crate::debug_shapes::{DebugShapes, Visible};
-use crate::documents::State;
-use crate::episode::Episode;
+use crate::clock::Clock;
+use crate::commands;
 use crate::faults::Faults;
-use crate::journal::Journal;
-use crate::keep_up::KeepUp;
-use crate::maps::Maps;
-use crate::pace::Pace;
-use crate::player::Player;
-use crate::ports::Ports;
-use crate::settings::Settings;
-use crate::spectator::{self, Still};
+use crate::history::{Act, History, Played};
+use crate::participants::Participants;
+use crate::ports::{Ports, State};
+use crate::sensing::{DueSensors, Sensing};
 use crate::stages;
-use crate::workers::Workers;
+use crate::world::LiveWorld;
 
-/// All state of the daemon, in the order in which it must be dropped.
+/// The parts of the daemon.
+///
+/// The order of the first two fields matters, because fields are dropped in theirs: frames in flight
+/// and the topics of sensors go before the services of the daemon, its claim and its bus. What the
+/// GPU writes into must outlive its work, and while the claim is held no other daemon opens services
+/// of the same names.
 pub struct Daemon {
-    pub settings: Settings,
-    pub sensors: Sensors,
-    pub workers: Workers,
-    pub ports: Ports,
-    /// Where readers ask for frames that stay on the GPU.
-    pub gpu_server: Option<Arc<GpuServer>>,
-    /// The right to publish the domain's world.
-    pub _claim: Claim,
-    pub bus: Bus,
-    pub world: World,
-    pub maps: Maps,
-    pub clock: TickClock,
-    /// The last tick that was begun.
-    pub tick: Tick,
-    pub gate: Gate,
-    pub pace: Pace,
-    /// Used if the settings ask for it.
-    pub keep_up: KeepUp,
-    /// Simulated seconds per second that paced ticks aim at.
-    pub speed_ratio: f64,
-    pub episode: Episode,
-    pub clients: Clients,
-    pub faults: Faults,
-    pub checkpoints: Checkpoints,
-    /// Whether the next snapshot is the first after going back to a checkpoint.
-    pub just_restored: bool,
-    pub debug: DebugShapes,
-    /// What the spectator's last image shows.
-    pub still: Still,
-    /// What acted on the world so far.
-    pub journal: Journal,
-    /// The journal that is run again, until it ends.
-    pub player: Option<Player>,
+    sensing: Sensing,
+    ports: Ports,
+    world: LiveWorld,
+    clock: Clock,
+    participants: Participants,
+    history: History,
+    faults: Faults,
 }
 
 impl Daemon {
-    /// Simulated time of the current tick.
-    pub fn now(&self) -> SimTime {
-        self.clock.time_of(self.tick)
-    }
-
-    /// Time from one paced tick to the next, nanoseconds.
-    pub fn wall_period_nanos(&self) -> u64 {
-        ((self.clock.period_nanos() as f64 / self.speed_ratio).round() as u64).max(1)
-    }
-
-    /// Keeps the world as it is now as the start of the episode.
-    pub fn mark_start(&mut self) {
-        let start = self.world.checkpoint(0);
-        self.checkpoints.begin_episode(start);
-    }
-
-    /// The scene of the current tick, without debug shapes.
-    pub fn scene(&self) -> Scene {
-        let mut dynamics = Vec::new();
-        self.world.dynamic_instances(&mut dynamics);
-        Scene {
-            tick: self.tick,
-            sim_time: self.now(),
-            period_nanos: self.clock.period_nanos(),
-            assets: self.episode.assets.clone(),
-            dynamics,
-            weather: *self.world.weather(),
-            lidar_extinction_per_m: self.world.lidar_extinction_per_m(),
-            debug: Vec::new(),
-            overlay: Default::default(),
-        }
-    }
-
-    /// On a large map, brings the scenery near the sensors.
-    fn stream_scenery(&mut self) -> anyhow::Result<()> {
-        let Some(stream) = &mut self.episode.stream else {
-            return Ok(());
-        };
-        stream.follow(&mut self.sensors, &self.world, self.tick.0)?;
-        self.episode.assets = stream.shown().clone();
-        Ok(())
-    }
-
-    /// Fires the sensors that are due at the current tick.
-    pub fn fire_sensors(&mut self) -> anyhow::Result<()> {
-        let scene_span = stages::SCENE.span();
-        self.stream_scenery()?;
-        let sim_time = self.now();
-        let visible = self.debug.at(sim_time);
-        let scene = self.scene_with(visible);
-        drop(scene_span);
-        self.still.note(&self.sensors, &self.world, &self.debug);
-        let world = &self.world;
-        let collisions: Vec<_> = world.collisions().iter().map(event_of).collect();
-        let edge = self.tick.0.saturating_sub(1);
-        let tick = TickView {
-            scene: &scene,
-            stamp: &self.episode.stamp,
-            collisions: &collisions,
-            roads: world.roads().map(Arc::as_ref),
-        };
-        let (workers, faults) = (&mut self.workers, &mut self.faults);
-        self.sensors.fire(
-            &tick,
-            |actor| crate::carrier::carrier_of(world, actor, sim_time),
-            |away| {
-                if let Err(error) = workers.send_scene(&tick, away) {
-                    faults.unsent("the scene for render workers", &error);
-                }
-            },
-        )?;
-        for (topic, is_made) in self.sensors.take_audience_changes() {
-            self.journal.note_audience(edge, &topic, is_made);
-        }
-        Ok(())
-    }
-
-    /// Makes the spectator's image anew while the world stands still, if it is read and shows
-    /// something else than its last one. No other sensor fires.
-    pub fn show_again(&mut self) -> anyhow::Result<()> {
-        let idle_nanos = mono_now().0.saturating_sub(self.pace.last_start_nanos());
-        if self.tick.0 == 0 || idle_nanos < spectator::STILL_NANOS {
-            return Ok(());
-        }
-        self.sensors
-            .settle_topics(&self.bus, self.clock.period_nanos())?;
-        if !self.still.note(&self.sensors, &self.world, &self.debug) {
-            return Ok(());
-        }
-        self.stream_scenery()?;
-        let visible = self.debug.all();
-        let scene = self.scene_with(visible);
-        let (world, sim_time) = (&self.world, self.now());
-        let tick = TickView {
-            scene: &scene,
-            stamp: &self.episode.stamp,
-            collisions: &[],
-            roads: world.roads().map(Arc::as_ref),
-        };
-        let away = self.sensors.fire_spectator(&tick, |actor| {
-            crate::carrier::carrier_of(world, actor, sim_time)
-        })?;
-        if let Err(error) = self.workers.send_scene(&tick, Vec::from_iter(away)) {
-            self.faults.unsent("the scene for render workers", &error);
-        }
-        Ok(())
-    }
-
-    /// The scene of the current tick with what is drawn for debugging.
-    fn scene_with(&mut self, mut visible: Visible) -> Scene {
-        let (sensors, now) = (&self.sensors.sensors, self.now());
-        visible
-            .strokes
-            .extend(spectator::traces(sensors, &self.world, now));
-        if let Some(vehicle) = self.debug.telemetry_of() {
-            visible.overlay.panel = spectator::telemetry_lines(&mut self.world, vehicle);
-        }
-        Scene {
-            debug: visible.strokes,
-            overlay: visible.overlay,
-            ..self.scene()
-        }
-    }
-
-    /// Publishes the actors' states after the current tick. If the snapshot cannot be sent, that is
-    /// said and counted, and the world goes on: its readers see a gap.
+    /// A daemon before its first tick. Publishes the world as it stands then: processes that must be
+    /// ready before the first tick (lockstep participants, controllers) see it.
     ///
     /// # Errors
-    /// If the scenery of this tick cannot be shown.
+    /// If the scenery cannot be shown.
+    pub fn new(
+        sensing: Sensing,
+        ports: Ports,
+        world: LiveWorld,
+        clock: Clock,
+        participants: Participants,
+        history: History,
+    ) -> anyhow::Result<Daemon> {
+        let mut daemon = Daemon {
+            sensing,
+            ports,
+            world,
+            clock,
+            participants,
+            history,
+            faults: Faults::default(),
+        };
+        daemon.publish_documents();
+        daemon.send_snapshot()?;
+        tracing::info!(
+            map = daemon.world.world().map().name,
+            actors = daemon.world.world().snapshot_records().len(),
+            "ready"
+        );
+        Ok(daemon)
+    }
+
+    /// Lets processor time be read by tick.
+    pub fn post_stages(&self) {
+        schema_stages::post(self.clock.tick().0);
+    }
+
+    /// A world that stands still hears of a lost GPU here.
+    pub fn check_gpu(&self) -> anyhow::Result<()> {
+        self.sensing.lose_gpu_if_asked();
+        Ok(self.sensing.check_gpu()?)
+    }
+
+    /// Whether the run is over: its last tick has begun, and participants of the lockstep have got all
+    /// of it, too.
+    pub fn has_finished(&self) -> bool {
+        self.clock.is_at_end()
+            && self.participants.have_acknowledged(self.clock.tick())
+            && self.sensing.workers_have_sent_all()
+    }
+
+    /// Lets everything act that a journal has for the edge behind the last tick, or ends the journal.
+    pub fn play_journal(&mut self) -> anyhow::Result<()> {
+        let edge = self.clock.tick();
+        let (now_nanos, period_nanos) = (self.clock.now().0, self.clock.period_nanos());
+        loop {
+            match self.history.next_at(edge, now_nanos, period_nanos)? {
+                Played::Act(act) => self.play(act)?,
+                Played::Waits => return Ok(()),
+                Played::Ends => break,
+            }
+        }
+        self.sensing.follow_readers();
+        self.clock.pace_anew(mono_now().0);
+        self.ports.touch_info();
+        tracing::info!(tick = edge.0, "the journal ends; the world is live");
+        Ok(())
+    }
+
+    /// Lets one entry of a journal act.
+    fn play(&mut self, act: Act) -> anyhow::Result<()> {
+        let edge = self.clock.tick();
+        match act {
+            Act::Commands {
+                client,
+                seq,
+                text,
+                outcomes,
+                is_last_of_round,
+            } => {
+                let now = commands::run_again(&mut self.context(), &client, seq, &text)?;
+                self.history.compare(edge, &client, &now, &outcomes);
+                if is_last_of_round {
+                    self.history.end_round(edge);
+                    self.publish_documents();
+                }
+            }
+            Act::Controls { writer, records } => {
+                self.history.note_controls(edge, &writer, &records);
+                for record in &records {
+                    // What was refused then is refused now.
+                    if let Err(error) = self.world.hold_control(record) {
+                        tracing::debug!(%error, writer, "a control of the journal is refused");
+                    }
+                }
+            }
+            Act::Audience { topic, is_made } => self.sensing.tell(&topic, is_made),
+            Act::File {
+                of: JournalFile::Map,
+                name,
+                title,
+                bytes,
+            } => self.world.maps_mut().provide(name, title, &bytes),
+            Act::File {
+                of: JournalFile::Checkpoint,
+                name,
+                bytes,
+                ..
+            } => self.world.provide_checkpoint(name, bytes),
+        }
+        Ok(())
+    }
+
+    /// Sends the latest snapshot and documents to readers that joined since the last call.
+    pub fn greet(&self) {
+        self.ports.greet();
+    }
+
+    /// Takes note of the acknowledgements that wait.
+    pub fn take_acks(&mut self) {
+        let epoch = self.world.episode().stamp().epoch;
+        let acks = self.ports.acks_mut();
+        self.participants
+            .take_acks(acks, epoch, self.clock.tick(), &mut self.faults);
+    }
+
+    /// Hears the workers, and gives cameras their places.
+    pub fn attend_workers(&mut self) -> anyhow::Result<()> {
+        let bus = self.ports.bus();
+        self.sensing
+            .attend_workers(&self.world, &self.clock, bus, &mut self.faults)
+    }
+
+    /// Whether the next tick may start, its deadline aside.
+    pub fn may_start(&self) -> bool {
+        let is_played = self.history.is_played();
+        !self.clock.is_at_end()
+            && self.participants.let_start(self.clock.tick(), is_played)
+            && self.sensing.let_start(&self.clock, &self.participants)
+    }
+
+    /// Whether ticks have deadlines in real time.
+    pub fn is_paced(&self) -> bool {
+        let is_free = self.participants.mode() == schema_frames::StepMode::FreeRunning;
+        !self.history.is_played()
+            && ((is_free && self.clock.keeps_real_time()) || self.participants.run_alone())
+    }
+
+    /// Real time until the next tick is due; 0 if it is due, late, or has no deadline.
+    pub fn wait_nanos(&self, now_nanos: u64) -> u64 {
+        match self.is_paced() {
+            true => self.clock.wait_nanos(now_nanos),
+            false => 0,
+        }
+    }
+
+    /// Whether all frames of a tick are sent before the next begins.
+    pub fn wants_whole_ticks(&self) -> bool {
+        self.participants.want_whole_ticks()
+    }
+
+    /// Whether frames are in flight.
+    pub fn is_drawing(&self) -> bool {
+        self.sensing.is_busy()
+    }
+
+    /// Sends the oldest frames in flight if they are drawn within `most`.
+    pub fn finish_oldest_within(&mut self, most: Duration) -> anyhow::Result<()> {
+        self.sensing.finish_oldest_within(most)
+    }
+
+    /// Waits for all frames in flight, and sends them.
+    pub fn finish_frames(&mut self) -> anyhow::Result<()> {
+        self.sensing.finish_all()
+    }
+
+    /// Whether workers are expected to answer soon.
+    pub fn workers_are_busy(&self) -> bool {
+        self.sensing.workers_are_busy()
+    }
+
+    /// Whether requests wait for which nobody wakes the daemon again.
+    pub fn is_behind(&self) -> bool {
+        self.ports.is_behind()
+    }
+
+    /// Waits until somebody asks for something; returns whether that happened within `most`.
+    pub fn wait(&self, most: Duration) -> anyhow::Result<bool> {
+        Ok(self.ports.wait(most)?)
+    }
+
+    /// Whether commands may be answered: clients of stepped mode or lockstep may count on the frames
+    /// of the tick.
+    pub fn may_answer(&self) -> bool {
+        self.sensing.let_answer(&self.participants)
+    }
+
+    /// Serves the commands that wait.
+    pub fn serve_commands(&mut self) {
+        if commands::serve(&mut self.context()) {
+            self.publish_documents();
+        }
+    }
+
+    /// Makes the spectator's image anew while the world stands still.
+    pub fn show_again(&mut self) -> anyhow::Result<()> {
+        let (world, bus) = (&mut self.world, self.ports.bus());
+        self.sensing
+            .show_again(world, &self.clock, bus, &mut self.faults)
+    }
+
+    /// Looks after those that the world waits for: participants, workers and clients.
+    pub fn look_after_all(&mut self) {
+        let (bus, acks) = (self.ports.bus(), self.ports.acks());
+        if self.participants.look_after(&self.clock, bus, acks) {
+            self.ports.touch_info();
+            // While the world stands still, no tick says who is left.
+            self.publish_documents();
+        }
+        self.sensing
+            .look_after_workers(&self.clock, &self.participants);
+        let now_nanos = mono_now().0;
+        self.clean(now_nanos, true);
+        let (n_clients, tick) = (self.ports.n_clients(), self.clock.tick());
+        if self
+            .participants
+            .look_after_clients(n_clients, tick, now_nanos)
+        {
+            self.clock.pace_anew(now_nanos);
+        }
+    }
+
+    /// Takes the places of killed processes back from time to time.
+    pub fn clean(&mut self, now_nanos: u64, is_idle: bool) {
+        self.participants
+            .clean(self.ports.bus(), now_nanos, is_idle);
+    }
+
+    /// Begins the next tick, after the commands and controls that wait between two; `false` if these
+    /// say that it may not start yet.
+    pub fn begin_tick(&mut self) -> bool {
+        self.clock.start_tick();
+        self.keep_up();
+        {
+            let _span = stages::COMMANDS.span();
+            self.serve_commands();
+            if !self.may_start() {
+                return false;
+            }
+            self.hold_controls();
+        }
+        self.clock.advance();
+        self.sensing.start_tick(&self.clock);
+        true
+    }
+
+    /// Lets cameras and lidars fire less often if real time is not kept and the user wants that.
+    fn keep_up(&mut self) {
+        let is_paced = self.is_paced();
+        if let Some(every) = self.clock.keep_up(is_paced) {
+            self.sensing.fire_every(every);
+            tracing::warn!(
+                tick = self.clock.tick().0,
+                "real time is not kept: cameras and lidars fire once in {every} ticks from now on (--keep-up)"
+            );
+        }
+    }
+
+    /// Holds the controls that wait. While a journal is run again they do not count.
+    fn hold_controls(&mut self) {
+        let batches = self.ports.take_controls(&mut self.faults);
+        if self.history.is_played() {
+            return;
+        }
+        for batch in batches {
+            self.history
+                .note_controls(self.clock.tick(), &batch.writer, &batch.records);
+            for record in &batch.records {
+                if let Err(error) = self.world.hold_control(record) {
+                    self.faults.refused_control(&batch, &error);
+                }
+            }
+        }
+    }
+
+    /// Moves the world by one tick.
+    pub fn step_physics(&mut self) {
+        let _span = stages::PHYSICS.span();
+        self.world.step(self.clock.period_nanos());
+    }
+
+    /// Publishes the actors' states after the current tick, and the documents that changed.
     pub fn publish_snapshot(&mut self) -> anyhow::Result<()> {
-        let restored = if std::mem::take(&mut self.just_restored) {
-            SnapshotHeader::RESTORED
-        } else {
-            0
-        };
-        let header = SnapshotHeader {
-            flags: self.show_scenery()? | restored,
-            tick: self.tick.0,
-            sim_nanos: self.now().0,
-            episode_start_nanos: self.episode.start.0,
-            period_nanos: self.clock.period_nanos(),
-            episode: self.episode.stamp.episode,
-            actors_revision: self.ports.documents.actors_revision(&self.world),
-            epoch: self.episode.stamp.epoch,
-            ..bytemuck::Zeroable::zeroed()
-        };
-        let records = self.world.snapshot_records();
-        if self.settings.audience == Audience::Hash {
+        let _span = stages::SNAPSHOT.span();
+        self.send_snapshot()?;
+        self.publish_documents();
+        Ok(())
+    }
+
+    /// Finds the sensors that fire in the current tick, after their topics have got memory.
+    pub fn schedule(&mut self) -> anyhow::Result<DueSensors> {
+        self.sensing.settle_topics(self.ports.bus(), &self.clock)?;
+        self.sensing.schedule(&mut self.world, &self.clock)
+    }
+
+    /// Makes the frames of the sensors that are due.
+    pub fn fire(&mut self, due: DueSensors) -> anyhow::Result<()> {
+        self.sensing.fire(due, &self.world, &mut self.faults)?;
+        let edge = self.clock.edge_before();
+        for (topic, is_made) in self.sensing.take_audience_changes() {
+            self.history.note_audience(edge, &topic, is_made);
+        }
+        Ok(())
+    }
+
+    /// Ends the run with its result: sends what is in flight, says the daemon's last line, and gives
+    /// everything back.
+    pub fn end(mut self, result: anyhow::Result<()>) -> anyhow::Result<()> {
+        let finished = self.sensing.finish_all();
+        self.report();
+        let ended = result
+            .and(finished)
+            .and(self.sensing.check_gpu().map_err(Into::into));
+        let closed = self.sensing.close();
+        ended.and(closed)
+    }
+
+    /// Sends the snapshot of the current tick. If it cannot be sent, that is said and counted, and the
+    /// world goes on: its readers see a gap.
+    fn send_snapshot(&mut self) -> anyhow::Result<()> {
+        let flags = self.world.show_scenery(self.sensing.sensors_mut())?;
+        let revision = self.ports.actors_revision(self.world.world());
+        let (header, records) = self.world.snapshot(&self.clock, flags, revision);
+        if self.sensing.prints_hashes() {
             let hash = BytesHash::new()
                 .chunk(bytemuck::cast_slice(records))
                 .finish();
-            println!("{} world/snapshot {hash:016x}", self.tick.0);
+            println!("{} world/snapshot {hash:016x}", header.tick);
         }
-        match self.ports.snapshot.send(header, records) {
-            Ok(()) => drop(self.ports.snapshot_wake.notify()),
-            Err(error) => {
-                self.just_restored = restored != 0;
-                self.faults.unsent("the snapshot", &error);
-            }
+        match self.ports.send_snapshot(header, records) {
+            Ok(()) => self.world.snapshot_is_sent(),
+            Err(error) => self.faults.unsent("the snapshot", &error),
         }
         Ok(())
     }
 
-    /// Shows the sensors the scenery as it is now; returns the snapshot's flags.
-    fn show_scenery(&mut self) -> anyhow::Result<u32> {
-        let Some(change) = self.episode.take_scenery(&self.world) else {
-            return Ok(0);
-        };
-        if change.objects {
-            self.sensors.load(&self.episode.assets)?;
-            if let Some(stream) = &self.episode.stream
-                && self.sensors.has_rays()
-            {
-                self.sensors.load_rays(&stream.hit(), true);
-            }
-        }
-        Ok(change.snapshot_flags())
-    }
-
-    /// Publishes the documents that changed. One that cannot be sent is said and counted, and tried
-    /// again with the next tick: until then its readers have the older one.
-    pub fn publish_documents(&mut self) {
-        let sent = self.ports.documents.publish(&State {
+    /// Publishes the documents that changed.
+    fn publish_documents(&mut self) {
+        let state = State {
             world: &self.world,
-            gate: &self.gate,
-            episode: &self.episode,
-            period_nanos: self.clock.period_nanos(),
-            tick: self.tick.0,
-            sensors: &self.sensors,
-        });
-        if let Err(error) = sent {
-            self.faults.unsent("a document", &error);
+            participants: &self.participants,
+            clock: &self.clock,
+            sensors: self.sensing.sensors(),
+        };
+        self.ports.publish_documents(&state, &mut self.faults);
+    }
+
+    /// The parts, lent to commands.
+    fn context(&mut self) -> commands::Context<'_> {
+        commands::Context {
+            world: &mut self.world,
+            sensing: &mut self.sensing,
+            ports: &mut self.ports,
+            clock: &mut self.clock,
+            participants: &mut self.participants,
+            history: &mut self.history,
+            faults: &mut self.faults,
         }
     }
-}
 
-/// A contact as the frames of collision detectors tell it to the actor that was pushed.
-fn event_of(collision: &Collision) -> (ActorId, CollisionEvent) {
-    let event = CollisionEvent {
-        other_id: collision.other.map_or(0, |other| other.0),
-        class: collision.other_class.0,
-        reserved: [0; 3],
-        impulse_in_world_ns: collision.impulse_in_world_ns,
-        point_in_world_m: collision.point_in_world_m,
-        reserved1: 0,
-    };
-    (collision.actor, event)
+    /// The daemon's last line.
+    fn report(&self) {
+        let frames = self.sensing.all_frames();
+        tracing::info!(
+            ticks = self.clock.tick().0,
+            frames = frames.n_sent,
+            dropped = frames.n_dropped,
+            late_ticks = self.clock.late_ticks().n_late,
+            "stopped after {:.1} s of simulated time",
+            self.clock.now().as_secs()
+        );
+    }
 }

@@ -1,20 +1,46 @@
 //! Faults of other processes and of the machine that the daemon met: said once per process and kind,
 //! and counted.
 
-use schema_bus::{BusError, Complaints};
+use schema_bus::{BusError, Complaints, ControlBatch};
 
 /// What the daemon complained about.
 #[derive(Debug, Default)]
 pub struct Faults {
     /// Controls that could not be applied.
-    pub controls: Complaints,
+    controls: Complaints,
     /// Acknowledgements that did not count.
-    pub acks: Complaints,
+    acks: Complaints,
     is_unreadable_said: bool,
     n_unsent: u64,
 }
 
 impl Faults {
+    /// Notes that a control could not be applied.
+    pub fn refused_control(&mut self, batch: &ControlBatch, error: &anyhow::Error) {
+        if self.controls.count(&batch.origin, "control") {
+            tracing::warn!(
+                "{} sent a control as {:?} that was refused: {error}; further refusals are only counted",
+                batch.origin,
+                batch.writer
+            );
+        }
+    }
+
+    /// Number of controls that could not be applied.
+    pub fn n_refused_controls(&self) -> u64 {
+        self.controls.n()
+    }
+
+    /// Complaints about acknowledgements.
+    pub fn of_acks(&mut self) -> &mut Complaints {
+        &mut self.acks
+    }
+
+    /// Number of acknowledgements that did not count.
+    pub fn n_refused_acks(&self) -> u64 {
+        self.acks.n()
+    }
+
     /// Notes that something could not be published. It is said the first time and then ever more
     /// rarely; the tick goes on.
     pub fn unsent(&mut self, what: &str, error: &BusError) {

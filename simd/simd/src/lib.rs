@@ -1,36 +1,26 @@
 //! `simd`: owns the world and the clock, renders the sensors, and writes their frames into shared
 //! memory.
 //!
-//! The modules in reading order: `cli` and `settings` say what is asked, `setup` brings it up as a
-//! `daemon`, and the `tick_loop` turns, serving `commands` between ticks. A daemon has an `episode`
-//! on one of its `maps`; its frames come from the sensors of `simd_frames`, each with a `carrier`,
-//! and one of them is the `spectator`. `workers` are other processes
-//! that make frames of cameras; `sharing` gives each its share.
+//! The modules in reading order: `settings` say what is asked, `setup` brings it up as a `daemon`, and
+//! the `tick_loop` says in which order the daemon's steps are made. The daemon has no state but its
+//! parts, each with fields of its own: the `world` with its map and episode; `sensing`, what sensors
+//! see and which process makes their frames; the `ports` for all that is no frame; the `clock`; the
+//! `participants` that ticks wait for; the `history` of what acted; and the `faults` that it met.
+//! `commands` are handed the parts that they touch.
 
-mod carrier;
-mod checkpoints;
-mod cli;
-mod clients;
+mod clock;
 mod commands;
 mod daemon;
-mod debug_shapes;
-mod documents;
-mod episode;
 mod faults;
-mod journal;
-mod keep_up;
-mod maps;
-mod pace;
-mod player;
+mod history;
+mod participants;
 mod ports;
-mod scenery_stream;
+mod sensing;
 mod settings;
 mod setup;
-mod sharing;
-mod spectator;
 mod stages;
 mod tick_loop;
-mod workers;
+mod world;
 
 use std::io::Write as _;
 use std::process::ExitCode;
@@ -39,8 +29,8 @@ use anyhow::Context as _;
 use launch_cli::{Exit, Shutdown};
 use sensor_gpu::Gpu;
 
-use maps::Maps;
-use settings::Settings;
+use settings::{Settings, cli};
+use world::maps::Maps;
 
 /// The program `simd`, from its arguments to its exit code.
 pub fn main() -> ExitCode {

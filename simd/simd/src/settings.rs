@@ -1,5 +1,7 @@
 //! What this run is asked to do: command line and launch file, resolved once.
 
+pub mod cli;
+
 use std::path::PathBuf;
 
 use launch_cli::wrong_usage;
@@ -8,7 +10,7 @@ use sensor_camera::Quality;
 use sensor_gpu::{CopyPath, Gpu, GpuOptions};
 use sensor_ray::GpuRays;
 
-use crate::cli::{Args, LidarsOnArg, OnLostClient, QualityArg};
+use cli::{Args, LidarsOnArg, OnLostClient, QualityArg};
 use simd_frames::topic::{Audience, FrameOptions, Transfer, Writer};
 
 /// What is simulated without a launch file.

@@ -2,29 +2,25 @@
 
 use launch_cli::wrong_usage;
 use launch_spec::Launch;
-use schema_bus::{Bus, FrameTopic, Gate, mono_now};
+use schema_bus::{Bus, FrameTopic, mono_now};
 use schema_frames::JournalFile;
 use schema_frames::document::BATCH_RIG;
-use schema_types::time::TickClock;
 use schema_types::{SimTime, Tick};
 use sensor_camera::{CameraRenderer, Quality};
 use sensor_gpu::Gpu;
 use simd_world::{Scenario, World, WorldOptions};
 
-use crate::checkpoints::Checkpoints;
-use crate::clients::Clients;
+use crate::clock::Clock;
 use crate::daemon::Daemon;
-use crate::debug_shapes::DebugShapes;
-use crate::episode::{self, EpisodeId};
-use crate::faults::Faults;
-use crate::journal::{self, Journal};
-use crate::maps::Maps;
-use crate::pace::Pace;
-use crate::player::{Act, Player};
-use crate::ports::Ports;
+use crate::history::{self, Act, History, Journal, Player};
+use crate::participants::Participants;
+use crate::ports::{Ports, Services};
+use crate::sensing::{Sensing, Workers, spectator};
 use crate::settings::{Settings, adapter_of};
-use crate::spectator;
-use crate::workers::Workers;
+use crate::world::LiveWorld;
+use crate::world::checkpoints::Checkpoints;
+use crate::world::episode::{self, EpisodeId};
+use crate::world::maps::Maps;
 use simd_frames::batch::Batch;
 use simd_frames::frames::Sensors;
 use simd_frames::rig::Rig;
@@ -117,7 +113,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     let mut sensors = open_sensors(
         &context,
         &mut world,
-        &episode.scenario,
+        episode.scenario(),
         launch,
         &settings.added_sensors,
     )?;
@@ -127,11 +123,12 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     let mut sensors = Sensors::new(drawing, sensors, frames);
     sensors.batches = batches;
     sensors.check_fit()?;
-    sensors.load(&episode.assets)?;
-    let head = journal::head(&journal::Surroundings {
+    sensors.load(episode.assets())?;
+    let head = history::head(&history::Surroundings {
         settings: &settings,
-        epoch: episode.stamp.epoch,
-        map: (&map.data.name, &map.data.open_drive),
+        epoch: episode.stamp().epoch,
+        map: &map.data.name,
+        open_drive: &map.data.open_drive,
         adapter: adapter_of(sensors.gpu()),
         quality,
         lidars_on: sensors.options().lidars_on,
@@ -142,46 +139,21 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         journal.note_file(JournalFile::Map, name, title, text.as_bytes());
         journal.end_round(0);
     }
-    let workers = Workers::open(&bus, episode.stamp.epoch)?;
-    let ports = Ports::open(&bus)?;
-    let now = mono_now().0;
-    let mut daemon = Daemon {
-        gate: Gate::new(launch.scenario.mode),
-        pace: Pace::new(now, period_nanos),
-        keep_up: Default::default(),
-        speed_ratio: 1.0,
-        clock: TickClock::new(period_nanos),
-        tick: Tick(0),
-        clients: Clients::new(now),
-        faults: Faults::default(),
-        checkpoints: Checkpoints::new(&settings.data_folder),
-        just_restored: false,
-        debug: DebugShapes::default(),
-        still: Default::default(),
-        journal,
-        player,
-        settings,
-        sensors,
-        workers,
-        ports,
-        gpu_server,
-        _claim: claim,
-        bus,
-        world,
-        maps,
-        episode,
-    };
-    daemon.mark_start();
-    daemon.publish_documents();
-    // Processes that must be ready before the first tick (lockstep participants, controllers) see
-    // the world as it stands before it.
-    daemon.publish_snapshot()?;
-    tracing::info!(
-        map = daemon.world.map().name,
-        actors = daemon.world.snapshot_records().len(),
-        "ready"
-    );
-    Ok(daemon)
+    let (epoch, n_awaited) = (episode.stamp().epoch, settings.run.n_awaited_workers);
+    let workers = Workers::open(&bus, epoch, n_awaited)?;
+    let services = Services::open(&bus)?;
+    let now_nanos = mono_now().0;
+    let clock = Clock::new(period_nanos, &settings.run, now_nanos);
+    let participants = Participants::new(&settings, now_nanos);
+    let checkpoints = Checkpoints::new(&settings.data_folder);
+    Daemon::new(
+        Sensing::new(sensors, workers, settings.lose_gpu_when),
+        Ports::new(services, gpu_server, claim, bus),
+        LiveWorld::new(world, maps, episode, checkpoints, settings.launch),
+        clock,
+        participants,
+        History::new(journal, player),
+    )
 }
 
 /// Checks the shared memory of all topics together, before the first segment is made. Otherwise the
@@ -343,7 +315,7 @@ fn open_sensors(
 
 /// Says what may make the bytes of a run differ from those of its journal.
 fn warn_of_differences(player: &Player, adapter: &str) {
-    let (head, build) = (&player.head, journal::build());
+    let (head, build) = (player.head(), history::build());
     if head.build != build {
         tracing::warn!(
             recorded = head.version,

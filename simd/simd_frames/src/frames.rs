@@ -34,7 +34,7 @@ use in_flight::InFlight;
 use rays::Rays;
 use shot::{Due, Shot};
 pub use shot::{Stamp, TickView};
-use views::PendingViews;
+use views::{Drawing, PendingViews, Sources};
 
 /// Says whether frames that are ready are still this process's to send.
 pub type MaySend = Box<dyn FnMut() -> bool>;
@@ -64,6 +64,14 @@ pub struct Sensors {
     /// Ticks from one at which cameras and lidars may fire to the next.
     fire_every: u64,
     may_send: MaySend,
+}
+
+/// The sensors that fire in a tick.
+pub struct Firings {
+    /// Those whose frames this process makes.
+    due: Vec<Due>,
+    /// Those whose frames other processes make.
+    away: Vec<SceneFiring>,
 }
 
 impl Sensors {
@@ -240,10 +248,10 @@ impl Sensors {
     pub fn fire(
         &mut self,
         tick: &TickView<'_>,
-        carrier: impl Fn(ActorId) -> Option<Carrier>,
+        firings: Firings,
         hand_out: impl FnOnce(Vec<SceneFiring>),
     ) -> anyhow::Result<()> {
-        let (due, away) = self.due(tick.scene, carrier);
+        let Firings { due, away } = firings;
         let mut waking = Waking::default();
         self.fire_motion(tick, &due, &mut waking);
         hand_out(away);
@@ -310,8 +318,12 @@ impl Sensors {
         let lidars = lidar::submit(&mut self.sensors, &mut self.rays, tick, due, audience);
         let views = match (&self.gpu, &mut self.renderer) {
             (Some(gpu), Some(renderer)) => {
-                let sources = (&mut self.sensors[..], &mut self.batches[..]);
-                views::submit(sources, (gpu, renderer), tick, due, audience)?
+                let sources = Sources {
+                    sensors: &mut self.sensors,
+                    batches: &mut self.batches,
+                };
+                let drawing = Drawing { gpu, renderer };
+                views::submit(sources, drawing, tick, due, audience)?
             }
             _ => None,
         };
@@ -321,7 +333,8 @@ impl Sensors {
         self.fire_on_cpu(tick, due, lidars.is_some(), &mut waking)?;
         if let Some(lidars) = lidars {
             self.n_lidar_turns += lidar::finish(
-                (&mut self.sensors, self.gpu.as_ref()),
+                &mut self.sensors,
+                self.gpu.as_ref(),
                 lidars,
                 &mut waking,
                 audience,
@@ -370,8 +383,11 @@ impl Sensors {
         let (Some(gpu), Some(renderer)) = (&self.gpu, &mut self.renderer) else {
             return Ok(None);
         };
-        let (drawing, audience) = ((gpu, renderer), self.options.audience);
-        let sources = (&mut self.sensors[..], &mut self.batches[..]);
+        let (drawing, audience) = (Drawing { gpu, renderer }, self.options.audience);
+        let sources = Sources {
+            sensors: &mut self.sensors,
+            batches: &mut self.batches,
+        };
         if let Some(views) = views::submit(sources, drawing, tick, &[due], audience)? {
             self.in_flight.push(views);
         }
@@ -379,13 +395,12 @@ impl Sensors {
         Ok(None)
     }
 
-    /// Shows every model its carrier, and lists the sensors that fire in this tick, in their order:
-    /// those that are fired here, and those that are fired elsewhere.
-    fn due(
+    /// Shows every model its carrier, and lists the sensors that fire in this tick, in their order.
+    pub fn schedule(
         &mut self,
         scene: &Scene,
         carrier: impl Fn(ActorId) -> Option<Carrier>,
-    ) -> (Vec<Due>, Vec<SceneFiring>) {
+    ) -> Firings {
         let (mut due, mut away) = (Vec::with_capacity(self.sensors.len()), Vec::new());
         let is_full = scene.tick.0 % self.fire_every == 1 % self.fire_every;
         let audience = self.options.audience;
@@ -413,7 +428,7 @@ impl Sensors {
                 Maker::Nobody => {}
             }
         }
-        (due, away)
+        Firings { due, away }
     }
 
     /// Fires the due sensors whose frames take microseconds. They wait for nothing else of the tick,
@@ -471,8 +486,13 @@ impl Sensors {
 
     /// Waits for views and sends them.
     fn finish(&mut self, views: PendingViews, ticks_in_flight: u32) -> anyhow::Result<()> {
+        let sources = Sources {
+            sensors: &mut self.sensors,
+            batches: &mut self.batches,
+        };
         views::finish(
-            (&mut self.sensors, &mut self.batches, self.gpu.as_ref()),
+            sources,
+            self.gpu.as_ref(),
             views,
             ticks_in_flight,
             self.options.audience,

@@ -6,6 +6,7 @@
 pub mod batch;
 pub mod carrier;
 pub mod frames;
+pub mod gpu_end;
 pub mod hash;
 pub mod rig;
 pub mod sensor;

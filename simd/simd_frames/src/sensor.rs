@@ -223,7 +223,8 @@ impl Sensor {
     pub fn begin_episode(
         &mut self,
         actor: ActorId,
-        (tick, made_at): (Tick, SimTime),
+        tick: Tick,
+        made_at: SimTime,
         period_nanos: u64,
     ) {
         (self.actor, self.made_at) = (actor, tick);

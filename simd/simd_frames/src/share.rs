@@ -16,5 +16,5 @@ mod scenery;
 pub use cameras::{Camera, CameraList};
 pub use divide::{Group, divide};
 pub use message::{SentScene, scene_of};
-pub use question::{Joined, Question, accepted, answer_of, refused};
+pub use question::{AnswerError, Joined, Question, accepted, answer_of, refused};
 pub use scenery::{Scenery, SceneryCopy, SceneryList};

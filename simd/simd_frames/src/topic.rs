@@ -18,7 +18,7 @@ pub use on_gpu::{GpuLoan, gpu_server};
 
 use crate::hash::BytesHash;
 use memory::{MemoryPlan, TopicMemory};
-use on_gpu::{OnGpu, Options, can_stay};
+use on_gpu::{Offering, OnGpu, Options, can_stay};
 
 /// Which topics get frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -162,8 +162,8 @@ impl Topic {
                 frames_in_flight: options.frames_in_flight as usize,
                 is_away,
             };
-            let from = (bus, gpu);
-            OnGpu::offer(from, server, &name, max_payload_bytes, limits, options)
+            let offering = Offering { bus, gpu, server };
+            OnGpu::offer(&offering, &name, max_payload_bytes, limits, options)
         });
         Ok(Topic {
             on_gpu,

@@ -13,9 +13,10 @@ mod worker;
 
 use std::process::ExitCode;
 
-use launch_cli::{Exit, GpuLost, Shutdown};
+use launch_cli::{Exit, Shutdown};
 use sensor_camera::Quality;
-use sensor_gpu::{CopyPath, Gpu, GpuError, GpuOptions};
+use sensor_gpu::{CopyPath, Gpu, GpuOptions};
+use simd_frames::gpu_end::of_gpu;
 use simd_frames::topic::Transfer;
 
 use worker::{Drawing, Ended};
@@ -73,13 +74,4 @@ fn run(args: &cli::Args, shutdown: &Shutdown) -> anyhow::Result<()> {
             Ended::Asked => return Ok(()),
         }
     }
-}
-
-/// An error of a GPU that is gone ends the program with a code of its own.
-fn of_gpu(error: anyhow::Error) -> anyhow::Error {
-    let gone = error.chain().find_map(|cause| match cause.downcast_ref() {
-        Some(gone @ (GpuError::Lost { .. } | GpuError::Hung { .. })) => Some(gone.to_string()),
-        _ => None,
-    });
-    gone.map_or(error, |sentence| anyhow::Error::new(GpuLost(sentence)))
 }

@@ -82,7 +82,7 @@ impl<'a> Source<'a> {
         let answer = answer.ok_or(NoAnswer)?;
         match answer_of(&answer) {
             Ok(bytes) => Ok(bytes.to_vec()),
-            Err(sentence) => Err(wrong_usage(sentence)),
+            Err(error) => Err(wrong_usage(error)),
         }
     }
 }

@@ -5,8 +5,9 @@
 //! `cargo run --release -p simd_world --example fleet_cost [-- --json FILE]`; results are in
 //! `docs/benchmarks/vehicles.md`.
 
-use launch_cli::bench::{BenchResult, take_json_argument};
-use nix::time::{ClockId, clock_gettime};
+use std::process::ExitCode;
+
+use launch_cli::bench::{self, BenchResult, NoArgs, anyhow, process_cpu_secs};
 use schema_frames::command::Command;
 use schema_frames::{PhysicsAction, VehicleControl};
 use schema_types::{ActorId, Pose};
@@ -17,12 +18,7 @@ const N_TICKS: u64 = 200;
 /// Copies of the town beside each other, so that a thousand vehicles find a place.
 const N_COPIES: usize = 4;
 
-fn cpu_secs() -> f64 {
-    let now = clock_gettime(ClockId::CLOCK_PROCESS_CPUTIME_ID).expect("every Linux has this clock");
-    now.tv_sec() as f64 + now.tv_nsec() as f64 * 1e-9
-}
-
-fn streets() -> Result<MapData, Box<dyn std::error::Error>> {
+fn streets() -> anyhow::Result<MapData> {
     let town = MapData::from(&simd_town::Town::generate("Town10HD", 1)?);
     let mut map = MapData {
         name: "streets".to_owned(),
@@ -69,7 +65,7 @@ fn measure(
     map: &MapData,
     n_vehicles: usize,
     n_simulated: usize,
-) -> Result<(usize, f64, f64), Box<dyn std::error::Error>> {
+) -> anyhow::Result<(usize, f64, f64)> {
     let mut world = World::new(WorldOptions::default());
     world.load(map)?;
     let scenario = world.spawn_scenario(
@@ -94,7 +90,7 @@ fn measure(
     }
     let (mut in_steps, mut in_all) = (0.0, 0.0);
     for tick in 0..2 * N_TICKS {
-        let before = cpu_secs();
+        let before = process_cpu_secs();
         for car in driven {
             world.set_control(*car, control(*car, tick))?;
         }
@@ -103,12 +99,12 @@ fn measure(
             pose.translation_m[2] += 1e-4;
             world.set_pose(*car, pose)?;
         }
-        let begin = cpu_secs();
+        let begin = process_cpu_secs();
         world.step(TICK_NANOS);
         // The first half lets everything come to rest and touches all memory.
         if tick >= N_TICKS {
-            in_steps += cpu_secs() - begin;
-            in_all += cpu_secs() - before;
+            in_steps += process_cpu_secs() - begin;
+            in_all += process_cpu_secs() - before;
         }
     }
     Ok((
@@ -118,13 +114,15 @@ fn measure(
     ))
 }
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() -> ExitCode {
+    bench::run("fleet_cost", |_: &NoArgs, result| measure_all(result))
+}
+
+fn measure_all(result: &mut BenchResult) -> anyhow::Result<()> {
     // The measure is CPU time, and a single thread makes it that of one core.
     rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build_global()?;
-    let (_, json) = take_json_argument(std::env::args().skip(1));
-    let mut result = BenchResult::new("fleet_cost", None);
     let map = streets()?;
     println!(
         "{} collision triangles",
@@ -169,6 +167,5 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             ],
         );
     }
-    result.write(json.as_deref())?;
     Ok(())
 }

@@ -185,7 +185,7 @@ impl Checkpoint {
         }
         let mut world: World = postcard::from_bytes(rest).map_err(broken)?;
         engine_state::take_geometry(&mut world.physics.engine, &living.physics.engine)
-            .map_err(CheckpointError::Body)?;
+            .map_err(|error| CheckpointError::Body(error.to_string()))?;
         world.take_constants(living);
         world.actors.recount();
         world

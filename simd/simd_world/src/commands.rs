@@ -7,7 +7,7 @@ use schema_frames::{
 };
 use schema_types::{ActorId, Pose};
 
-use crate::errors::{ActionError, ActorError};
+use crate::errors::{ActionError, ActorError, LightError, OutOfRange};
 use crate::pose_check::unit_pose;
 use crate::pushes::Push;
 use crate::signals::lamp_head_boxes;
@@ -137,8 +137,8 @@ impl World {
     /// Changes the weather.
     ///
     /// # Errors
-    /// A sentence that names the value and its range.
-    pub fn set_weather(&mut self, weather: Weather) -> Result<(), String> {
+    /// If a value lies outside its range.
+    pub fn set_weather(&mut self, weather: Weather) -> Result<(), OutOfRange> {
         self.weather.set(weather)
     }
 
@@ -360,7 +360,7 @@ impl World {
         Ok(())
     }
 
-    fn set_traffic_light(&mut self, actor: ActorId, state: &str) -> Result<(), String> {
+    fn set_traffic_light(&mut self, actor: ActorId, state: &str) -> Result<(), LightError> {
         let state = light_state(state)?;
         if !self.lights.set_state(actor, state) {
             return Err(self.no_light(actor));
@@ -369,7 +369,7 @@ impl World {
         Ok(())
     }
 
-    fn set_light_time(&mut self, actor: ActorId, state: &str, secs: f64) -> Result<(), String> {
+    fn set_light_time(&mut self, actor: ActorId, state: &str, secs: f64) -> Result<(), LightError> {
         let state = light_state(state)?;
         if self.lights.get(actor).is_none() {
             return Err(self.no_light(actor));
@@ -379,7 +379,7 @@ impl World {
         Ok(())
     }
 
-    fn reset_lights(&mut self, of: Option<ActorId>) -> Result<(), String> {
+    fn reset_lights(&mut self, of: Option<ActorId>) -> Result<(), LightError> {
         match of {
             None => self.lights.reset_all(),
             Some(actor) => {
@@ -395,24 +395,23 @@ impl World {
         Ok(())
     }
 
-    fn light_boxes(&self, actor: ActorId) -> Result<Vec<PosedBox>, String> {
+    fn light_boxes(&self, actor: ActorId) -> Result<Vec<PosedBox>, LightError> {
         match self.lights.get(actor) {
             Some(light) => Ok(lamp_head_boxes(light, &self.map)),
-            None => Err(format!("actor {actor} is not a traffic light")),
+            None => Err(LightError::NotALight(actor)),
         }
     }
 
-    fn no_light(&self, actor: ActorId) -> String {
+    fn no_light(&self, actor: ActorId) -> LightError {
         match self.actors.contains(actor) {
-            true => format!("actor {actor} is not a traffic light"),
-            false => ActorError::Unknown(actor).to_string(),
+            true => LightError::NotALight(actor),
+            false => ActorError::Unknown(actor).into(),
         }
     }
 }
 
-fn light_state(name: &str) -> Result<LightState, String> {
-    LightState::from_name(name)
-        .ok_or_else(|| format!("state is {name:?}, but must be red, yellow, green, off or unknown"))
+fn light_state(name: &str) -> Result<LightState, LightError> {
+    LightState::from_name(name).ok_or_else(|| LightError::UnknownState(name.to_owned()))
 }
 
 fn done<E: ToString>(result: Result<(), E>) -> CommandReply {

@@ -155,12 +155,140 @@ pub enum ActorError {
 }
 
 /// Why an action on an actor's body was refused.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ActionError {
     /// The actor cannot be acted on.
     #[error(transparent)]
     Actor(#[from] ActorError),
+    /// A number of the vehicle's data cannot be used.
+    #[error(transparent)]
+    Physics(#[from] PhysicsError),
     /// A value cannot be used; the sentence names it and what is allowed.
     #[error("{0}")]
     Value(String),
+}
+
+/// A number outside the range that is allowed for it.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{name} is {value}, but must be {low} to {high}")]
+pub struct OutOfRange {
+    /// Which quantity, with its unit.
+    pub name: &'static str,
+    /// The refused number.
+    pub value: f32,
+    /// Least allowed number.
+    pub low: f32,
+    /// Greatest allowed number.
+    pub high: f32,
+}
+
+impl OutOfRange {
+    /// Checks a number against its range, both ends included.
+    ///
+    /// # Errors
+    /// If the number lies outside or is not a number.
+    pub fn check(name: &'static str, value: f32, low: f32, high: f32) -> Result<(), OutOfRange> {
+        match value >= low && value <= high {
+            true => Ok(()),
+            false => Err(OutOfRange {
+                name,
+                value,
+                low,
+                high,
+            }),
+        }
+    }
+}
+
+/// Why a vehicle cannot get the physical data that a client sends.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PhysicsError {
+    /// A number lies outside its range.
+    #[error(transparent)]
+    OutOfRange(#[from] OutOfRange),
+    /// The vehicle has another number of wheels.
+    #[error("number of wheels is {found}, but must stay {needed}")]
+    Wheels {
+        /// Number of wheels in the data.
+        found: usize,
+        /// Number of wheels of the vehicle.
+        needed: usize,
+    },
+    /// A curve has too few or too many points.
+    #[error("{curve} has {found} points, but must have {least} to {most}")]
+    PointCount {
+        /// Name of the curve.
+        curve: &'static str,
+        /// Number of its points.
+        found: usize,
+        /// Least number of points.
+        least: usize,
+        /// Greatest number of points.
+        most: usize,
+    },
+    /// A point of a curve lies outside the allowed rectangle.
+    #[error("{curve} has the point ({}, {}), but points must be 0 to {} and 0 to {}", point[0], point[1], most[0], most[1])]
+    Point {
+        /// Name of the curve.
+        curve: &'static str,
+        /// The refused point.
+        point: [f32; 2],
+        /// Greatest allowed coordinates.
+        most: [f32; 2],
+    },
+    /// A curve goes back along its first axis.
+    #[error("{curve} goes from {from} back to {to}, but must rise")]
+    Falling {
+        /// Name of the curve.
+        curve: &'static str,
+        /// First coordinate of a point.
+        from: f32,
+        /// First coordinate of the next point.
+        to: f32,
+    },
+}
+
+/// Why a traffic light was not changed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub(crate) enum LightError {
+    #[error("actor {0} is not a traffic light")]
+    NotALight(ActorId),
+    #[error(transparent)]
+    Actor(#[from] ActorError),
+    #[error("state is {0:?}, but must be red, yellow, green, off or unknown")]
+    UnknownState(String),
+    #[error("state is {0:?}, but only red, yellow and green last for a set time")]
+    UntimedState(&'static str),
+    #[error("secs is {secs}, but must be {low} to {high}")]
+    Secs { secs: f64, low: f64, high: f64 },
+}
+
+/// Why objects or lamps of the scenery were not changed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub(crate) enum SceneryError {
+    #[error("object {object} is not in map {map:?}; the command scenery lists those that are")]
+    UnknownObject { object: u32, map: String },
+    #[error("lamp {lamp} is not in map {map:?}, which has {n_lamps}")]
+    UnknownLamp {
+        lamp: u32,
+        map: String,
+        n_lamps: usize,
+    },
+    #[error("intensity_lm of lamp {lamp} is {lumen}, but must be 0 to 1e9")]
+    Intensity { lamp: u32, lumen: f32 },
+    #[error("group of lamp {lamp} is {group}, but must be 0 to 4")]
+    Group { lamp: u32, group: u8 },
+}
+
+/// Why a walker's bones were not held.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub(crate) enum SkeletonError {
+    #[error("there is no bone {0:?}; `read` lists them")]
+    UnknownBone(String),
+    #[error(
+        "bone {bone:?} needs a place within {max_offset_m} m of its parent and a unit quaternion"
+    )]
+    BonePose { bone: String, max_offset_m: f64 },
+    #[error("a pose cannot be blended by {0}; give 0 (the gait) to 1 (the own pose)")]
+    Blend(f64),
 }

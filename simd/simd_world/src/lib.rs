@@ -81,7 +81,9 @@ mod serde_forms;
 
 pub use catalogue::PASSIVE_SENSORS;
 pub use checkpoint::{Checkpoint, CheckpointError};
-pub use errors::{ActionError, ActorError, DestroyError, NoRoom, SpawnError};
+pub use errors::{
+    ActionError, ActorError, DestroyError, NoRoom, OutOfRange, PhysicsError, SpawnError,
+};
 pub use map_data::{CollisionMesh, LightHeads, LoadError, MapData};
 pub use physics::Collision;
 pub use props::{PropModel, prop_models};

@@ -13,6 +13,7 @@ use schema_types::ObjectId;
 use sensor_core::LampSetting;
 use simd_town::{LampGroup, SceneryLamp};
 
+use crate::errors::SceneryError;
 use crate::map_data::MapData;
 use crate::physics::Physics;
 
@@ -139,13 +140,13 @@ impl SceneryState {
         shown: bool,
         map: &MapData,
         physics: &mut Physics,
-    ) -> Result<(), String> {
+    ) -> Result<(), SceneryError> {
         let known: BTreeSet<u32> = map.objects.iter().map(|object| object.id.0).collect();
         if let Some(id) = ids.iter().find(|id| !known.contains(id)) {
-            return Err(format!(
-                "object {id} is not in map {:?}; the command scenery lists those that are",
-                map.name
-            ));
+            return Err(SceneryError::UnknownObject {
+                object: *id,
+                map: map.name.clone(),
+            });
         }
         self.show(
             ids.iter().map(|&id| ObjectId(id)).collect(),
@@ -184,29 +185,30 @@ impl SceneryState {
         }
     }
 
-    pub fn set_lamps(&mut self, changes: &[LampChange], map: &MapData) -> Result<(), String> {
+    pub fn set_lamps(&mut self, changes: &[LampChange], map: &MapData) -> Result<(), SceneryError> {
         let n = self.lamps.len();
         for change in changes {
             if change.lamp as usize >= n {
-                return Err(format!(
-                    "lamp {} is not in map {:?}, which has {n}",
-                    change.lamp, map.name
-                ));
+                return Err(SceneryError::UnknownLamp {
+                    lamp: change.lamp,
+                    map: map.name.clone(),
+                    n_lamps: n,
+                });
             }
             if let Some(lumen) = change
                 .intensity_lm
                 .filter(|lumen| !(0.0..=1e9).contains(lumen))
             {
-                return Err(format!(
-                    "intensity_lm of lamp {} is {lumen}, but must be 0 to 1e9",
-                    change.lamp
-                ));
+                return Err(SceneryError::Intensity {
+                    lamp: change.lamp,
+                    lumen,
+                });
             }
             if let Some(group) = change.group.filter(|&group| group > 4) {
-                return Err(format!(
-                    "group of lamp {} is {group}, but must be 0 to 4",
-                    change.lamp
-                ));
+                return Err(SceneryError::Group {
+                    lamp: change.lamp,
+                    group,
+                });
             }
         }
         for change in changes {

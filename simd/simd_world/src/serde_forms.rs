@@ -2,8 +2,9 @@
 //! "crate::serde_forms::…")]`.
 
 use nalgebra::{Isometry3, Vector3};
+use schema_roads::walkable::stroll::Stroll;
 use schema_types::Pose;
-use serde::{Deserialize as _, Deserializer, Serialize as _, Serializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// A pose, bit for bit.
 pub(crate) mod isometry {
@@ -21,6 +22,17 @@ pub(crate) mod isometry {
     ) -> Result<Isometry3<f64>, D::Error> {
         Pose::deserialize(deserializer).map(|pose| pose.isometry())
     }
+}
+
+/// The way of a stroller, field by field.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Stroll")]
+pub(crate) struct StrollForm {
+    path: Vec<([f64; 2], u32)>,
+    next: usize,
+    n_ways: u64,
+    stuck_secs: f64,
+    nearest_m: f64,
 }
 
 /// A vector.

@@ -3,6 +3,8 @@
 use schema_frames::document::Weather;
 use serde::{Deserialize, Serialize};
 
+use crate::errors::OutOfRange;
+
 /// Grip of tyres on a flooded road as a share of that on a dry one.
 const SOAKED_GRIP_RATIO: f64 = 0.6;
 /// Rain of 100 percent, mm/h.
@@ -26,8 +28,8 @@ impl WeatherInForce {
     /// Changes the weather.
     ///
     /// # Errors
-    /// A sentence that names the value and its range.
-    pub fn set(&mut self, weather: Weather) -> Result<(), String> {
+    /// If a value lies outside its range; the weather then stays as it is.
+    pub fn set(&mut self, weather: Weather) -> Result<(), OutOfRange> {
         let values = [
             ("cloudiness", weather.cloudiness, 0.0, 100.0),
             ("precipitation", weather.precipitation, 0.0, 100.0),
@@ -64,18 +66,11 @@ impl WeatherInForce {
             ),
             ("dust_storm", weather.dust_storm, 0.0, 100.0),
         ];
-        match values
-            .iter()
-            .find(|(_, value, low, high)| !(value >= low && value <= high))
-        {
-            Some((name, value, low, high)) => {
-                Err(format!("{name} is {value}, but must be {low} to {high}"))
-            }
-            None => {
-                self.now = weather;
-                Ok(())
-            }
+        for (name, value, low, high) in values {
+            OutOfRange::check(name, value, low, high)?;
         }
+        self.now = weather;
+        Ok(())
     }
 
     /// Grip of tyres as a share of that on a dry road: 1 unless weather acts.
@@ -173,7 +168,7 @@ mod tests {
                 ..Weather::default()
             })
             .unwrap_err();
-        assert_eq!(error, "dust_storm is 101, but must be 0 to 100");
+        assert_eq!(error.to_string(), "dust_storm is 101, but must be 0 to 100");
         assert!(
             weather
                 .set(Weather {

@@ -9,17 +9,14 @@
 //! Exit code 1 means a violation.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::process::ExitCode;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use launch_cli::bench::{BenchResult, take_json_argument};
+use launch_cli::bench::{self, BenchResult, anyhow, clap};
 use nix::sys::signal::Signal;
 use test_e2e::laboratory::table::Blow;
 use test_e2e::laboratory::{Tally, Violation, run_episode};
-
-const ALLOWED: &str = "--seed N, --minutes M, --episodes E, --steps S, --beside B, --json FILE and --go-on (after a violation)";
 
 const BLOWS: [Blow; 6] = [
     Blow::Signal(Signal::SIGKILL),
@@ -31,34 +28,53 @@ const BLOWS: [Blow; 6] = [
 ];
 
 /// What is known of all episodes that have ended.
-struct Found {
+struct Found<'a> {
     tally: Tally,
     n_begun: u64,
     n_violations: u64,
+    /// Rows of all episodes until now.
+    result: &'a mut BenchResult,
+}
+
+/// Strikes processes at chosen moments
+#[derive(Debug, clap::Args)]
+struct Args {
+    /// First seed [default: drawn and printed]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Minutes after which no episode begins
+    #[arg(long, value_name = "M", default_value_t = 10)]
+    minutes: u64,
+    /// Episodes, in place of a time
+    #[arg(long, value_name = "E")]
+    episodes: Option<u64>,
+    /// Steps of an episode
+    #[arg(long, value_name = "S", default_value_t = 12)]
+    steps: usize,
+    /// Episodes beside one another, at most 64
+    #[arg(long, value_name = "B", default_value_t = 1)]
+    beside: u64,
+    /// Go on after a violation
+    #[arg(long)]
+    go_on: bool,
 }
 
 fn main() -> ExitCode {
-    let mut seed = fastrand::u64(0..1_000_000_000);
-    let (mut minutes, mut n_episodes, mut n_steps, mut beside) = (10.0, u64::MAX, 12, 1);
-    let mut goes_on = false;
-    let (words, json) = take_json_argument(std::env::args().skip(1));
-    let mut words = words.iter().map(String::as_str);
-    while let Some(word) = words.next() {
-        let mut number = || -> u64 {
-            let text = words.next().unwrap_or_default();
-            let parsed = text.parse();
-            parsed.unwrap_or_else(|_| panic!("{word} takes a whole number, not {text:?}"))
-        };
-        match word {
-            "--seed" => seed = number(),
-            "--minutes" => minutes = number() as f64,
-            "--episodes" => (n_episodes, minutes) = (number(), f64::INFINITY),
-            "--steps" => n_steps = number() as usize,
-            "--beside" => beside = number().clamp(1, 64),
-            "--go-on" => goes_on = true,
-            _ => panic!("unknown argument {word:?}; allowed are {ALLOWED}"),
-        }
-    }
+    bench::run("fault_laboratory", |args: &Args, result| {
+        let n_violations = strike(args, result)?;
+        anyhow::ensure!(n_violations == 0, "{n_violations} violations");
+        Ok(())
+    })
+}
+
+/// Runs the episodes; how many rules were broken.
+fn strike(args: &Args, result: &mut BenchResult) -> anyhow::Result<u64> {
+    let seed = args.seed.unwrap_or_else(|| fastrand::u64(0..1_000_000_000));
+    let minutes = match args.episodes {
+        Some(_) => f64::INFINITY,
+        None => args.minutes as f64,
+    };
+    let n_episodes = args.episodes.unwrap_or(u64::MAX);
     println!("first seed {seed}");
     // A violation is told at the end of its episode, with its story.
     std::panic::set_hook(Box::new(|_| {}));
@@ -67,41 +83,36 @@ fn main() -> ExitCode {
         tally: Tally::default(),
         n_begun: 0,
         n_violations: 0,
+        result,
     });
     let next = || -> Option<u64> {
         let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
         let is_over = found.n_begun >= n_episodes
             || began.elapsed().as_secs_f64() >= minutes * 60.0
-            || (found.n_violations > 0 && !goes_on);
+            || (found.n_violations > 0 && !args.go_on);
         found.n_begun += u64::from(!is_over);
         (!is_over).then(|| seed + found.n_begun - 1)
     };
     std::thread::scope(|scope| {
-        for _ in 0..beside {
+        for _ in 0..args.beside.clamp(1, 64) {
             scope.spawn(|| {
                 while let Some(of) = next() {
                     let mut tally = Tally::default();
-                    let ended = run_episode(of, n_steps, &mut tally);
+                    let ended = run_episode(of, args.steps, &mut tally);
                     let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
                     found.tally.add_all(&tally);
-                    tell(&mut found, of, ended, began.elapsed(), json.as_deref());
+                    tell(&mut found, of, ended, began.elapsed());
                 }
             });
         }
     });
     let found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
-    ExitCode::from(u8::from(found.n_violations > 0))
+    Ok(found.n_violations)
 }
 
 /// Prints how an episode ended, and writes what all have done until then, so that a run that is
 /// broken off has its figures.
-fn tell(
-    found: &mut Found,
-    of: u64,
-    ended: Result<(), Violation>,
-    elapsed: Duration,
-    json: Option<&Path>,
-) {
+fn tell(found: &mut Found<'_>, of: u64, ended: Result<(), Violation>, elapsed: Duration) {
     if let Err(violation) = ended {
         println!("{violation}");
         found.n_violations += 1;
@@ -111,13 +122,15 @@ fn tell(
         "episode {of} ended; {} faults, {} of them exactly at their moment, {} violations, {took:?}",
         total.n_faults, total.n_at_their_moment, found.n_violations
     );
-    let written = figures(found, elapsed).write(json);
+    figures(found, elapsed);
+    let written = found.result.write();
     written.unwrap_or_else(|error| panic!("{error:#}"));
 }
 
 /// A row for each process and moment, with how often it was struck by what, and one for all.
-fn figures(found: &Found, elapsed: Duration) -> BenchResult {
-    let mut result = BenchResult::new("fault_laboratory", None);
+fn figures(found: &mut Found<'_>, elapsed: Duration) {
+    let result = &mut *found.result;
+    result.clear();
     let mut rows: BTreeMap<String, BTreeMap<String, f64>> = BTreeMap::new();
     for (fault, count) in found.tally.faults() {
         let place = format!("{:?}, {:?}", fault.role, fault.moment);
@@ -143,5 +156,4 @@ fn figures(found: &Found, elapsed: Duration) -> BenchResult {
         let row: Vec<(&str, f64)> = row.iter().map(|(key, n)| (key.as_str(), *n)).collect();
         result.row(name, &row);
     }
-    result
 }

@@ -1,7 +1,7 @@
 //! Writes the made-up report of `tests/perception_report` into a folder, to be looked at in a
 //! browser: `cargo run --release -p test_e2e --example perception_page -- FOLDER`.
 
-#[path = "../tests/perception_report/example.rs"]
+#[path = "../tests/it/perception_report/example.rs"]
 mod example;
 
 use consumer_perception::report::{Files, terminal, write_all};

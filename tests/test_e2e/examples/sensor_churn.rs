@@ -6,7 +6,9 @@
 //! the first half memory may move by 12 MiB,
 //! the others not at all. On a software adapter the GPU's memory is the daemon's own.
 
-use launch_cli::bench::{BenchResult, take_json_argument};
+use std::process::ExitCode;
+
+use launch_cli::bench::{self, BenchResult, anyhow, clap};
 use schema_frames::{Command, CommandReply};
 use schema_types::Pose;
 use test_e2e::{ask, join_bus, reader, start_daemon, step};
@@ -68,12 +70,21 @@ fn kept(sandbox: &Sandbox, pid: u32) -> Kept {
     }
 }
 
-fn main() {
-    let (words, json) = take_json_argument(std::env::args().skip(1));
-    let mut result = BenchResult::new("sensor_churn", None);
-    let n: usize = words.first().map_or(10_000, |text| {
-        text.parse().expect("the argument is a whole number")
-    });
+/// Makes and ends sensors of every kind
+#[derive(Debug, clap::Args)]
+struct Args {
+    /// Sensors
+    #[arg(default_value_t = 10_000)]
+    sensors: usize,
+}
+
+fn main() -> ExitCode {
+    bench::run("sensor_churn", |args: &Args, result| {
+        churn(args.sensors, result)
+    })
+}
+
+fn churn(n: usize, result: &mut BenchResult) -> anyhow::Result<()> {
     let sandbox = Sandbox::new("sensor_churn");
     let daemon = start_daemon(&sandbox, LAUNCH, &[]);
     let bus = join_bus(&sandbox, "churn");
@@ -126,9 +137,8 @@ fn main() {
     println!(
         "{n} sensors made and ended: {before:?} after the first {warm_up}, {after:?} at the end"
     );
-    result
-        .write(json.as_deref())
-        .unwrap_or_else(|error| panic!("{error:#}"));
+    // Also of a run that fails below.
+    result.write()?;
     assert!(
         after.resident_kib <= before.resident_kib + MAX_GROWTH_KIB,
         "memory grew"
@@ -138,4 +148,5 @@ fn main() {
         (before.descriptors, before.files),
         "descriptors or files stay behind"
     );
+    Ok(())
 }

@@ -11,9 +11,10 @@
 //! files are compared at their least, since guests of a moment ago have some, too.
 
 use std::os::unix::process::ExitStatusExt as _;
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use launch_cli::bench::{BenchResult, take_json_argument};
+use launch_cli::bench::{self, BenchResult, clap};
 use nix::libc::{SIGABRT, SIGSEGV};
 use test_e2e::carla::{start_gateway, start_script};
 use test_e2e::kept::Kept;
@@ -66,20 +67,27 @@ struct Look {
     files: usize,
 }
 
-fn main() {
-    let (words, json) = take_json_argument(std::env::args().skip(1));
-    let words: Vec<&str> = words.iter().map(String::as_str).collect();
-    let minutes = match words[..] {
-        [] => Some(60.0),
-        ["--minutes", n] => n.parse().ok().filter(|minutes| *minutes > 0.0),
-        _ => None,
-    };
-    let Some(minutes) = minutes else {
-        eprintln!(
-            "error: {words:?} cannot be understood; allowed are --minutes M, more than 0 [default: 60], and --json FILE"
-        );
-        std::process::exit(2);
-    };
+/// Runs everything while clients, sensors and maps come and go
+#[derive(Debug, clap::Args)]
+struct Args {
+    /// Length, more than 0
+    #[arg(long, value_name = "M", default_value_t = 60.0, value_parser = more_than_zero)]
+    minutes: f64,
+}
+
+fn more_than_zero(text: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| *number > 0.0);
+    number.ok_or_else(|| "give a number of more than 0".to_owned())
+}
+
+fn main() -> ExitCode {
+    bench::run("soak", |args: &Args, result| {
+        soak(args.minutes, result);
+        Ok(())
+    })
+}
+
+fn soak(minutes: f64, result: &mut BenchResult) {
     let sandbox = Sandbox::new("soak");
     let daemon = start_daemon(&sandbox, LAUNCH, &[]);
     let (gateway, port, _) = start_gateway(&sandbox);
@@ -143,7 +151,7 @@ fn main() {
             look.minutes, look.visits, look.files, look.kept
         );
         looks.push(look);
-        write(&looks, &staying, json.as_deref());
+        write(&looks, &staying, result);
     }
     let grown = growth(&looks, &staying);
     for (name, process) in staying {
@@ -252,8 +260,8 @@ fn growth(looks: &[Look], staying: &[(&str, Process)]) -> Vec<String> {
 }
 
 /// Writes what was seen so far, so that a soak that is broken off has its figures.
-fn write(looks: &[Look], staying: &[(&str, Process)], json: Option<&std::path::Path>) {
-    let mut result = BenchResult::new("soak", None);
+fn write(looks: &[Look], staying: &[(&str, Process)], result: &mut BenchResult) {
+    result.clear();
     let last = looks.last().expect("there was a look");
     let files = quarters(looks, |look| look.files as u64);
     for (idx, (name, _)) in staying.iter().enumerate() {
@@ -275,6 +283,6 @@ fn write(looks: &[Look], staying: &[(&str, Process)], json: Option<&std::path::P
         ];
         result.row(name, &figures);
     }
-    let written = result.write(json);
+    let written = result.write();
     written.unwrap_or_else(|error| panic!("{error:#}"));
 }

@@ -7,9 +7,10 @@
 //! until the frames of the last are read. Ticks are those of the world, milliseconds of the processor per tick
 //! those of the process `simd`.
 
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use launch_cli::bench::{BenchResult, take_json_argument};
+use launch_cli::bench::{self, BenchResult, anyhow, clap};
 use schema_bus::{Bus, CommandClient, FrameReader};
 use schema_frames::{Command, CommandReply};
 use test_e2e::{ask, counter, join_bus, reader, spawn_consumer, start_daemon};
@@ -18,11 +19,38 @@ use test_kit::{Process, Sandbox, eventually};
 /// Ticks before the first that counts.
 const WARM_UP: u64 = 30;
 
+/// Measures many cameras with and without render workers
+#[derive(Debug, clap::Args)]
 struct Options {
-    workers: Vec<Option<usize>>,
+    /// Cameras, and width and height of their images
+    #[arg(num_args = 3, value_names = ["CAMERAS", "WIDTH", "HEIGHT"])]
+    cameras: Vec<u32>,
+    /// Numbers of workers; - is the world alone
+    #[arg(long, value_name = "N,…", value_delimiter = ',', default_value = "-,0,1,2", allow_hyphen_values = true, value_parser = workers)]
+    workers: Vec<Workers>,
+    /// Adapters of the workers
+    #[arg(long, value_name = "TEXT,…", value_delimiter = ',')]
     adapters: Vec<String>,
-    measured: Duration,
+    /// Time of each measurement
+    #[arg(long, default_value_t = 20.0)]
+    seconds: f64,
+    /// Wait at every tick until the frames of the last are read
+    #[arg(long)]
     lockstep: bool,
+}
+
+/// How many workers render; none is the world alone.
+#[derive(Clone, Copy, Debug)]
+struct Workers(Option<usize>);
+
+fn workers(text: &str) -> Result<Workers, String> {
+    match text {
+        "-" => Ok(Workers(None)),
+        _ => match text.parse() {
+            Ok(n) => Ok(Workers(Some(n))),
+            Err(_) => Err("give a number, or - for the world alone".to_owned()),
+        },
+    }
 }
 
 fn launch(n_cameras: usize, [width_px, height_px]: [u32; 2]) -> String {
@@ -183,7 +211,7 @@ fn measure(
         of_workers(),
         Instant::now(),
     );
-    let n_frames = reading.until(&mut || start.elapsed() >= options.measured);
+    let n_frames = reading.until(&mut || start.elapsed().as_secs_f64() >= options.seconds);
     let secs = start.elapsed().as_secs_f64();
     let n_ticks = (begun() - tick) as f64;
     let figures = [
@@ -224,50 +252,20 @@ fn measure(
     });
 }
 
-fn main() {
-    let (words, json) = take_json_argument(std::env::args().skip(1));
-    let mut options = Options {
-        workers: vec![None, Some(0), Some(1), Some(2)],
-        adapters: Vec::new(),
-        measured: Duration::from_secs(20),
-        lockstep: false,
-    };
-    let mut numbers: Vec<u32> = Vec::new();
-    let mut words = words.into_iter();
-    while let Some(word) = words.next() {
-        let mut list = || -> Vec<String> {
-            let text = words.next().expect("a value follows");
-            text.split(',').map(str::to_owned).collect()
+fn main() -> ExitCode {
+    bench::run("worker_scaling", |options: &Options, result| {
+        let cases = match options.cameras[..] {
+            [n, width_px, height_px] => vec![(n as usize, [width_px, height_px])],
+            [] => vec![(64, [256, 256]), (16, [1920, 1080])],
+            _ => anyhow::bail!("CAMERAS WIDTH HEIGHT come together"),
         };
-        match word.as_str() {
-            "--workers" => {
-                let number =
-                    |text: String| (text != "-").then(|| text.parse().expect("a number or -"));
-                options.workers = list().into_iter().map(number).collect();
+        for (n_cameras, size_px) in cases {
+            let name = format!("{n_cameras} x {}x{}", size_px[0], size_px[1]);
+            let text = launch(n_cameras, size_px);
+            for Workers(n_workers) in &options.workers {
+                measure(result, &name, &text, n_cameras, *n_workers, options);
             }
-            "--adapters" => options.adapters = list(),
-            "--seconds" => {
-                let secs = list()[0].parse().expect("a number of seconds");
-                options.measured = Duration::from_secs_f64(secs);
-            }
-            "--lockstep" => options.lockstep = true,
-            other => numbers.push(other.parse().expect("CAMERAS WIDTH HEIGHT are numbers")),
         }
-    }
-    let cases = match numbers[..] {
-        [n, width_px, height_px] => vec![(n as usize, [width_px, height_px])],
-        [] => vec![(64, [256, 256]), (16, [1920, 1080])],
-        _ => panic!("CAMERAS WIDTH HEIGHT come together"),
-    };
-    let mut result = BenchResult::new("worker_scaling", None);
-    for (n_cameras, size_px) in cases {
-        let name = format!("{n_cameras} x {}x{}", size_px[0], size_px[1]);
-        let text = launch(n_cameras, size_px);
-        for n_workers in &options.workers {
-            measure(&mut result, &name, &text, n_cameras, *n_workers, &options);
-        }
-    }
-    result
-        .write(json.as_deref())
-        .unwrap_or_else(|error| panic!("{error:#}"));
+        Ok(())
+    })
 }

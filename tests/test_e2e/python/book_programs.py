@@ -1,4 +1,4 @@
-"""Prints the page of all programs from their reviewed help texts.
+"""Prints the page of all programs from their help texts, one file each, `PROGRAM_SUBCOMMAND.txt`.
 
     book_programs.py FOLDER_OF_HELP_TEXTS
 """
@@ -13,21 +13,27 @@ SHARED = ("Common options:", "Environment:", "Exit codes:")
 
 
 def divided(text):
-    """A help text without the sections that all have, and those."""
-    own, shared, into = [], [], None
+    """A help text without the sections that all have, and those by their titles."""
+    own, shared, into = [], {}, None
     for line in text.splitlines():
-        if not line.startswith(" ") and line.endswith(":"):
-            into = shared if line in SHARED else own
+        if line and not line.startswith(" "):
+            into = shared.setdefault(line, []) if line in SHARED else own
         (own if into is None else into).append(line)
-    return "\n".join(own).rstrip(), "\n".join(shared).rstrip()
+    return "\n".join(own).rstrip(), {title: "\n".join(lines).rstrip() for title, lines in shared.items()}
 
 
 def main():
     texts = {tuple(file.stem.split("_")): file.read_text() for file in pathlib.Path(sys.argv[1]).glob("*.txt")}
+    common = divided(texts["gantry",])[1]
+    for path, text in texts.items():
+        for title, section in divided(text)[1].items():
+            # What differs among programs would be nowhere on the page.
+            assert section == common[title], f"{' '.join(path)} has other {title}\n{section}"
     order = {name: place for place, name in enumerate(FIRST)}
     print("# Programs\n\nMade from the help texts, which every program prints with `--help`; a test holds both together.")
     print("Man pages and completions say the same: [Install](../start/install.md#completions-and-man-pages).")
-    print(f"\n## What all of them have\n\n```text\n{divided(texts['gantry',])[1]}\n```\n")
+    shared = "\n\n".join(common[title] for title in SHARED)
+    print(f"\n## What all of them have\n\n```text\n{shared}\n```\n")
     print("`PROGRAM completions bash` (`zsh`, `fish`) prints a completion script, `PROGRAM man` the man page; `PROGRAM man --into DIR` writes one for each subcommand.")
     for path in sorted(texts, key=lambda path: (order.get(path[0], len(order)), path)):
         print(f"\n{'#' * min(len(path) + 1, 4)} {' '.join(path)}\n\n```text\n{divided(texts[path])[0]}\n```")

@@ -1,6 +1,6 @@
 """Reads every kind of frame of a running simulator in place; `python every_frame.py DOMAIN`. The simulator has the rig of the tests.
 
-Run by `tests/python.rs` in a sandbox. Ends with 1 and a traceback if a promise is broken.
+Run by `tests/it/python.rs` in a sandbox. Ends with 1 and a traceback if a promise is broken.
 """
 
 import re

@@ -1,6 +1,6 @@
 """A user's program in Python beside a running simulator: lockstep, controls, results; `python own_program.py DOMAIN [hold]`.
 
-Run by `tests/python.rs` in a sandbox. Ends with 1 and a traceback if a promise is broken. With `hold` it joins lockstep, says so and
+Run by `tests/it/python.rs` in a sandbox. Ends with 1 and a traceback if a promise is broken. With `hold` it joins lockstep, says so and
 holds the world until it is killed.
 """
 

@@ -4,19 +4,29 @@
 //! `cargo run --release -p test_render --example ray_hiding [TOWN] [--json FILE]`
 
 use std::collections::BTreeSet;
+use std::process::ExitCode;
 use std::time::Instant;
 
-use launch_cli::bench::{BenchResult, take_json_argument};
+use launch_cli::bench::{self, BenchResult, anyhow, clap};
 use schema_frames::document::Weather;
 use schema_types::ObjectId;
 use sensor_ray::RayScene;
 use test_render::Stage;
 
-fn main() {
-    let (words, json) = take_json_argument(std::env::args().skip(1));
-    let town = words.first().cloned().unwrap_or("Town10HD".to_owned());
-    let mut result = BenchResult::new("ray_hiding", None);
-    let stage = Stage::new(&town, 11, 10).unwrap_or_else(|error| panic!("{error}"));
+/// Times hiding scenery from rays
+#[derive(Debug, clap::Args)]
+struct Args {
+    #[arg(default_value = "Town10HD")]
+    town: String,
+}
+
+fn main() -> ExitCode {
+    bench::run("ray_hiding", measure)
+}
+
+fn measure(args: &Args, result: &mut BenchResult) -> anyhow::Result<()> {
+    let town = &args.town;
+    let stage = Stage::new(town, 11, 10).map_err(anyhow::Error::msg)?;
     let whole = stage.scene(Weather::default()).assets;
     let ids: BTreeSet<u32> = whole
         .meshes
@@ -55,7 +65,5 @@ fn main() {
         );
         result.row(name, &[("whole_ms", best_ms[1]), ("ms", best_ms[0])]);
     }
-    result
-        .write(json.as_deref())
-        .unwrap_or_else(|error| panic!("{error:#}"));
+    Ok(())
 }

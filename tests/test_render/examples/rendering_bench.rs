@@ -1,24 +1,22 @@
 //! Measures cameras in a town and prints a table:
-//! `rendering_bench [ROW …] [KEY=VALUE …] [--json FILE]`.
+//! `rendering_bench [ROW …] [--frames 60 …] [--json FILE]`.
 //!
 //! Rows: `six` `separate` `apart` `rgb` `depth` `trio` `wide` `many` `effects` `hide` `peer`
 //! (default: all but `effects`, one rgb camera with each effect of its lens and film by turns,
-//! `hide`, which times the upload when objects are hidden, and `peer`, which needs `ply=FILE`).
+//! `hide`, which times the upload when objects are hidden, and `peer`, which needs `--ply FILE`).
 //! `separate`: one view of six modalities against six sensors of one modality each, each rendered
 //! in a submission of its own, by turns in one run. `apart`: the same against six such views that
-//! go through one submission together. Keys: `town=Town10HD` `vehicles=20` `frames=60`
-//! `size=800x600` `quality=low|high` `inflight=2` `place=0` `weather=day` `ply=FILE` `times=0|1`
-//! (what the passes take) `driving=0|1` (vehicles drive from frame to frame) `queues=1|2` (frames
-//! are copied behind their drawing, or beside the next, where the adapter can). Times are per frame
-//! of all cameras of a row, milliseconds: median, best, mean, and CPU time of the process.
+//! go through one submission together. `--help` says the other arguments. Times are per frame of all
+//! cameras of a row, milliseconds: median, best, mean, and CPU time of the process.
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
 
-use launch_cli::bench::{BenchResult, take_json_argument};
+use launch_cli::bench::anyhow::Context as _;
+use launch_cli::bench::{self, BenchResult, anyhow, clap};
 use nalgebra::Isometry3;
 use schema_frames::{Modality, VehicleControl};
 use schema_types::ObjectId;
@@ -45,112 +43,90 @@ const OTHER_ROWS: [&str; 3] = ["effects", "hide", "peer"];
 /// Turns of the cameras with and without effects.
 const N_TURNS: usize = 4;
 
+/// Measures cameras in a town
+#[derive(Debug, clap::Args)]
 struct Options {
+    /// Rows of the table [default: all but effects, hide and peer]
+    #[arg(value_name = "ROW", value_parser = clap::builder::PossibleValuesParser::new([&ROWS[..], &OTHER_ROWS].concat()))]
     rows: Vec<String>,
+    #[arg(long, default_value = "Town10HD")]
     town: String,
+    #[arg(long, default_value_t = 20)]
     vehicles: usize,
+    #[arg(long, default_value_t = 60, value_parser = at_least_one)]
     frames: usize,
-    size_px: [u32; 2],
+    /// Width and height of images, pixels
+    #[arg(long = "size", default_value = "800x600", value_parser = size)]
+    size_px: Size,
+    /// Quality of the pictures, low or high [default: that of the adapter]
+    #[arg(long, value_parser = quality)]
     quality: Option<Quality>,
+    /// Frames in flight [default: 2, or 1 in software]
+    #[arg(long = "inflight", value_parser = at_least_one)]
     in_flight: Option<usize>,
+    /// Place of the cameras
+    #[arg(long, default_value_t = 0)]
     place: usize,
+    #[arg(long, default_value = "day", value_parser = clap::builder::PossibleValuesParser::new(weathers::NAMES))]
     weather: String,
+    /// Mesh of the row peer
+    #[arg(long, value_name = "FILE")]
     ply: Option<String>,
+    /// Also say what the passes take
+    #[arg(long)]
     times: bool,
+    /// Vehicles drive from frame to frame
+    #[arg(long)]
     driving: bool,
+    /// 1: frames are copied behind their drawing; 2: beside the next, where the adapter can
+    #[arg(long = "queues", value_name = "1|2", default_value = "2", value_parser = copies)]
     copies: CopyPath,
-    json: Option<PathBuf>,
 }
 
-fn options() -> Result<Options, String> {
-    let mut options = Options {
-        rows: Vec::new(),
-        town: "Town10HD".into(),
-        vehicles: 20,
-        frames: 60,
-        size_px: [800, 600],
-        quality: None,
-        in_flight: None,
-        place: 0,
-        weather: "day".into(),
-        ply: None,
-        times: false,
-        driving: false,
-        copies: CopyPath::Beside,
-        json: None,
+/// Width and height of an image, pixels.
+type Size = [u32; 2];
+
+fn at_least_one(text: &str) -> Result<usize, String> {
+    let number = text.parse::<usize>().ok().filter(|n| *n > 0);
+    number.ok_or_else(|| "give a whole number, at least 1".to_owned())
+}
+
+fn size(text: &str) -> Result<Size, String> {
+    let read = || {
+        let (width, height) = text.split_once('x')?;
+        Some([width.parse().ok()?, height.parse().ok()?])
     };
-    let (words, json) = take_json_argument(std::env::args().skip(1));
-    options.json = json;
-    for word in words {
-        let Some((key, value)) = word.split_once('=') else {
-            if !ROWS.contains(&word.as_str()) && !OTHER_ROWS.contains(&word.as_str()) {
-                return Err(format!(
-                    "row {word:?} does not exist; rows are {}",
-                    [&ROWS[..], &OTHER_ROWS].concat().join(", ")
-                ));
-            }
-            options.rows.push(word);
-            continue;
-        };
-        let number = |text: &str| {
-            text.parse::<usize>()
-                .map_err(|_| format!("{key} is {text:?}, but must be a whole number"))
-        };
-        match key {
-            "town" => options.town = value.into(),
-            "vehicles" => options.vehicles = number(value)?,
-            "frames" => options.frames = number(value)?.max(1),
-            "inflight" => options.in_flight = Some(number(value)?.max(1)),
-            "place" => options.place = number(value)?,
-            "weather" => options.weather = value.into(),
-            "times" => options.times = number(value)? != 0,
-            "driving" => options.driving = number(value)? != 0,
-            "queues" => {
-                options.copies = match value {
-                    "1" => CopyPath::Behind,
-                    "2" => CopyPath::Beside,
-                    _ => return Err(format!("queues is {value:?}, but must be 1 or 2")),
-                };
-            }
-            "ply" => options.ply = Some(value.into()),
-            "size" => {
-                let (width, height) = value
-                    .split_once('x')
-                    .ok_or_else(|| format!("size is {value:?}, but must be like 800x600"))?;
-                options.size_px = [number(width)? as u32, number(height)? as u32];
-            }
-            "quality" => {
-                options.quality = Some(match value {
-                    "low" => Quality::Low,
-                    "high" => Quality::High,
-                    _ => return Err(format!("quality is {value:?}, but must be low or high")),
-                });
-            }
-            _ => {
-                return Err(format!(
-                    "key {key:?} does not exist; see the top of rendering_bench.rs"
-                ));
-            }
-        }
-    }
-    if options.rows.is_empty() {
-        options.rows = ROWS.map(String::from).to_vec();
-    }
-    Ok(options)
+    read().ok_or_else(|| "a size is like 800x600".to_owned())
 }
 
-struct Bench {
+fn quality(text: &str) -> Result<Quality, String> {
+    match text {
+        "low" => Ok(Quality::Low),
+        "high" => Ok(Quality::High),
+        _ => Err("a quality is low or high".to_owned()),
+    }
+}
+
+fn copies(text: &str) -> Result<CopyPath, String> {
+    match text {
+        "1" => Ok(CopyPath::Behind),
+        "2" => Ok(CopyPath::Beside),
+        _ => Err("give 1 or 2".to_owned()),
+    }
+}
+
+struct Bench<'a> {
     gpu: Gpu,
-    options: Options,
+    options: &'a Options,
     quality: Quality,
     in_flight: usize,
     /// One scene per frame, or a single scene for all.
     scenes: Vec<Arc<Scene>>,
     stage: Stage,
-    result: RefCell<BenchResult>,
+    result: RefCell<&'a mut BenchResult>,
 }
 
-impl Bench {
+impl Bench<'_> {
     fn lens(&self, size_px: [u32; 2]) -> Intrinsics {
         Intrinsics::from_fov(size_px[0], size_px[1], 90f64.to_radians())
     }
@@ -518,29 +494,23 @@ impl Bench {
     }
 }
 
-fn main() {
-    let options = options().unwrap_or_else(|error| {
-        eprintln!("{error}");
-        std::process::exit(2);
-    });
+fn main() -> ExitCode {
+    bench::run("rendering_bench", measure)
+}
+
+fn measure(options: &Options, result: &mut BenchResult) -> anyhow::Result<()> {
     let gpu = Gpu::open(&GpuOptions {
         copies: options.copies,
         ..Default::default()
-    })
-    .unwrap_or_else(|error| {
-        eprintln!("{error}");
-        std::process::exit(1);
-    });
+    })?;
+    result.set_gpu(gpu.name());
     let quality = options
         .quality
         .unwrap_or_else(|| Quality::default_for(&gpu));
     let in_flight = options
         .in_flight
         .unwrap_or(if gpu.is_software() { 1 } else { 2 });
-    let mut stage = Stage::new(&options.town, 7, options.vehicles).unwrap_or_else(|error| {
-        eprintln!("{error}");
-        std::process::exit(2);
-    });
+    let mut stage = Stage::new(&options.town, 7, options.vehicles).map_err(anyhow::Error::msg)?;
     let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     println!(
         "{}; quality {quality:?}; {} with {} vehicles{}, {}; {} frames, {in_flight} in flight, copied {}; load {}",
@@ -557,14 +527,8 @@ fn main() {
         },
         load.trim()
     );
-    let weather = weathers::named(&options.weather).unwrap_or_else(|| {
-        eprintln!(
-            "weather is {:?}, but must be one of {}",
-            options.weather,
-            weathers::NAMES.join(", ")
-        );
-        std::process::exit(2);
-    });
+    let weather = weathers::named(&options.weather)
+        .with_context(|| format!("there is no weather {:?}", options.weather))?;
     let mut scenes = vec![Arc::new(stage.scene(weather))];
     if options.driving {
         stage.drive(VehicleControl {
@@ -577,7 +541,7 @@ fn main() {
         }
     }
     let bench = Bench {
-        result: RefCell::new(BenchResult::new("rendering_bench", Some(gpu.name()))),
+        result: RefCell::new(result),
         gpu,
         quality,
         in_flight,
@@ -585,12 +549,11 @@ fn main() {
         stage,
         options,
     };
-    for row in &bench.options.rows {
-        bench.row(row);
-    }
-    let result = bench.result.borrow();
-    if let Err(error) = result.write(bench.options.json.as_deref()) {
-        eprintln!("{error:#}");
-        std::process::exit(1);
-    }
+    let usual = ROWS.map(String::from);
+    let rows = match options.rows.is_empty() {
+        true => &usual[..],
+        false => &options.rows,
+    };
+    rows.iter().for_each(|row| bench.row(row));
+    Ok(())
 }

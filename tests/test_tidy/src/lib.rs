@@ -1,4 +1,4 @@
-//! Repository rules that clippy cannot hold, as tests (see `tests/tidy.rs`).
+//! Repository rules that clippy cannot hold, as tests (see `tests/it/tidy.rs`).
 
 #![forbid(unsafe_code)]
 

@@ -12,6 +12,7 @@
 use std::collections::BTreeSet;
 
 use anyhow::{Context as _, bail, ensure};
+use consumer_report::numbers::thousands;
 use serde_json::Value;
 
 use super::figures::{Figures, walk};
@@ -158,13 +159,10 @@ fn number(value: f64, decimals: Option<usize>) -> String {
     };
     let (whole, fraction) = text.split_once('.').unwrap_or((&text, ""));
     let digits = whole.trim_start_matches('-');
-    let mut grouped = String::new();
-    for (i, digit) in digits.chars().enumerate() {
-        if digits.len() > 4 && i > 0 && (digits.len() - i).is_multiple_of(3) {
-            grouped.push(' ');
-        }
-        grouped.push(digit);
-    }
+    let mut grouped = match digits.len() {
+        0..=4 => digits.to_owned(),
+        _ => thousands(digits, ' '),
+    };
     if value < 0.0 {
         grouped.insert(0, '−');
     }

@@ -1,13 +1,14 @@
 //! Results of users' programs: how often they come, how old they are, and how long after what they
 //! answer.
 
+use consumer_report::numbers::micros;
 use schema_bus::{Bus, BusError, ResultReader, ResultSample, TopicDetails, mono_now};
 use schema_types::MonoTime;
 use serde::Serialize;
 
 use super::rate::{MAX_A_TURN, per_sec};
 use crate::output;
-use crate::spread::{Spread, Summary};
+use consumer_report::{Summary, Times};
 
 /// One topic of results.
 #[derive(Debug, Serialize)]
@@ -31,9 +32,9 @@ pub(super) struct ResultRow {
 /// A reader of one topic of results.
 pub(super) struct ResultWatch {
     reader: ResultReader,
-    age: Spread,
-    answering: Spread,
-    since_frame: Spread,
+    age: Times,
+    answering: Times,
+    since_frame: Times,
     n_bytes: u64,
     /// Publishing times of the first and the newest result.
     span: Option<(MonoTime, MonoTime)>,
@@ -43,9 +44,9 @@ impl ResultWatch {
     pub(super) fn open(bus: &Bus, topic: &TopicDetails) -> Result<Self, BusError> {
         Ok(ResultWatch {
             reader: bus.result_reader(&topic.name)?,
-            age: Spread::default(),
-            answering: Spread::default(),
-            since_frame: Spread::default(),
+            age: Times::default(),
+            answering: Times::default(),
+            since_frame: Times::default(),
             n_bytes: 0,
             span: None,
         })
@@ -112,7 +113,7 @@ impl ResultWatch {
 pub(super) fn results_text(rows: &[ResultRow]) -> String {
     let times = |of: &Summary| match of.n {
         0 => ["-".to_owned(), "-".to_owned()],
-        _ => [output::micros(of.p50_us), output::micros(of.p99_us)],
+        _ => [micros(of.p50_us), micros(of.p99_us)],
     };
     let row = |row: &ResultRow| {
         let mut cells = vec![

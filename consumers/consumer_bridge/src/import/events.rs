@@ -1,14 +1,14 @@
 //! What zenoh's threads tell the one that publishes.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
+use parking_lot::Mutex;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
 use crate::announce::Announcement;
 use crate::import::inbox::Waker;
 use crate::keys::Keys;
-use crate::locked::lock;
 
 /// What zenoh's threads tell.
 #[derive(Debug)]
@@ -52,13 +52,13 @@ impl Events {
 
     /// Adds one and wakes the other thread.
     pub fn push(&self, event: Event) {
-        lock(&self.queue).push(event);
+        self.queue.lock().push(event);
         self.waker.wake();
     }
 
     /// Takes all.
     pub fn take(&self) -> Vec<Event> {
-        std::mem::take(&mut *lock(&self.queue))
+        std::mem::take(&mut *self.queue.lock())
     }
 }
 

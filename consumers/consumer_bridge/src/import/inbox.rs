@@ -4,15 +4,15 @@ use std::collections::VecDeque;
 use std::io::{Read as _, Write as _};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use anyhow::Context as _;
+use parking_lot::Mutex;
 use zenoh::bytes::ZBytes;
 use zenoh::sample::Sample;
 
-use crate::locked::lock;
 use crate::wire::Envelope;
 
 /// Wakes the thread that publishes.
@@ -115,7 +115,7 @@ impl Inbox {
             payload: payload.clone(),
             at: Instant::now(),
         };
-        let mut queue = lock(&self.queue);
+        let mut queue = self.queue.lock();
         if queue.len() >= self.limit {
             queue.pop_front();
             self.dropped.fetch_add(1, Ordering::Relaxed);
@@ -127,7 +127,7 @@ impl Inbox {
 
     /// The oldest sample that waits, if `is_due` lets it go.
     pub fn pop_if(&self, is_due: impl FnOnce(&Arrived) -> bool) -> Option<Arrived> {
-        let mut queue = lock(&self.queue);
+        let mut queue = self.queue.lock();
         queue.pop_front_if(|arrived| is_due(arrived))
     }
 

@@ -26,7 +26,6 @@ use crate::coding::copy_to;
 use crate::import::events::{Event, Events};
 use crate::import::inbox::Arrived;
 use crate::keys::Keys;
-use crate::locked::lock;
 use crate::wire::Envelope;
 
 /// How long the other machine may take to answer a request: loading a map takes a minute.
@@ -196,7 +195,7 @@ impl MirroredWorld {
             .as_ref()
             .is_ok_and(|batch| batch.commands.iter().any(joins));
         let refusal = match (&request.batch, self.passes) {
-            (Err(error), _) => Some(error.clone()),
+            (Err(error), _) => Some(error.to_string()),
             (_, Controls::RefusedHere) => Some(
                 "the world is another machine's, and the bridge here was started with --no-control; start it without"
                     .to_owned(),
@@ -228,7 +227,7 @@ impl MirroredWorld {
         let guard = Answering {
             events: self.events.clone(),
             number,
-            is_answered: std::sync::Mutex::new(false),
+            is_answered: parking_lot::Mutex::new(false),
         };
         self.session
             .get(self.keys.to(&self.peer, names::CONTROL_WORLD))
@@ -395,12 +394,12 @@ fn raw(arrived: &Arrived) -> anyhow::Result<Vec<u8>> {
 struct Answering {
     events: Arc<Events>,
     number: u64,
-    is_answered: std::sync::Mutex<bool>,
+    is_answered: parking_lot::Mutex<bool>,
 }
 
 impl Answering {
     fn answer(&self, answer: Result<Vec<u8>, String>) {
-        let mut is_answered = lock(&self.is_answered);
+        let mut is_answered = self.is_answered.lock();
         if !std::mem::replace(&mut *is_answered, true) {
             self.events.push(Event::Answer(self.number, answer));
         }

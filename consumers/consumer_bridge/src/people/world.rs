@@ -1,6 +1,6 @@
 //! The world's settings as parameters, and its clock as services: pause, resume, step.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
@@ -12,10 +12,10 @@ use foxglove::websocket::{
     AnyClient, GetParametersResponder, Parameter, ParameterHandler, ParameterValue,
     SetParametersResponder,
 };
+use parking_lot::Mutex;
 use schema_bus::{Bus, BusOptions, CommandClient, names};
 use schema_frames::{Command, CommandBatch, CommandReply, StepMode, WorldInfo};
 
-use crate::locked::lock;
 use crate::options::Options;
 
 /// How long the simulator may take for one command.
@@ -53,8 +53,8 @@ impl World {
     /// Closes its ports, because the server may keep this for longer than there is a bus. A command
     /// that waits for its answer keeps its own.
     pub fn leave(&self) {
-        *lock(&self.document) = FollowedDocument::optional(names::WORLD_INFO);
-        if let Ok(mut commands) = self.commands.try_lock() {
+        *self.document.lock() = FollowedDocument::optional(names::WORLD_INFO);
+        if let Some(mut commands) = self.commands.try_lock() {
             *commands = None;
         }
     }
@@ -64,11 +64,11 @@ impl World {
     /// # Errors
     /// None that waiting heals.
     pub fn look(&self, bus: &Bus, server: Option<&WebSocketServerHandle>) -> anyhow::Result<()> {
-        let mut document = lock(&self.document);
+        let mut document = self.document.lock();
         let Some(changed) = document.changed(bus)? else {
             return Ok(());
         };
-        *lock(&self.info) = changed.json().ok();
+        *self.info.lock() = changed.json().ok();
         if let Some(server) = server {
             server.publish_parameter_values(self.parameters(&[]));
         }
@@ -77,7 +77,7 @@ impl World {
 
     /// The parameters of these names; all without a name.
     fn parameters(&self, wanted: &[String]) -> Vec<Parameter> {
-        let info = lock(&self.info);
+        let info = self.info.lock();
         let Some(info) = info.as_ref() else {
             return Vec::new();
         };
@@ -90,7 +90,7 @@ impl World {
                 "paused",
                 ParameterValue::Bool(info.mode == StepMode::Stepped),
             ),
-            ("speed", number(*lock(&self.speed))),
+            ("speed", number(*self.speed.lock())),
             ("period_ms", number(info.period_nanos as f64 * 1e-6)),
             ("seed", text(&info.seed.to_string())),
             ("weather.cloudiness", number(info.weather.cloudiness.into())),
@@ -128,7 +128,7 @@ impl World {
             Some(ParameterValue::Integer(number)) => Some(number as f64),
             _ => None,
         };
-        let mut weather = lock(&self.info).as_ref().map(|info| info.weather);
+        let mut weather = self.info.lock().as_ref().map(|info| info.weather);
         let mut change = |at: fn(&mut schema_frames::document::Weather) -> &mut f32| {
             let weather = weather.as_mut().context("there is no world yet")?;
             *at(weather) = number.context("it takes a number")? as f32;
@@ -157,7 +157,7 @@ impl World {
             self.control,
             "the bridge was started with --no-control; start it without"
         );
-        let mut commands = lock(&self.commands);
+        let mut commands = self.commands.lock();
         let (client, _) = match &mut *commands {
             Some(open) => open,
             empty => {
@@ -253,7 +253,7 @@ impl World {
             let done = self.setting(&parameter).and_then(|command| {
                 if let Command::SetSpeed { ratio } = command {
                     self.command(Command::SetSpeed { ratio })?;
-                    *lock(&self.speed) = ratio;
+                    *self.speed.lock() = ratio;
                     return Ok(());
                 }
                 self.command(command).map(drop)

@@ -1,11 +1,14 @@
 //! Vehicles driven by nodes of ROS 2: `ackermann_cmd` and `vehicle_control_cmd` of each rig.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use consumer_forms::ros2::cdr::{ReadError, Reader};
+use consumer_forms::ros2::{read, types};
 use crossbeam_channel::{Receiver, Sender, bounded};
+use parking_lot::Mutex;
 use schema_bus::{Bus, CommandClient, ControlWriter, Notifier, names};
 use schema_frames::{
     AckermannControl, Command, CommandBatch, CommandReply, PhysicsAction, VehicleControl,
@@ -13,11 +16,8 @@ use schema_frames::{
 };
 use zenoh::sample::Sample;
 
-use crate::locked::lock;
 use crate::options::Options;
-use crate::ros2::cdr::Reader;
 use crate::ros2::graph::{Node, Subscription};
-use crate::ros2::types;
 
 /// How long the simulator may take for one command.
 const TIMEOUT: Duration = Duration::from_secs(10);
@@ -110,7 +110,7 @@ impl Driver {
             let (wishes, wake, said) = (self.wishes.clone(), wake.clone(), topic.clone());
             let take = move |sample: Sample| match read(&sample.payload().to_bytes()) {
                 Some(wish) => {
-                    let mut wishes = lock(&wishes);
+                    let mut wishes = wishes.lock();
                     wishes.retain(|(of, _)| *of != actor);
                     wishes.push((actor, wish));
                     let _ = wake.try_send(());
@@ -148,7 +148,7 @@ impl Hands {
     fn carry_out(&mut self, wishes: &Wishes, woken: &Receiver<()>) {
         let mut said = false;
         for () in woken {
-            for (actor, wish) in std::mem::take(&mut *lock(wishes)) {
+            for (actor, wish) in std::mem::take(&mut *wishes.lock()) {
                 if let Err(error) = self.do_one(actor, wish)
                     && !std::mem::replace(&mut said, true)
                 {
@@ -188,17 +188,17 @@ impl Hands {
 }
 
 fn ackermann(message: &[u8]) -> Option<Wish> {
-    drive(&mut Reader::new(message)?)
+    drive(&mut Reader::new(message).ok()?)
 }
 
 fn ackermann_stamped(message: &[u8]) -> Option<Wish> {
-    let mut reader = Reader::new(message)?;
-    skip_header(&mut reader)?;
+    let mut reader = Reader::new(message).ok()?;
+    read::header(&mut reader).ok()?;
     drive(&mut reader)
 }
 
 fn drive(reader: &mut Reader<'_>) -> Option<Wish> {
-    let mut next = || reader.f32().filter(|value| value.is_finite());
+    let mut next = || reader.f32().ok().filter(|value| value.is_finite());
     Some(Wish::Ackermann(AckermannControl {
         steer_rad: next()?,
         steer_rate_radps: next()?,
@@ -208,60 +208,49 @@ fn drive(reader: &mut Reader<'_>) -> Option<Wish> {
     }))
 }
 
-/// CARLA steers positive to the right.
 fn pedals(message: &[u8]) -> Option<Wish> {
-    let mut reader = Reader::new(message)?;
-    skip_header(&mut reader)?;
+    let mut reader = Reader::new(message).ok()?;
+    vehicle_control(&mut reader).ok().map(Wish::Pedals)
+}
+
+/// CARLA steers positive to the right.
+fn vehicle_control(reader: &mut Reader<'_>) -> Result<VehicleControl, ReadError> {
+    read::header(reader)?;
     let [throttle, steer, brake] = [reader.f32()?, reader.f32()?, reader.f32()?];
     let (hand_brake, reverse) = (reader.bool()?, reader.bool()?);
     let gear = reader.i32()?.clamp(-1, i8::MAX.into()) as i8;
-    Some(Wish::Pedals(
-        VehicleControl {
-            throttle_ratio: throttle,
-            steer_ratio: -steer,
-            brake_ratio: brake,
-            hand_brake,
-            reverse,
-            manual_gear_shift: reader.bool()?,
-            gear,
-        }
-        .clamped(),
-    ))
-}
-
-fn skip_header(reader: &mut Reader<'_>) -> Option<()> {
-    reader.i32()?;
-    reader.u32()?;
-    reader.skip_string()
+    let control = VehicleControl {
+        throttle_ratio: throttle,
+        steer_ratio: -steer,
+        brake_ratio: brake,
+        hand_brake,
+        reverse,
+        manual_gear_shift: reader.bool()?,
+        gear,
+    };
+    Ok(control.clamped())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ros2::cdr::Writer;
+    use consumer_forms::ros2::cdr::Writer;
 
     #[test]
     fn commands_are_read_with_their_signs() {
-        let mut writer = Writer::new(64);
+        let mut writer = Writer::default();
+        writer.start();
         for value in [0.1f32, 0.0, 5.0, 2.0, 0.0] {
             writer.f32(value);
         }
-        let Some(Wish::Ackermann(control)) = ackermann(&writer.finish()) else {
+        let Some(Wish::Ackermann(control)) = ackermann(writer.bytes()) else {
             panic!("no wish")
         };
         assert_eq!((control.steer_rad, control.speed_mps), (0.1, 5.0));
-        let mut writer = Writer::new(64);
-        writer.i32(1);
-        writer.u32(2);
-        writer.string("ego");
-        for value in [0.5f32, 0.25, 7.0] {
-            writer.f32(value);
-        }
-        writer.bool(false);
-        writer.bool(true);
-        writer.i32(3);
-        writer.bool(true);
-        let Some(Wish::Pedals(control)) = pedals(&writer.finish()) else {
+        writer.start().i32(1).u32(2).text("ego");
+        writer.f32(0.5).f32(0.25).f32(7.0);
+        writer.bool(false).bool(true).i32(3).bool(true);
+        let Some(Wish::Pedals(control)) = pedals(writer.bytes()) else {
             panic!("no wish")
         };
         assert_eq!((control.throttle_ratio, control.steer_ratio), (0.5, -0.25));

@@ -1,30 +1,34 @@
 //! One topic of the domain as the topics of ROS 2 that it becomes.
 
-use consumer_kit::{FollowedResult, Take};
-use schema_bus::{Bus, BusError, Frame, FrameReader, ResultSample, ServicePorts, TopicKind, names};
-use schema_frames::{About, Box2d, Box3d, Modality, ResultType, Space};
+use consumer_forms::ros2::cdr::Writer;
+use consumer_forms::ros2::sensors::{self, FrameError};
+use consumer_forms::ros2::types;
+use consumer_forms::ros2::world::{self, Detection2d, Detection3d, MAP};
+use consumer_kit::{Domain, Take, TopicId, Wish};
+use schema_bus::{BusError, ResultSample, TopicDetails, TopicKind, names};
+use schema_frames::{About, Box2d, Box3d, FrameHeader, Modality, ResultType, Space};
 
-use crate::lookout::Left;
 use crate::ros2::graph::{Node, Topic};
-use crate::ros2::messages::{self, Found, MAP};
-use crate::ros2::types;
+
+/// Quality of compressed images.
+const JPEG_QUALITY: u8 = 85;
 
 /// One topic of the domain and what it becomes.
 #[derive(Debug)]
 pub struct Relay {
     topic: String,
     outputs: Vec<(Form, Topic)>,
-    source: Source,
-    /// Since when it has no writer.
-    pub left: Left,
     refusal_said: bool,
 }
 
-#[derive(Debug)]
-enum Source {
-    Closed,
-    Frames(FrameReader),
-    Results(Box<FollowedResult>),
+/// How a topic is to be known; `None` if it becomes nothing.
+pub fn wish(topic: &TopicDetails) -> Option<Wish> {
+    let wish = Wish::on_demand(Take::All);
+    let wish = match topic.kind {
+        TopicKind::Frames => wish.quietly(),
+        _ => wish,
+    };
+    (!outputs_of(topic).is_empty()).then_some(wish)
 }
 
 /// What a message is made as.
@@ -41,105 +45,57 @@ enum Form {
 }
 
 impl Relay {
-    /// Offers what `topic` becomes; `None` if it becomes nothing.
+    /// Offers what `topic` becomes.
     ///
     /// # Errors
     /// What zenoh says.
     pub fn new(
         node: &Node,
-        topic: &ServicePorts,
+        topic: &TopicDetails,
         wake: impl Fn() + Clone + Send + Sync + 'static,
-    ) -> anyhow::Result<Option<Relay>> {
+    ) -> anyhow::Result<Relay> {
         let mut outputs = Vec::new();
         for (form, name, of) in outputs_of(topic) {
             outputs.push((form, node.publish(&name, &of, wake.clone())?));
         }
-        Ok((!outputs.is_empty()).then(|| Relay {
+        Ok(Relay {
             topic: topic.name.clone(),
             outputs,
-            source: Source::Closed,
-            left: Left::default(),
             refusal_said: false,
-        }))
+        })
     }
 
-    /// Name of the domain's topic.
-    pub fn topic(&self) -> &str {
-        &self.topic
+    /// Whether a node subscribes.
+    pub fn is_wanted(&self) -> bool {
+        self.outputs.iter().any(|(_, topic)| topic.is_wanted())
     }
 
-    /// Whether it is read.
-    pub fn is_open(&self) -> bool {
-        !matches!(self.source, Source::Closed)
-    }
-
-    /// Begins to read if a node subscribes, and ends if none does. Returns whether it changed.
-    ///
-    /// # Errors
-    /// None that waiting heals.
-    pub fn open_or_close(&mut self, bus: &Bus) -> anyhow::Result<bool> {
-        let is_wanted = self.outputs.iter().any(|(_, topic)| topic.is_wanted());
-        if is_wanted == self.is_open() {
-            return Ok(false);
+    /// Says once that the topic cannot be read.
+    pub fn refuse(&mut self, error: &BusError) {
+        if !std::mem::replace(&mut self.refusal_said, true) {
+            tracing::warn!(topic = self.topic, %error, "a node of ROS 2 wants the topic, but it cannot be read; trying again");
         }
-        self.source = Source::Closed;
-        if !is_wanted {
-            return Ok(true);
-        }
-        let opened = match self.outputs[0].0 {
-            Form::Detections2d | Form::Detections3d => {
-                let mut results = FollowedResult::new(&*self.topic, Take::All);
-                let found = results.look(bus);
-                found.map(|is_there| match is_there {
-                    true => Source::Results(Box::new(results)),
-                    false => Source::Closed,
-                })
-            }
-            _ => bus.frame_reader(&self.topic).map(Source::Frames),
-        };
-        match opened {
-            Ok(source) => self.source = source,
-            Err(BusError::NoSuchTopic { .. } | BusError::Service { .. }) => {}
-            Err(error) => {
-                if !std::mem::replace(&mut self.refusal_said, true) {
-                    tracing::warn!(topic = self.topic, %error, "a node of ROS 2 wants the topic, but it cannot be read; trying again");
-                }
-            }
-        }
-        Ok(self.is_open())
     }
 
     /// Sends what waits.
     ///
     /// # Errors
     /// What zenoh or the bus say.
-    pub fn pass_on(&mut self, bus: &Bus) -> anyhow::Result<()> {
-        match &mut self.source {
-            Source::Closed => {}
-            Source::Frames(reader) => {
-                while let Some(frame) = passing_over(reader.next())? {
-                    send(&self.outputs, |form| of_frame(form, &self.topic, &frame))?;
-                }
-            }
-            Source::Results(results) => {
-                // The description may come after the first result.
-                results.look(bus)?;
-                while let Some(result) = results.take()? {
-                    send(&self.outputs, |form| {
-                        of_result(form, &result, results.about())
-                    })?;
-                }
-            }
+    pub fn pass_on(&self, id: TopicId, domain: &mut Domain) -> anyhow::Result<()> {
+        while let Some(frame) = domain.take_frame(id)? {
+            send(&self.outputs, |form| {
+                of_frame(form, &self.topic, frame.header(), &frame)
+            })?;
+        }
+        while let Some(result) = domain.take_result(id)? {
+            let Some(results) = domain.results(id) else {
+                break;
+            };
+            send(&self.outputs, |form| {
+                of_result(form, &result, results.about())
+            })?;
         }
         Ok(())
-    }
-}
-
-/// A sample that breaks the contract counts as none.
-fn passing_over<T>(taken: Result<Option<T>, BusError>) -> Result<Option<T>, BusError> {
-    match taken {
-        Err(BusError::BadFrame { .. }) => Ok(None),
-        other => other,
     }
 }
 
@@ -155,81 +111,143 @@ fn send(outputs: &[(Form, Topic)], make: impl Fn(Form) -> Option<Vec<u8>>) -> an
 }
 
 /// Topics of ROS 2 that a topic of the domain becomes.
-fn outputs_of(topic: &ServicePorts) -> Vec<(Form, String, types::Type)> {
-    let own = format!("/carla/{}", topic.name);
-    let last = topic.name.rsplit('/').next();
-    let modality = last
-        .and_then(Modality::from_name)
-        // A batch only repeats the images of its cameras.
-        .filter(|_| topic.kind() == TopicKind::Frames && !names::is_batch(&topic.name));
-    match (modality, ResultType::from_name(&topic.result)) {
-        (Some(modality), _) => {
-            let sensor = own
-                .rsplit_once('/')
-                .map_or(own.as_str(), |(place, _)| place);
-            let one = |form, of| vec![(form, sensor.to_owned(), of)];
-            match modality {
-                Modality::Lidar | Modality::SemanticLidar | Modality::Radar => {
-                    one(Form::Points, types::POINT_CLOUD)
-                }
-                Modality::Imu => one(Form::Imu, types::IMU),
-                Modality::Gnss => one(Form::NavSatFix, types::NAV_SAT_FIX),
-                _ if !messages::is_image(modality) => Vec::new(),
-                _ => {
-                    // The colour image is the sensor's own; others stand beside it.
-                    let place = match modality {
-                        Modality::Rgb => sensor,
-                        _ => own.as_str(),
-                    };
-                    let mut outputs = vec![
-                        (Form::Image, format!("{place}/image"), types::IMAGE),
-                        (
-                            Form::CameraInfo,
-                            format!("{place}/camera_info"),
-                            types::CAMERA_INFO,
-                        ),
-                    ];
-                    if modality == Modality::Rgb {
-                        outputs.push((
-                            Form::CompressedImage,
-                            format!("{place}/image/compressed"),
-                            types::COMPRESSED_IMAGE,
-                        ));
-                    }
-                    outputs
-                }
-            }
-        }
+fn outputs_of(topic: &TopicDetails) -> Vec<(Form, String, types::Type)> {
+    // A batch only repeats the images of its cameras.
+    let modality = topic.modality.filter(|_| !names::is_batch(&topic.name));
+    let own = || format!("/carla/{}", topic.name);
+    match (modality, topic.result) {
+        (Some(modality), _) => outputs_of_frames(&topic.name, modality),
         (None, Some(ResultType::Boxes2d)) => {
-            vec![(Form::Detections2d, own, types::DETECTIONS_2D)]
+            vec![(Form::Detections2d, own(), types::DETECTIONS_2D)]
         }
         (None, Some(ResultType::Boxes3d)) => {
-            vec![(Form::Detections3d, own, types::DETECTIONS_3D)]
+            vec![(Form::Detections3d, own(), types::DETECTIONS_3D)]
         }
         _ => Vec::new(),
+    }
+}
+
+/// Topics of ROS 2 that a topic of frames becomes.
+fn outputs_of_frames(topic: &str, modality: Modality) -> Vec<(Form, String, types::Type)> {
+    let own = format!("/carla/{topic}");
+    let sensor = own
+        .rsplit_once('/')
+        .map_or(own.as_str(), |(place, _)| place);
+    let one = |form, of| vec![(form, sensor.to_owned(), of)];
+    match modality {
+        Modality::Lidar | Modality::SemanticLidar | Modality::Radar => {
+            one(Form::Points, types::POINT_CLOUD)
+        }
+        Modality::Imu => one(Form::Imu, types::IMU),
+        Modality::Gnss => one(Form::NavSatFix, types::NAV_SAT_FIX),
+        _ if !is_image(modality) => Vec::new(),
+        _ => {
+            // The colour image is the sensor's own; others stand beside it.
+            let place = match modality {
+                Modality::Rgb => sensor,
+                _ => own.as_str(),
+            };
+            let mut outputs = vec![
+                (Form::Image, format!("{place}/image"), types::IMAGE),
+                (
+                    Form::CameraInfo,
+                    format!("{place}/camera_info"),
+                    types::CAMERA_INFO,
+                ),
+            ];
+            if modality == Modality::Rgb {
+                outputs.push((
+                    Form::CompressedImage,
+                    format!("{place}/image/compressed"),
+                    types::COMPRESSED_IMAGE,
+                ));
+            }
+            outputs
+        }
     }
 }
 
 /// Frame of a topic's sensor: `ego/front` of `ego/front/rgb`; of images the optical one.
 fn frame_id(topic: &str) -> String {
     let (sensor, last) = topic.rsplit_once('/').unwrap_or((topic, ""));
-    match Modality::from_name(last).is_some_and(messages::is_image) {
+    match Modality::from_name(last).is_some_and(is_image) {
         true => format!("{sensor}_optical"),
         false => sensor.to_owned(),
     }
 }
 
-fn of_frame(form: Form, topic: &str, frame: &Frame) -> Option<Vec<u8>> {
-    let (header, id) = (frame.header(), frame_id(topic));
+/// Whether frames of this modality are images of the node; normals have no encoding that tools of ROS
+/// show.
+fn is_image(modality: Modality) -> bool {
+    modality.is_image() && modality != Modality::Normals
+}
+
+/// A message in memory of its own.
+pub(super) fn message(write: impl FnOnce(&mut Writer)) -> Vec<u8> {
+    let mut out = Writer::default();
+    write(&mut out);
+    out.into_bytes()
+}
+
+/// Every message that a frame of `topic` becomes, with its type.
+pub fn frame_messages(
+    topic: &str,
+    header: &FrameHeader,
+    payload: &[u8],
+) -> Vec<(types::Type, Vec<u8>)> {
+    let modality = header.modality();
+    let outputs = modality.map_or_else(Vec::new, |modality| outputs_of_frames(topic, modality));
+    let message = |(form, _, of)| Some((of, of_frame(form, topic, header, payload)?));
+    outputs.into_iter().filter_map(message).collect()
+}
+
+fn of_frame(form: Form, topic: &str, header: &FrameHeader, payload: &[u8]) -> Option<Vec<u8>> {
+    let mut out = Writer::default();
+    frame_message(form, &frame_id(topic), header, payload, &mut out)
+        .ok()?
+        .then(|| out.into_bytes())
+}
+
+/// Writes the message of a frame; false if it has none in this form.
+fn frame_message(
+    form: Form,
+    id: &str,
+    header: &FrameHeader,
+    payload: &[u8],
+    out: &mut Writer,
+) -> Result<bool, FrameError> {
     match form {
-        Form::Image => messages::image(header, frame, &id),
-        Form::CompressedImage => messages::compressed_image(header, frame, &id),
-        Form::CameraInfo => Some(messages::camera_info(header, &id)),
-        Form::Points => messages::points(header, frame, &id),
-        Form::Imu => messages::imu(header, frame, &id),
-        Form::NavSatFix => messages::nav_sat_fix(header, frame, &id),
-        Form::Detections2d | Form::Detections3d => None,
+        Form::Image => sensors::image(out, header, payload, id)?,
+        Form::CompressedImage => {
+            let Some(file) = crate::coding::jpeg(header, payload, JPEG_QUALITY) else {
+                return Ok(false);
+            };
+            sensors::compressed_image(out, header, &file, id)?;
+        }
+        Form::CameraInfo => sensors::camera_info(out, header, (header.width, header.height), id),
+        Form::Points => sensors::points(out, header, payload, id)?,
+        Form::Imu => {
+            let Some(sample) = first(payload) else {
+                return Ok(false);
+            };
+            sensors::imu(out, header, &sample, id);
+        }
+        Form::NavSatFix => {
+            let Some(sample) = first(payload) else {
+                return Ok(false);
+            };
+            sensors::nav_sat_fix(out, header, &sample, id);
+        }
+        Form::Detections2d | Form::Detections3d => return Ok(false),
     }
+    Ok(true)
+}
+
+/// The first sample of a payload.
+fn first<T: bytemuck::AnyBitPattern>(payload: &[u8]) -> Option<T> {
+    payload
+        .get(..size_of::<T>())
+        .map(bytemuck::pod_read_unaligned)
 }
 
 fn of_result(form: Form, result: &ResultSample, about: &About) -> Option<Vec<u8>> {
@@ -245,14 +263,39 @@ fn of_result(form: Form, result: &ResultSample, about: &About) -> Option<Vec<u8>
         Some(Space::Vehicle) => schema_bus::names::rig_of(&input).to_owned(),
         _ => MAP.to_owned(),
     };
-    let found = Found {
-        sim_nanos: header.sim_nanos,
-        frame_id: &id,
-        class_name: &|class| about.class_name(class),
-    };
     match form {
-        Form::Detections2d => Some(messages::detections_2d(&found, result.records::<Box2d>()?)),
-        Form::Detections3d => Some(messages::detections_3d(&found, result.records::<Box3d>()?)),
+        Form::Detections2d => {
+            let found: Vec<Detection2d> = result
+                .records::<Box2d>()?
+                .iter()
+                .map(|it| Detection2d {
+                    class: about.class_name(it.class),
+                    score: it.score,
+                    id: it.id,
+                    min_px: it.min_px,
+                    max_px: it.max_px,
+                })
+                .collect();
+            Some(message(|out| {
+                world::detections_2d(out, header.sim_nanos, &id, &found);
+            }))
+        }
+        Form::Detections3d => {
+            let found: Vec<Detection3d> = result
+                .records::<Box3d>()?
+                .iter()
+                .map(|it| Detection3d {
+                    class: about.class_name(it.class),
+                    score: it.score,
+                    id: it.id,
+                    pose: it.pose,
+                    size_m: it.half_m.map(|half| 2.0 * f64::from(half)),
+                })
+                .collect();
+            Some(message(|out| {
+                world::detections_3d(out, header.sim_nanos, &id, &found);
+            }))
+        }
         _ => None,
     }
 }

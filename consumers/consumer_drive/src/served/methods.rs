@@ -5,14 +5,14 @@
 
 use std::time::Duration;
 
+use consumer_driver::parameters::{RoadOption, SpeedRule, VehicleParameters};
+use consumer_driver::plane::Side;
 use consumer_rpc::fields::{Fields, Wrong};
 use consumer_rpc::list;
 use consumer_rpc::msgpack::Value;
 use schema_frames::Command;
 
 use crate::desk::Desk;
-use crate::parameters::{RoadOption, SpeedRule, VehicleParameters};
-use crate::plane::Side;
 use crate::requests::Counter;
 
 /// The function that serves a method.

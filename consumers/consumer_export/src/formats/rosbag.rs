@@ -1,28 +1,24 @@
 //! ROS 2 bags: one folder per scenario, `<part>/<scenario>/`, with `metadata.yaml` and an MCAP file
 //! that any ROS 2 from Humble on plays.
 
-mod cdr;
-mod definitions;
-mod messages;
+pub mod frames;
 mod metadata;
+mod objects;
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use nalgebra::Isometry3;
-use schema_frames::{GnssSample, ImuSample, Modality};
+use consumer_forms::ros2::cdr::Writer;
+use consumer_forms::ros2::types::{self, Type};
+use consumer_forms::ros2::world::{self, MAP, Transform};
 use schema_recording::bag::{BagFile, BagMessage};
 use schema_recording::scenery::SceneryBox;
 use schema_recording::write::ChunkCompression;
-use schema_types::space::sensor_from_camera;
 use serde_json::json;
 
-use self::cdr::Cdr;
-use self::definitions::Message;
-use self::messages::{MAP, Transform};
+use self::frames::ros_name;
 use self::metadata::{TopicCount, quality_of_service, yaml};
-use super::evt3;
 use super::evt3::words::Encoder;
 use crate::exporter::{DoneScenario, Exporter};
 use crate::options::Options;
@@ -39,7 +35,7 @@ const LATCHED: [&str; 2] = ["/tf_static", "/world/scenery"];
 pub struct Ros2Bag {
     cameras: Vec<String>,
     bag: Option<Bag>,
-    cdr: Cdr,
+    cdr: Writer,
     /// Words of event cameras, by topic.
     encoders: HashMap<Arc<str>, Encoder>,
     /// Objects of the map when their boxes were written last.
@@ -63,16 +59,16 @@ impl std::fmt::Debug for Bag {
 }
 
 impl Bag {
-    fn write(&mut self, topic: &str, kind: Message, nanos: u64, cdr: &Cdr) -> anyhow::Result<()> {
+    fn write(&mut self, topic: &str, kind: &Type, nanos: u64, cdr: &Writer) -> anyhow::Result<()> {
         if !self.channels.contains_key(topic) {
-            let latched = matches!(kind, Message::Text) || LATCHED.contains(&topic);
+            let latched = *kind == types::TEXT || LATCHED.contains(&topic);
             let quality = ("offered_qos_profiles".into(), quality_of_service(latched));
             let id = self
                 .file
                 .channel(topic, &kind.schema(), &[quality].into())?;
             let count = TopicCount {
                 name: topic.into(),
-                kind: kind.name(),
+                kind: kind.full_name(),
                 latched,
                 n_messages: 0,
             };
@@ -92,18 +88,6 @@ impl Bag {
     }
 }
 
-/// A name as ROS allows it in topics: letters, digits and `_`, and no digit first.
-fn ros_name(name: &str) -> String {
-    let mut safe: String = name
-        .chars()
-        .map(|c| if c.is_ascii_alphanumeric() { c } else { '_' })
-        .collect();
-    if safe.starts_with(|c: char| c.is_ascii_digit()) || safe.is_empty() {
-        safe.insert(0, '_');
-    }
-    safe
-}
-
 /// What `world/info` says about the run, without what differs from start to start.
 fn world_info(scenario: &Scenario) -> String {
     let info = &scenario.info;
@@ -120,7 +104,7 @@ impl Ros2Bag {
         Ros2Bag {
             cameras: options.cameras.clone(),
             bag: None,
-            cdr: Cdr::new(),
+            cdr: Writer::default(),
             encoders: HashMap::new(),
             scenery: Arc::default(),
         }
@@ -132,72 +116,11 @@ impl Ros2Bag {
         frame: &TickFrame,
         bag: &mut Bag,
     ) -> anyhow::Result<()> {
-        let (rig, sensor) = (&scenario.rig, frame.sensor());
-        let base = format!("/{}/{}", ros_name(rig), ros_name(sensor));
-        let own = format!("{rig}/{sensor}");
-        let optical = format!("{own}_optical");
-        let header = &frame.header;
-        let cdr = &mut self.cdr;
-        let nanos = header.sim_nanos;
-        match frame.modality {
-            modality if modality.is_image() => {
-                let base = format!("{base}/{}", modality.name());
-                messages::image(cdr, frame, &optical)?;
-                bag.write(&format!("{base}/image_raw"), Message::Image, nanos, cdr)?;
-                messages::camera_info(cdr, header, (header.width, header.height), &optical);
-                bag.write(
-                    &format!("{base}/camera_info"),
-                    Message::CameraInfo,
-                    nanos,
-                    cdr,
-                )
-            }
-            Modality::Dvs => {
-                let size_px = evt3::size_px(header);
-                let mut words = Vec::new();
-                let encoder = self.encoders.entry(frame.topic.clone()).or_default();
-                encoder.encode(&evt3::events(frame), &mut words)?;
-                encoder.pass_time(nanos / 1000, &mut words);
-                messages::events(cdr, header, size_px, &words, &optical)?;
-                bag.write(
-                    &format!("{base}/dvs/events"),
-                    Message::EventPacket,
-                    nanos,
-                    cdr,
-                )?;
-                messages::camera_info(cdr, header, size_px, &optical);
-                bag.write(
-                    &format!("{base}/dvs/camera_info"),
-                    Message::CameraInfo,
-                    nanos,
-                    cdr,
-                )
-            }
-            Modality::Lidar | Modality::SemanticLidar | Modality::Radar => {
-                let leaf = match frame.modality {
-                    Modality::Lidar => "points",
-                    Modality::SemanticLidar => "semantic_points",
-                    _ => "detections",
-                };
-                messages::cloud(cdr, frame, &own)?;
-                bag.write(&format!("{base}/{leaf}"), Message::PointCloud2, nanos, cdr)
-            }
-            Modality::Imu => {
-                for sample in frame.elements::<ImuSample>() {
-                    messages::imu(cdr, header, &sample, &own);
-                    bag.write(&format!("{base}/data"), Message::Imu, nanos, cdr)?;
-                }
-                Ok(())
-            }
-            Modality::Gnss => {
-                for sample in frame.elements::<GnssSample>() {
-                    messages::fix(cdr, header, &sample, &own);
-                    bag.write(&format!("{base}/fix"), Message::NavSatFix, nanos, cdr)?;
-                }
-                Ok(())
-            }
-            _ => Ok(()),
-        }
+        let encoder = self.encoders.entry(frame.topic.clone()).or_default();
+        let mut write = |topic: &str, kind: &Type, cdr: &Writer| {
+            bag.write(topic, kind, frame.header.sim_nanos, cdr)
+        };
+        frames::messages(&mut self.cdr, encoder, &scenario.rig, frame, &mut write)
     }
 
     /// Where the carrier and the sensors that have a frame are.
@@ -213,7 +136,7 @@ impl Ros2Bag {
             found.push(Transform {
                 parent: MAP.into(),
                 child: base.clone(),
-                pose,
+                parent_from_child: pose.into(),
             });
         } else if scenario.carrier_id != 0 {
             return found;
@@ -231,7 +154,7 @@ impl Ros2Bag {
             found.push(Transform {
                 parent,
                 child,
-                pose,
+                parent_from_child: pose.into(),
             });
         }
         found
@@ -278,17 +201,17 @@ impl Exporter for Ros2Bag {
                 fixed.push(Transform {
                     child: format!("{parent}_optical"),
                     parent,
-                    pose: Isometry3::from_parts(Default::default(), sensor_from_camera()),
+                    parent_from_child: world::optical(),
                 });
             }
         }
-        messages::transforms(&mut self.cdr, start, &fixed);
-        bag.write("/tf_static", Message::Transforms, start, &self.cdr)?;
-        self.cdr.start().text(&world_info(scenario));
-        bag.write("/world/info", Message::Text, start, &self.cdr)?;
+        world::transforms(&mut self.cdr, start, &fixed);
+        bag.write("/tf_static", &types::TF, start, &self.cdr)?;
+        world::text(&mut self.cdr, &world_info(scenario));
+        bag.write("/world/info", &types::TEXT, start, &self.cdr)?;
         if let Some(map) = &scenario.opendrive {
-            self.cdr.start().text(map);
-            bag.write("/world/map", Message::Text, start, &self.cdr)?;
+            world::text(&mut self.cdr, map);
+            bag.write("/world/map", &types::TEXT, start, &self.cdr)?;
         }
         self.bag = Some(bag);
         Ok(())
@@ -297,34 +220,30 @@ impl Exporter for Ros2Bag {
     fn tick(&mut self, scenario: &Scenario, tick: &TickSet, _: &Tree) -> anyhow::Result<()> {
         let mut bag = self.bag.take().context("a tick before its scenario")?;
         let nanos = tick.sim_nanos;
-        messages::stamp(self.cdr.start(), nanos);
-        bag.write("/clock", Message::Clock, nanos, &self.cdr)?;
+        world::clock(&mut self.cdr, nanos);
+        bag.write("/clock", &types::CLOCK, nanos, &self.cdr)?;
         let transforms = Self::transforms(scenario, tick);
         if !transforms.is_empty() {
-            messages::transforms(&mut self.cdr, nanos, &transforms);
-            bag.write("/tf", Message::Transforms, nanos, &self.cdr)?;
+            world::transforms(&mut self.cdr, nanos, &transforms);
+            bag.write("/tf", &types::TF, nanos, &self.cdr)?;
         }
-        if let Some(world) = &tick.world {
-            if let Some(record) = world.record(scenario.carrier_id) {
+        if let Some(now) = &tick.world {
+            if let Some(record) = now.record(scenario.carrier_id) {
                 let child = format!("{}/base_link", scenario.rig);
-                messages::odometry(&mut self.cdr, nanos, &child, record);
+                world::odometry(&mut self.cdr, nanos, &child, record);
                 let topic = format!("/{}/odom", ros_name(&scenario.rig));
-                bag.write(&topic, Message::Odometry, nanos, &self.cdr)?;
+                bag.write(&topic, &types::ODOMETRY, nanos, &self.cdr)?;
             }
-            if world.scenery != self.scenery {
-                self.scenery = world.scenery.clone();
+            if now.scenery != self.scenery {
+                self.scenery = now.scenery.clone();
                 let bodies = self.scenery.iter().filter_map(Body::of_scenery);
-                messages::scenery(&mut self.cdr, nanos, &bodies.collect::<Vec<_>>());
+                let found: Vec<_> = bodies.map(|body| objects::of_body(&body)).collect();
+                world::detections_3d(&mut self.cdr, nanos, MAP, &found);
                 let topic = "/world/scenery";
-                bag.write(topic, Message::Detection3DArray, nanos, &self.cdr)?;
+                bag.write(topic, &types::DETECTIONS_3D, nanos, &self.cdr)?;
             }
-            messages::objects(&mut self.cdr, nanos, world);
-            bag.write(
-                "/world/objects",
-                Message::Detection3DArray,
-                nanos,
-                &self.cdr,
-            )?;
+            world::detections_3d(&mut self.cdr, nanos, MAP, &objects::of_world(now));
+            bag.write("/world/objects", &types::DETECTIONS_3D, nanos, &self.cdr)?;
         }
         for frame in &tick.frames {
             self.frame(scenario, frame, &mut bag)
@@ -352,16 +271,5 @@ impl Exporter for Ros2Bag {
 
     fn finish(&mut self, _: &[DoneScenario], _: &Tree) -> anyhow::Result<()> {
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_are_what_ros_allows() {
-        assert_eq!(ros_name("front-left.2"), "front_left_2");
-        assert_eq!(ros_name("2nd"), "_2nd");
     }
 }

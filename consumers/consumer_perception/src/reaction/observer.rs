@@ -203,10 +203,8 @@ impl Observer {
     pub fn silent(&mut self, bus: &Bus) -> anyhow::Result<Vec<String>> {
         let mut silent = Vec::new();
         for watched in &mut self.results {
-            watched.results.look(bus)?;
-            let topic = watched.results.topic();
-            if !bus.exists(topic) || !bus.result_reader(topic).is_ok_and(|it| it.has_writer()) {
-                silent.push(topic.to_owned());
+            if !watched.results.look(bus)? || !watched.results.has_writer() {
+                silent.push(watched.results.topic().to_owned());
             }
         }
         Ok(silent)

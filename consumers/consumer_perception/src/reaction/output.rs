@@ -3,14 +3,15 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use anyhow::Context as _;
+use consumer_report::numbers::{NONE, number};
+use consumer_report::page::{self, Cell, Head, Table};
+use consumer_report::plot::{Axis, Series, lines};
+use consumer_report::terminal::TextTable;
+use consumer_report::words::{anchor, escape};
+use consumer_report::{Folder, FolderError};
 use serde_json::{Value, json};
 
 use super::summary::{KindReport, Reactions, StageReport};
-use crate::report::hgrm;
-use crate::report::page::{self, Head, Table};
-use crate::report::plot::{Axis, Series, escape, lines};
-use crate::report::rows::number;
 
 /// Columns of the table, and what each means.
 const COLUMNS: [(&str, &str); 9] = [
@@ -58,30 +59,14 @@ pub fn terminal(reactions: &Reactions) -> String {
     let mut text = String::new();
     for kind in &reactions.kinds {
         let _ = writeln!(text, "{}: {}", kind.kind.name(), trials(kind));
-        let mut rows = vec![
-            std::iter::once("stage".to_owned())
-                .chain(COLUMNS.iter().map(|(head, _)| (*head).to_owned()))
-                .collect::<Vec<_>>(),
-        ];
-        rows.extend(kind.stages.iter().map(|stage| {
-            std::iter::once(stage.stage.clone())
-                .chain(cells(stage))
-                .collect()
-        }));
-        let width = |column: usize| {
-            rows.iter()
-                .map(|row| row[column].chars().count())
-                .max()
-                .unwrap_or(0)
-        };
-        let widths: Vec<usize> = (0..rows[0].len()).map(width).collect();
-        for row in rows.iter().filter(|_| !kind.stages.is_empty()) {
-            let mut line = format!("  {:<first$}", row[0], first = widths[0]);
-            for (cell, width) in row.iter().zip(&widths).skip(1) {
-                let _ = write!(line, "  {cell:>width$}");
-            }
-            text += line.trim_end();
-            text.push('\n');
+        if !kind.stages.is_empty() {
+            let heads = COLUMNS.map(|(head, _)| head);
+            let heads: Vec<&str> = std::iter::once("stage").chain(heads).collect();
+            let rows = kind
+                .stages
+                .iter()
+                .map(|stage| std::iter::once(stage.stage.clone()).chain(cells(stage)));
+            text += &TextTable::new(&heads).rows(rows).indented(2).text();
         }
         text.push('\n');
     }
@@ -114,7 +99,7 @@ pub fn bench(reactions: &Reactions) -> Value {
     let rows = reactions.kinds.iter().flat_map(|kind| {
         kind.stages.iter().map(move |stage| {
             let wall = &stage.wall_ms;
-            let ms = |n: u64, value: f64| if n > 0 { json!(value) } else { json!("–") };
+            let ms = |n: u64, value: f64| if n > 0 { json!(value) } else { json!(NONE) };
             json!({
                 "kind": kind.kind.name().replace('_', " "),
                 "stage": stage.stage,
@@ -148,39 +133,18 @@ pub fn bench(reactions: &Reactions) -> Value {
 ///
 /// # Errors
 /// If the folder cannot be written.
-pub fn write(reactions: &Reactions, folder: &Path) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder)
-        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    let file = |name: &str, text: &str| {
-        let path = folder.join(name);
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
-    };
-    let json = serde_json::to_string_pretty(reactions).context("the report cannot be written")?;
-    file("reaction.json", &(json + "\n"))?;
-    file("reaction.html", &html(reactions))?;
-    let rows =
-        serde_json::to_string_pretty(&bench(reactions)).context("the rows cannot be written")?;
-    file("bench.json", &(rows + "\n"))?;
+pub fn write(reactions: &Reactions, folder: &Path) -> Result<(), FolderError> {
+    let mut out = Folder::make(folder)?;
+    out.json("reaction.json", reactions)?;
+    out.text("reaction.html", &html(reactions))?;
+    out.json("bench.json", &bench(reactions))?;
     for kind in &reactions.kinds {
-        for stage in kind.stages.iter().filter(|stage| stage.wall_ms.n > 0) {
-            let name = format!("{}-{}.hgrm", kind.kind.name(), file_stem(&stage.stage));
-            file(&name, &hgrm::text(&stage.wall_ms.decode()?))?;
+        for stage in &kind.stages {
+            let name = format!("{}-{}.hgrm", kind.kind.name(), anchor(&stage.stage));
+            out.percentiles(&name, &stage.wall_ms)?;
         }
     }
     Ok(())
-}
-
-/// A name as a file has it.
-fn file_stem(name: &str) -> String {
-    name.chars()
-        .map(|c| {
-            if c.is_ascii_alphanumeric() {
-                c.to_ascii_lowercase()
-            } else {
-                '-'
-            }
-        })
-        .collect()
 }
 
 /// The page.
@@ -191,13 +155,7 @@ pub fn html(reactions: &Reactions) -> String {
     if !suite.description.is_empty() {
         let _ = writeln!(body, "<p>{}</p>", escape(&suite.description));
     }
-    if !reactions.warnings.is_empty() {
-        body += "<div class=\"warnings\"><ul>";
-        for warning in &reactions.warnings {
-            let _ = write!(body, "<li>{}</li>", escape(warning));
-        }
-        body += "</ul></div>\n";
-    }
+    body += &page::warnings(&reactions.warnings);
     for kind in &reactions.kinds {
         body += &section(kind);
     }
@@ -230,7 +188,7 @@ pub fn html(reactions: &Reactions) -> String {
         }
         body += "</p>\n";
     }
-    page::document(&title, &body)
+    page::document(&title, "", &body)
 }
 
 fn section(kind: &KindReport) -> String {
@@ -252,8 +210,8 @@ fn section(kind: &KindReport) -> String {
         .collect();
     let mut table = Table::new("Reactions by stage, wall clock", heads);
     for (index, stage) in kind.stages.iter().enumerate() {
-        let first = page::Cell::from(stage.stage.clone()).swatch(index);
-        table.row(std::iter::once(first).chain(cells(stage).map(page::Cell::from)));
+        let first = Cell::from(stage.stage.clone()).swatch(index);
+        table.row(std::iter::once(first).chain(cells(stage).map(Cell::from)));
     }
     text += &plot(kind, &name);
     text + &table.html()

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 use launch_cli::wrong_usage;
+use launch_run::{Launched, Note, Watch, Watched as _};
 use launch_spec::{FileText, Launch, RestartPolicy};
 use schema_bus::{Bus, CommandClient, ControlWriter, names};
 use schema_frames::command::CheckpointPlace;
@@ -18,7 +19,6 @@ use super::observer::{Log, OWN_WRITER, Observer};
 use super::scene::{Light, Road, light_ahead};
 use super::steering::{Course, control};
 use super::suite::{Drive, Kind, Suite};
-use crate::up::{Note, Up};
 
 /// Name of the truth camera in the launch file.
 const CAMERA: &str = "reaction_truth";
@@ -162,7 +162,7 @@ pub struct Session {
     writer: ControlWriter,
     /// The bus.
     pub bus: Bus,
-    up: Up,
+    up: Launched,
     /// The road.
     pub road: Road,
     /// The ego vehicle.
@@ -186,15 +186,15 @@ impl Session {
         domain: &str,
         stop: &dyn Fn() -> bool,
     ) -> anyhow::Result<Session> {
-        let mut up = Up::start(domain, &chain.launch, folder)?;
+        let mut up = Launched::start(domain, &chain.launch, folder)?;
         let bus = Bus::open(domain, "gantry-bench")?;
-        wait(
-            START,
-            "the simulator did not start",
-            &mut up,
+        let mut watch = Watch {
+            watched: &mut up,
             stop,
-            &mut || Ok(bus.exists(names::WORLD_SNAPSHOT) && bus.daemon_alive()?),
-        )?;
+        };
+        watch.until(START, "the simulator did not start", &mut || {
+            Ok(bus.exists(names::WORLD_SNAPSHOT) && bus.daemon_alive()?)
+        })?;
         let observer = Observer::open(&bus, suite, &chain.camera_topic)?;
         let mut session = Session {
             client: bus.command_client("reaction")?,
@@ -221,20 +221,11 @@ impl Session {
         name: &str,
         stop: &dyn Fn() -> bool,
     ) -> anyhow::Result<T> {
-        let mut found = None;
-        let (bus, up) = (&self.bus, &mut self.up);
-        let mut reader = None;
-        wait(START, &format!("there is no {name}"), up, stop, &mut || {
-            if reader.is_none() && bus.exists(name) {
-                reader = Some(bus.document_reader(name)?);
-            }
-            found = match &mut reader {
-                Some(reader) => reader.latest()?.or(found.take()),
-                None => None,
-            };
-            Ok(found.is_some())
-        })?;
-        let document = found.context("the document vanished")?;
+        let document = Watch {
+            watched: &mut self.up,
+            stop,
+        }
+        .document(&self.bus, name, START)?;
         document
             .json()
             .with_context(|| format!("cannot read {name}"))
@@ -321,7 +312,11 @@ impl Session {
         stop: &dyn Fn() -> bool,
     ) -> anyhow::Result<Light> {
         let mut records = Vec::new();
-        wait(STILL, "no snapshot came", &mut self.up, stop, &mut || {
+        let mut watch = Watch {
+            watched: &mut self.up,
+            stop,
+        };
+        watch.until(STILL, "no snapshot came", &mut || {
             if let Some(snapshot) = world.latest()? {
                 records = snapshot.records().to_vec();
             }
@@ -434,14 +429,14 @@ impl Session {
     /// Sentences about processes that ended since the last call.
     ///
     /// # Errors
-    /// If the launcher's log cannot be read.
+    /// If the launcher's notes cannot be read.
     pub fn deaths(&mut self) -> anyhow::Result<Vec<String>> {
         let notes = self.up.look()?;
         Ok(notes
             .into_iter()
             .filter_map(|note| match note {
-                Note::Ended { name, how } => Some(format!("{name} ended with {how}")),
-                Note::Started { .. } | Note::Said(_) => None,
+                Note::Ended { process, how } => Some(format!("{process} ended with {how}")),
+                Note::Started { .. } | Note::Restarting { .. } | Note::GaveUp { .. } => None,
             })
             .collect())
     }
@@ -458,25 +453,3 @@ impl std::fmt::Display for Refused {
 }
 
 impl std::error::Error for Refused {}
-
-/// Waits for a condition while the processes run.
-fn wait(
-    within: Duration,
-    otherwise: &str,
-    up: &mut Up,
-    stop: &dyn Fn() -> bool,
-    done: &mut dyn FnMut() -> anyhow::Result<bool>,
-) -> anyhow::Result<()> {
-    let start = Instant::now();
-    while !done()? {
-        up.must_run()?;
-        if stop() {
-            bail!("stopped");
-        }
-        if start.elapsed() > within {
-            bail!("{otherwise} within {} s", within.as_secs());
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    Ok(())
-}

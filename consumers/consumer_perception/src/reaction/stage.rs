@@ -2,6 +2,7 @@
 //! tick that it answers.
 
 use consumer_kit::items::{ResultParts, is_box, is_pose};
+use consumer_metrics::tracking::iou;
 use nalgebra::{Isometry3, Point3, Vector3};
 use schema_frames::{
     Box2d, Box3d, MaskRecord, ResultType, Scalar, Space, Track, VehicleControlRecord,
@@ -164,7 +165,7 @@ fn matches(stage: &Stage, object: &Object, truth: &Truth) -> bool {
     };
     let in_image = || {
         let least = stage.iou.unwrap_or(IOU);
-        Some(overlap(&object.in_image?, &truth.rectangle?) >= least)
+        Some(iou(&object.in_image?, &truth.rectangle?) >= least)
     };
     // A suite that asks for one of them is not satisfied with the other.
     let by_space = stage.distance_m.is_some() || stage.path_half_m.is_some();
@@ -188,19 +189,6 @@ fn reaches_path(ego_from_box: &Isometry3<f64>, half_m: &Vector3<f64>, path_half_
     let extent_m = (across * half_m)[0];
     let at = ego_from_box.translation.vector;
     at.x > 0.0 && at.y.abs() - extent_m < path_half_m
-}
-
-/// Intersection over union of two rectangles.
-fn overlap(a: &[f64; 4], b: &[f64; 4]) -> f64 {
-    let area = |r: [f64; 4]| (r[2] - r[0]).max(0.0) * (r[3] - r[1]).max(0.0);
-    let both = area([
-        a[0].max(b[0]),
-        a[1].max(b[1]),
-        a[2].min(b[2]),
-        a[3].min(b[3]),
-    ]);
-    let all = area(*a) + area(*b) - both;
-    if all > 0.0 { both / all } else { 0.0 }
 }
 
 /// A rectangle in pixels as tangents of angles, by a lens `[fx, fy, cx, cy]`; `None` without one.

@@ -4,12 +4,12 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use launch_cli::wrong_usage;
 use schema_bus::names;
 use serde::{Deserialize, Serialize};
 
-/// Version of suites that this build reads.
-pub const SUITE_VERSION: u32 = 1;
+use crate::suite::SuiteFault;
+use crate::suite::file::{SuiteFile, check_version, tables};
+
 /// Most trials of one kind.
 pub const MAX_TRIALS: u32 = 100_000;
 /// Most stages of a chain.
@@ -77,7 +77,7 @@ pub enum Side {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Suite {
-    /// [`SUITE_VERSION`].
+    /// [`crate::suite::file::SUITE_VERSION`].
     pub version: u32,
     /// Its name; without it, that of its file.
     #[serde(default)]
@@ -264,47 +264,35 @@ impl Suite {
     /// Reads a suite and checks it. Paths become relative to the working folder.
     ///
     /// # Errors
-    /// [`wrong_usage`] with everything that is wrong.
+    /// [`launch_cli::wrong_usage`] with everything that is wrong.
     pub fn read(file: &Path) -> anyhow::Result<Suite> {
-        let shown = file.display();
-        let text = std::fs::read_to_string(file)
-            .map_err(|error| wrong_usage(format!("cannot read the suite {shown}: {error}")))?;
-        let mut suite: Suite = toml::from_str(&text)
-            .map_err(|error| wrong_usage(format!("{shown}: {}", error.to_string().trim_end())))?;
+        let file = SuiteFile::read(file)?;
+        let mut suite: Suite = tables(&file.text).map_err(|fault| file.refused(&[fault]))?;
         if suite.name.is_empty() {
-            let stem = file.file_stem().unwrap_or_default();
-            suite.name = stem.to_string_lossy().into_owned();
+            suite.name = file.stem();
         }
         let faults = suite.faults();
         if !faults.is_empty() {
-            return Err(wrong_usage(format!("{shown}: {}", faults.join("; "))));
+            return Err(file.refused(&faults));
         }
-        let folder = file.parent().unwrap_or(Path::new(""));
         for path in &mut suite.launch {
-            *path = folder.join(&path);
+            *path = file.folder().join(&path);
         }
         Ok(suite)
     }
 
     /// Everything that is wrong, a sentence each.
-    fn faults(&self) -> Vec<String> {
-        let mut faults = Vec::new();
+    fn faults(&self) -> Vec<SuiteFault> {
+        let mut faults: Vec<SuiteFault> = check_version(self.version).err().into_iter().collect();
         let mut want = |good: bool, sentence: String| {
             if !good {
-                faults.push(sentence);
+                faults.push(sentence.into());
             }
         };
         let within = |x: f64, low: f64, high: f64| (low..=high).contains(&x);
         let range = |[low, high]: [f64; 2], least: f64, most: f64| {
             within(low, least, most) && within(high, low, most)
         };
-        want(
-            self.version == SUITE_VERSION,
-            format!(
-                "version is {}, this build reads {SUITE_VERSION}",
-                self.version
-            ),
-        );
         want(
             !self.launch.is_empty(),
             "launch is empty; name the launch file of the chain".into(),

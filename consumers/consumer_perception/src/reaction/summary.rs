@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use consumer_report::Spread;
 use serde::{Deserialize, Serialize};
 
 use super::scene::Plan;
 use super::suite::{Kind, Suite};
-use crate::report::Spread;
 
 /// Number of this form; it rises when a field changes its meaning or goes.
 pub const REACTION_VERSION: u32 = 1;

@@ -1,21 +1,11 @@
 //! `bench.json`: the lines of the tables as rows, in the form of all benchmarks of this project, for
 //! `docs/benchmarks/raw`; `gantry bench report` builds pages from it.
 
-use anyhow::Context as _;
+use consumer_report::numbers::{NONE, number, percent as show_percent};
 use serde_json::{Map, Value, json};
 
-use super::rows::{Line, TaskTable, number, percent as show_percent, tables};
+use super::rows::{Line, TaskTable, tables};
 use super::types::Report;
-
-/// The rows as JSON.
-///
-/// # Errors
-///
-/// None that is expected.
-pub fn text(report: &Report) -> anyhow::Result<String> {
-    let text = serde_json::to_string_pretty(&value(report)).context("cannot write the rows")?;
-    Ok(text + "\n")
-}
 
 /// The rows, one for each line of each task's table. What does not exist is `–`.
 pub fn value(report: &Report) -> Value {
@@ -53,7 +43,7 @@ pub fn value(report: &Report) -> Value {
 }
 
 fn row(table: &TaskTable<'_>, line: &Line<'_>) -> Value {
-    let or_dash = |value: Option<f64>| value.map_or(json!("–"), |value| json!(value));
+    let or_dash = |value: Option<f64>| value.map_or(json!(NONE), |value| json!(value));
     let percent = |value: Option<f64>| or_dash(value.map(|it| it * 100.0));
     let spread = line.latency().map(|it| &it.end_to_end);
     let answer = line.latency().map(|it| &it.answer);

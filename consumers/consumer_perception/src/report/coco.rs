@@ -1,11 +1,8 @@
 //! COCO's files: the truth as an annotation file, the results of each program as `results.json`, for
 //! pycocotools and everything that reads its form.
 
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
-
-use anyhow::Context as _;
 use consumer_metrics::coco_json::{CocoResult, CocoTruth};
+use consumer_report::{Folder, FolderError};
 use serde::Serialize;
 
 /// The files of one task over all scenarios.
@@ -58,19 +55,16 @@ pub struct ProgramResults {
     pub detections: Vec<CocoResult>,
 }
 
-/// Writes `TASK/truth.json` and `TASK/RUN/results.json` below `folder`; says which files.
+/// Writes `coco/TASK/truth.json` and `coco/TASK/RUN/results.json`.
 ///
 /// # Errors
 ///
 /// A file cannot be written.
-pub fn write(files: &CocoFiles, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
-    let folder = folder.join(&files.task);
-    std::fs::create_dir_all(&folder)
-        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    let truth = folder.join("truth.json");
+pub fn write(files: &CocoFiles, folder: &mut Folder) -> Result<(), FolderError> {
+    let task = &files.task;
     let whole = Truth {
         info: Info {
-            description: format!("Truth of the task {}", files.task),
+            description: format!("Truth of the task {task}"),
             version: env!("CARGO_PKG_VERSION"),
         },
         licenses: [],
@@ -78,17 +72,12 @@ pub fn write(files: &CocoFiles, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
         annotations: &files.truths,
         categories: &files.categories,
     };
-    save(&truth, &whole)?;
-    let mut written = vec![truth];
+    folder.json_line(&format!("coco/{task}/truth.json"), &whole)?;
     for results in &files.results {
-        let folder = folder.join(&results.run);
-        std::fs::create_dir_all(&folder)
-            .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-        let path = folder.join("results.json");
-        save(&path, &results.detections)?;
-        written.push(path);
+        let name = format!("coco/{task}/{}/results.json", results.run);
+        folder.json_line(&name, &results.detections)?;
     }
-    Ok(written)
+    Ok(())
 }
 
 #[derive(Serialize)]
@@ -104,13 +93,4 @@ struct Truth<'a> {
 struct Info {
     description: String,
     version: &'static str,
-}
-
-fn save(path: &Path, value: &impl Serialize) -> anyhow::Result<()> {
-    let cannot = || format!("cannot write {}", path.display());
-    let file = std::fs::File::create(path).with_context(cannot)?;
-    let mut file = BufWriter::new(file);
-    serde_json::to_writer(&mut file, value).with_context(cannot)?;
-    file.write_all(b"\n").with_context(cannot)?;
-    file.flush().with_context(cannot)
 }

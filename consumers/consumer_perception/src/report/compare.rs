@@ -1,7 +1,6 @@
 //! `gantry bench compare A.json B.json`: what changed beyond noise. Values are paired by scenario;
 //! the interval of their mean difference comes from resampling scenarios.
 
-mod bootstrap;
 mod change;
 mod pairs;
 mod text;
@@ -9,12 +8,12 @@ mod text;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
+pub use consumer_report::interval::interval;
 use launch_cli::{ColorWhen, Exit, wrong_usage};
 
 use super::terminal;
 use super::types::Report;
 use super::write::read;
-pub use bootstrap::interval;
 pub use change::{Change, Comparison, Verdict};
 use pairs::Metric;
 

@@ -1,12 +1,13 @@
-//! The report as one page of HTML that needs nothing from elsewhere: plots are SVG, pictures stand
-//! within it, and there is no script. Beside every plot its values stand in a table.
+//! The report as one page of HTML. Beside every plot its values stand in a table.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
-use super::plot::escape;
-use super::rows::{grouped, programs, tables, unanswered};
+use super::rows::{programs, tables, unanswered};
 use super::types::Report;
+use consumer_report::numbers::grouped;
+use consumer_report::page;
+use consumer_report::words::{anchor, escape};
 
 mod about;
 mod latency;
@@ -14,17 +15,8 @@ mod legend;
 mod names;
 mod pictures;
 mod strata;
-mod style;
-mod table;
 mod tasks;
 mod timeline;
-
-use names::anchor;
-pub use style::STYLE;
-pub use table::{Cell, Head, Table, details};
-
-/// What the browser must never fetch: anything.
-const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'";
 
 /// The page; pictures of worst frames are read from `folder`.
 pub fn html(report: &Report, folder: &Path) -> String {
@@ -52,18 +44,7 @@ pub fn html(report: &Report, folder: &Path) -> String {
     body += &about::scenarios(report);
     body += &about::how(report);
     body += &about::words();
-    document(&title, &body)
-}
-
-/// A whole document with the style of the page.
-pub fn document(title: &str, body: &str) -> String {
-    format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
-         <title>{}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
-        escape(title)
-    )
+    page::document(&title, "", &body)
 }
 
 fn figures(report: &Report) -> String {
@@ -81,15 +62,7 @@ fn figures(report: &Report) -> String {
         ("date", began.get(..16).unwrap_or(&began).to_owned()),
         ("took", minutes(report.took_secs)),
     ];
-    let mut html = String::from("<dl class=\"figures\">");
-    for (name, value) in rows {
-        let _ = write!(
-            html,
-            "<div><dt>{name}</dt><dd>{}</dd></div>",
-            escape(&value)
-        );
-    }
-    html + "</dl>\n"
+    page::figures(rows)
 }
 
 fn minutes(secs: f64) -> String {
@@ -127,14 +100,5 @@ fn warnings(report: &Report) -> String {
             .map(move |fault| format!("{}: {fault}", run.label()))
     });
     let all: Vec<String> = report.warnings.iter().cloned().chain(of_runs).collect();
-    if all.is_empty() {
-        return String::new();
-    }
-    let mut html = String::from(
-        "<div class=\"warnings\" role=\"note\"><strong>Read before you believe a figure</strong><ul>",
-    );
-    for one in all {
-        let _ = write!(html, "<li>{}</li>", escape(&one));
-    }
-    html + "</ul></div>\n"
+    page::warnings(&all)
 }

@@ -2,31 +2,24 @@
 //! results reads these: `BasicPerformanceMetrics.*` as its calculator defines them, over all
 //! scenarios and for each alone, `BenchmarkMetadata.*`, and what it has no key for under `custom`.
 
-use std::path::{Path, PathBuf};
-
-use anyhow::Context as _;
+use consumer_report::{Folder, FolderError};
 use serde_json::{Map, Value, json};
 
 use super::throughput::Throughput;
 use super::types::{Latency, Report, Run};
 use crate::capture::Mode;
 
-/// Writes `RUN.json` into `folder` for every run; says which.
+/// Writes `ros2_benchmark/RUN.json` for every run.
 ///
 /// # Errors
 ///
 /// A file cannot be written.
-pub fn write(report: &Report, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
-    std::fs::create_dir_all(folder)
-        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    let mut written = Vec::new();
+pub fn write(report: &Report, folder: &mut Folder) -> Result<(), FolderError> {
     for run in &report.runs {
-        let path = folder.join(format!("{}.json", run.file_stem()));
-        let text = serde_json::to_string_pretty(&value(report, run))? + "\n";
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
-        written.push(path);
+        let name = format!("ros2_benchmark/{}.json", run.file_stem());
+        folder.json(&name, &value(report, run))?;
     }
-    Ok(written)
+    Ok(())
 }
 
 /// The result of a run.

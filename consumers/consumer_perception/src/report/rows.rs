@@ -1,8 +1,6 @@
 //! The lines of the tables: for each task one per program and pace, with accuracy without time
 //! beside accuracy in time.
 
-pub use consumer_dataset::svg::grouped;
-
 use super::types::{Latency, Report, Run, TaskScore};
 use crate::capture::Mode;
 
@@ -281,38 +279,6 @@ fn line<'a>(
     }
 }
 
-/// A number for a table: three significant digits or more, `–` if there is none.
-pub fn number(value: Option<f64>) -> String {
-    match value {
-        None => "–".into(),
-        Some(value) => match value.abs() {
-            0.0 => "0".into(),
-            it if it >= 1e6 => format!("{value:.2e}"),
-            it if it >= 100.0 => format!("{value:.0}"),
-            it if it >= 10.0 => format!("{value:.1}"),
-            it if it >= 1.0 => format!("{value:.2}"),
-            it if it >= 0.0005 => format!("{value:.3}"),
-            _ => format!("{value:.1e}"),
-        },
-    }
-}
-
-/// A share as percent: `12.3%`.
-pub fn percent(value: Option<f64>) -> String {
-    match value {
-        None => "–".into(),
-        Some(value) => format!("{:.1}%", value * 100.0),
-    }
-}
-
-/// Bytes as MB or GB.
-pub fn bytes(value: u64) -> String {
-    match value as f64 {
-        it if it >= 1e9 => format!("{:.2} GB", it / 1e9),
-        it => format!("{:.0} MB", it / 1e6),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -335,26 +301,5 @@ mod tests {
         assert_eq!(unanswered(&report), ["depth", "f"]);
         report.suite_text = "no TOML".into();
         assert!(unanswered(&report).is_empty());
-    }
-
-    #[test]
-    fn numbers_keep_three_digits() {
-        for (value, text) in [
-            (None, "–"),
-            (Some(0.0), "0"),
-            (Some(0.51249), "0.512"),
-            (Some(-1.006), "-1.01"),
-            (Some(33.333), "33.3"),
-            (Some(1234.5), "1234"),
-            (Some(0.00012), "1.2e-4"),
-            (Some(2.5e7), "2.50e7"),
-        ] {
-            assert_eq!(number(value), text);
-        }
-        assert_eq!(percent(Some(0.1234)), "12.3%");
-        assert_eq!(
-            (bytes(48_600_000), bytes(2_500_000_000)),
-            ("49 MB".into(), "2.50 GB".into())
-        );
     }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use consumer_report::Spread;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -203,27 +204,16 @@ pub struct Latency {
     pub age_at_use: Spread,
 }
 
-/// A distribution, milliseconds.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
-pub struct Spread {
-    /// How many.
-    pub n: u64,
-    /// Mean.
-    pub mean: f64,
-    /// Smallest.
-    pub min: f64,
-    /// Half are below.
-    pub p50: f64,
-    /// 90 % are below.
-    pub p90: f64,
-    /// 99 % are below.
-    pub p99: f64,
-    /// 99.9 % are below.
-    pub p999: f64,
-    /// Largest.
-    pub max: f64,
-    /// The whole distribution: HdrHistogram, V2 compressed, base64; values in nanoseconds.
-    pub histogram: String,
+impl Latency {
+    /// The four distributions and their names in files and tables.
+    pub fn named(&self) -> [(&'static str, &Spread); 4] {
+        [
+            ("end_to_end", &self.end_to_end),
+            ("answer", &self.answer),
+            ("work", &self.work),
+            ("age_at_use", &self.age_at_use),
+        ]
+    }
 }
 
 /// What became of frames and results.

@@ -3,15 +3,17 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
+use consumer_report::{Folder, FolderError};
 use launch_cli::wrong_usage;
 
 use super::coco::CocoFiles;
 use super::types::{REPORT_VERSION, Report, TaskScore};
-use super::{bench, coco, hgrm, page, ros2};
+use super::{bench, coco, page, ros2};
 
 /// The report itself, within its folder.
 pub const REPORT_FILE: &str = "report.json";
+/// Its page.
+const PAGE_FILE: &str = "report.html";
 
 /// What is written beside the report but stands not in it.
 #[derive(Clone, Debug, Default)]
@@ -50,39 +52,28 @@ impl std::fmt::Display for Written {
 /// # Errors
 ///
 /// A file cannot be written.
-pub fn write_all(report: &Report, folder: &Path, files: &Files) -> anyhow::Result<Written> {
-    std::fs::create_dir_all(folder)
-        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+pub fn write_all(report: &Report, folder: &Path, files: &Files) -> Result<Written, FolderError> {
+    let mut out = Folder::make(folder)?;
     let mut report = report.clone();
     leave_out_what_is_no_number(&mut report);
-    let mut written = Written {
-        report: folder.join(REPORT_FILE),
-        page: folder.join("report.html"),
-        files: Vec::new(),
-    };
-    let mut text = serde_json::to_string_pretty(&report).context("cannot write the report")?;
-    text.push('\n');
-    save(&written.report, &text)?;
-    save(&written.page, &page::html(&report, folder))?;
-    let rows = folder.join("bench.json");
-    save(&rows, &bench::text(&report)?)?;
-    written.files = vec![written.report.clone(), written.page.clone(), rows];
-    written
-        .files
-        .extend(hgrm::write(&report, &folder.join("latency"))?);
-    written
-        .files
-        .extend(ros2::write(&report, &folder.join("ros2_benchmark"))?);
-    for set in &files.coco {
-        written
-            .files
-            .extend(coco::write(set, &folder.join("coco"))?);
+    out.json(REPORT_FILE, &report)?;
+    out.text(PAGE_FILE, &page::html(&report, folder))?;
+    out.json("bench.json", &bench::value(&report))?;
+    for run in &report.runs {
+        for (kind, spread) in run.latency.named() {
+            let name = format!("latency/{}-{kind}.hgrm", run.file_stem());
+            out.percentiles(&name, spread)?;
+        }
     }
-    Ok(written)
-}
-
-fn save(path: &Path, text: &str) -> anyhow::Result<()> {
-    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+    ros2::write(&report, &mut out)?;
+    for set in &files.coco {
+        coco::write(set, &mut out)?;
+    }
+    Ok(Written {
+        report: folder.join(REPORT_FILE),
+        page: folder.join(PAGE_FILE),
+        files: out.into_written(),
+    })
 }
 
 /// Reads a report from its file or its folder.

@@ -5,16 +5,21 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use schema_bus::{
-    Bus, BusError, DocumentReader, FrameReader, ResultReader, SnapshotReader, TopicKind, names,
-};
+use anyhow::Context as _;
+use consumer_kit::{Change, Domain, FollowedResult, Listing, Rhythm, Take, TopicId, Wish};
+use schema_bus::{Bus, BusError, ResultSample, TopicKind};
 use schema_frames::{About, ResultType};
 
 use crate::capture::{Body, BodyStore, CapturedResult, Clock, SentFrame};
 use crate::suite::{Program, Suite};
 
-/// Time between two looks for new topics while some are missing, and afterwards.
-const LOOK_FOR_TOPICS: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(1)];
+/// How often topics are listed while some are missing, and afterwards.
+const LIST: [Rhythm; 2] = [
+    Rhythm::steady(Duration::from_millis(100)),
+    Rhythm::steady(Duration::from_secs(1)),
+];
+/// Time between two looks at the descriptions of results.
+const LOOK_AT_ABOUTS: Duration = Duration::from_secs(1);
 /// Results of a topic that are taken in one look, so that a program that floods it cannot hold the
 /// benchmark there.
 const MAX_AT_ONCE: usize = 256;
@@ -26,12 +31,9 @@ const MAX_SENTENCES: usize = 3;
 /// A topic of results.
 #[derive(Debug)]
 struct ResultTopic {
+    id: TopicId,
     topic: Arc<str>,
     kind: ResultType,
-    reader: ResultReader,
-    /// Its description. The writer hands it to readers with its next result, so it must be open
-    /// before the last one.
-    about: Option<DocumentReader>,
     /// Name of the task that it is scored as; `None` if nobody asked for it.
     task: Option<String>,
     /// Whether the task was found by a result, and not only by the topic's type.
@@ -41,20 +43,28 @@ struct ResultTopic {
     n_refused_said: usize,
 }
 
+/// What is kept of results.
+#[derive(Clone, Copy, Debug)]
+pub struct Keeps {
+    /// Whether their bodies are.
+    pub bodies: bool,
+    /// Most of them.
+    pub results: usize,
+}
+
 /// Everything that is followed.
 #[derive(Debug)]
 pub struct Observer<'a> {
     suite: &'a Suite,
     program: &'a Program,
+    domain: Domain,
     /// Topics of frames and results that the program gets.
     inputs: BTreeMap<String, Option<Input>>,
     results: Vec<ResultTopic>,
-    snapshots: Option<SnapshotReader>,
-    next_search: Instant,
+    snapshots: TopicId,
     next_abouts: Instant,
     bodies: BodyStore,
-    keep_bodies: bool,
-    max_results: usize,
+    keeps: Keeps,
     /// Epoch and tick of the newest snapshot.
     pub newest: Option<(u64, u64)>,
     /// Simulated time of that snapshot, and of its tick's end from its begin, nanoseconds.
@@ -84,19 +94,20 @@ pub struct Observer<'a> {
 }
 
 /// A topic that the program gets.
-#[derive(Debug)]
-enum Input {
-    Frames(Arc<str>, FrameReader),
-    Results(Arc<str>, ResultReader),
+#[derive(Clone, Debug)]
+struct Input {
+    id: TopicId,
+    topic: Arc<str>,
+    kind: TopicKind,
 }
 
 impl Input {
-    fn next(&mut self) -> anyhow::Result<Option<SentFrame>> {
-        Ok(match self {
-            Input::Frames(topic, reader) => reader.next()?.map(|frame| {
+    fn next(&self, domain: &mut Domain) -> anyhow::Result<Option<SentFrame>> {
+        Ok(match self.kind {
+            TopicKind::Frames => domain.take_frame(self.id)?.map(|frame| {
                 let header = frame.header();
                 SentFrame {
-                    topic: topic.clone(),
+                    topic: self.topic.clone(),
                     tick: header.tick,
                     seq: header.seq,
                     epoch: header.epoch,
@@ -104,10 +115,10 @@ impl Input {
                     published_mono_nanos: header.published_mono_nanos,
                 }
             }),
-            Input::Results(topic, reader) => reader.next()?.map(|result| {
+            _ => domain.take_result_strictly(self.id)?.map(|result| {
                 let header = result.header();
                 SentFrame {
-                    topic: topic.clone(),
+                    topic: self.topic.clone(),
                     tick: header.tick,
                     seq: header.seq,
                     epoch: header.epoch,
@@ -121,24 +132,30 @@ impl Input {
 
 impl<'a> Observer<'a> {
     /// Follows the inputs and every topic of results that is none of them.
-    pub fn new(
+    ///
+    /// # Errors
+    /// If the domain cannot be joined.
+    pub fn open(
+        domain: &str,
         suite: &'a Suite,
         program: &'a Program,
         inputs: impl IntoIterator<Item = String>,
-        keep_bodies: bool,
-        max_results: usize,
-    ) -> Observer<'a> {
-        Observer {
+        keeps: Keeps,
+    ) -> anyhow::Result<Observer<'a>> {
+        let join = || Bus::open(domain, "gantry-bench");
+        let listing = Listing::start(join()?, LIST[0])
+            .context("cannot start the thread that looks for topics")?;
+        let mut domain = Domain::on(join()?, listing);
+        Ok(Observer {
             suite,
             program,
+            snapshots: domain.follow_snapshots(),
+            domain,
             inputs: inputs.into_iter().map(|topic| (topic, None)).collect(),
             results: Vec::new(),
-            snapshots: None,
-            next_search: Instant::now(),
             next_abouts: Instant::now(),
             bodies: BodyStore::default(),
-            keep_bodies,
-            max_results,
+            keeps,
             newest: None,
             newest_nanos: (0, 0),
             captured: Vec::new(),
@@ -152,65 +169,83 @@ impl<'a> Observer<'a> {
             faults: Vec::new(),
             longest_answer: Duration::ZERO,
             longest_held: Duration::ZERO,
-        }
+        })
     }
 
-    /// Looks for topics that are missing. Returns whether there are new ones.
+    /// Follows topics that are new.
     ///
     /// # Errors
     /// If the bus fails.
-    pub fn search(&mut self, bus: &Bus) -> anyhow::Result<bool> {
-        if Instant::now() < self.next_search {
-            return Ok(false);
-        }
-        let n_before = self.results.len();
-        if self.snapshots.is_none() && bus.exists(names::WORLD_SNAPSHOT) {
-            self.snapshots = Some(bus.snapshot_reader()?);
-        }
-        for details in bus.topics()? {
-            let name: Arc<str> = details.name.as_str().into();
-            match (details.kind, details.result) {
-                (TopicKind::Frames, _) => {
-                    if let Some(input @ None) = self.inputs.get_mut(&*name) {
-                        *input = may_come(bus.frame_reader(&name))?
-                            .map(|reader| Input::Frames(name, reader));
+    pub fn search(&mut self) -> anyhow::Result<()> {
+        let (inputs, n_results) = (&self.inputs, self.results.len());
+        let mut rest = MAX_TOPICS.saturating_sub(n_results);
+        let is_new = self.domain.look(|listed| {
+            let topic = listed.details;
+            let is_wanted = listed.is_known
+                || match topic.kind {
+                    TopicKind::Frames => inputs.contains_key(&topic.name),
+                    TopicKind::Results if topic.result.is_none() => false,
+                    TopicKind::Results if inputs.contains_key(&topic.name) => true,
+                    TopicKind::Results => {
+                        let has_place = rest > 0;
+                        rest -= usize::from(has_place);
+                        has_place
                     }
-                }
-                (TopicKind::Results, Some(kind)) => match self.inputs.get_mut(&*name) {
-                    Some(input @ None) => {
-                        *input = may_come(bus.result_reader(&name))?
-                            .map(|reader| Input::Results(name, reader));
-                    }
-                    Some(_) => {}
-                    None => self.follow(bus, name, kind)?,
-                },
-                _ => {}
-            }
+                    _ => false,
+                };
+            // Its losses and faults are the benchmark's to tell.
+            let wish = Wish::on_demand(Take::All).quietly().also_left_over();
+            is_wanted.then_some(wish)
+        })?;
+        self.take_over()?;
+        self.domain.open()?;
+        self.take_over()?;
+        if is_new {
+            let is_whole = self.inputs.values().all(Option::is_some) && self.has_all_results();
+            self.domain.set_rhythm(LIST[usize::from(is_whole)]);
         }
-        let is_whole = self.inputs.values().all(Option::is_some) && self.has_all_results();
-        self.next_search = Instant::now() + LOOK_FOR_TOPICS[usize::from(is_whole)];
-        Ok(self.results.len() > n_before)
+        Ok(())
     }
 
-    fn follow(&mut self, bus: &Bus, topic: Arc<str>, kind: ResultType) -> anyhow::Result<()> {
-        if self.results.len() >= MAX_TOPICS || self.results.iter().any(|it| it.topic == topic) {
-            return Ok(());
+    fn take_over(&mut self) -> anyhow::Result<()> {
+        while let Some(change) = self.domain.change() {
+            match change {
+                Change::Found { id, details } => {
+                    self.domain.want(id, true);
+                    let topic: Arc<str> = details.name.as_str().into();
+                    match (self.inputs.get_mut(&details.name), details.result) {
+                        (Some(input), _) => {
+                            let kind = details.kind;
+                            *input = Some(Input { id, topic, kind });
+                        }
+                        (None, Some(kind)) => self.follow(id, topic, kind),
+                        (None, None) => {}
+                    }
+                }
+                Change::Refused { error, .. } => return Err(error.into()),
+                // Writers that have ended may come back until the run is over.
+                Change::Full(_) | Change::Silent(_) | Change::Unlisted(_) | Change::Ended(_) => {}
+            }
         }
-        let Some(reader) = may_come(bus.result_reader(&topic))? else {
-            return Ok(());
-        };
+        Ok(())
+    }
+
+    fn follow(&mut self, id: TopicId, topic: Arc<str>, kind: ResultType) {
         let task = self.suite.task_of(self.program, &topic, kind, &[]);
         self.results.push(ResultTopic {
-            about: None,
+            id,
             task: task.map(|task| task.name.clone()),
             is_settled: false,
             answered: BTreeSet::new(),
             n_refused_said: 0,
             topic,
             kind,
-            reader,
         });
-        Ok(())
+    }
+
+    fn has_writer(&self, topic: &ResultTopic) -> bool {
+        let results = self.domain.results(topic.id);
+        results.is_some_and(FollowedResult::has_writer)
     }
 
     /// Whether every topic of results that the suite names has a writer; without names, whether one
@@ -218,7 +253,7 @@ impl<'a> Observer<'a> {
     pub fn has_all_results(&self) -> bool {
         let has = |topic: &str| {
             let found = self.results.iter().find(|it| &*it.topic == topic);
-            found.is_some_and(|it| it.reader.has_writer())
+            found.is_some_and(|it| self.has_writer(it))
         };
         match self.program.results.is_empty() {
             false => self.program.results.keys().all(|topic| has(topic)),
@@ -227,7 +262,7 @@ impl<'a> Observer<'a> {
             true => self
                 .results
                 .iter()
-                .any(|it| it.task.is_some() && it.reader.has_writer()),
+                .any(|it| it.task.is_some() && self.has_writer(it)),
         }
     }
 
@@ -267,25 +302,22 @@ impl<'a> Observer<'a> {
     ///
     /// # Errors
     /// If the bus or the disk fails.
-    pub fn look(&mut self, bus: &Bus) -> anyhow::Result<()> {
+    pub fn look(&mut self) -> anyhow::Result<()> {
         self.take_snapshots()?;
         self.take_inputs()?;
         for at in 0..self.results.len() {
             self.take_results(at)?;
         }
         if Instant::now() >= self.next_abouts {
-            self.next_abouts = Instant::now() + LOOK_FOR_TOPICS[1];
-            self.take_abouts(bus);
+            self.next_abouts = Instant::now() + LOOK_AT_ABOUTS;
+            self.take_abouts();
         }
         Ok(())
     }
 
     fn take_snapshots(&mut self) -> anyhow::Result<()> {
-        let Some(reader) = &mut self.snapshots else {
-            return Ok(());
-        };
         for _ in 0..MAX_AT_ONCE {
-            let Some(snapshot) = reader.next()? else {
+            let Some(snapshot) = self.domain.take_snapshot(self.snapshots)? else {
                 break;
             };
             let header = snapshot.header();
@@ -312,9 +344,11 @@ impl<'a> Observer<'a> {
     }
 
     fn take_inputs(&mut self) -> anyhow::Result<()> {
-        for input in self.inputs.values_mut().flatten() {
+        for input in self.inputs.values().flatten() {
             for _ in 0..MAX_AT_ONCE {
-                let Some(sent) = input.next()? else { break };
+                let Some(sent) = input.next(&mut self.domain)? else {
+                    break;
+                };
                 let counts = self.counted.as_ref().is_some_and(|(topic, from_nanos)| {
                     *sent.topic == **topic && sent.sim_nanos >= *from_nanos
                 });
@@ -329,7 +363,7 @@ impl<'a> Observer<'a> {
     fn take_results(&mut self, at: usize) -> anyhow::Result<()> {
         for _ in 0..MAX_AT_ONCE {
             let topic = &mut self.results[at];
-            let result = match topic.reader.next() {
+            let result: ResultSample = match self.domain.take_result_strictly(topic.id) {
                 Ok(Some(result)) => result,
                 Ok(None) => return Ok(()),
                 Err(error @ BusError::BadResult { .. }) => {
@@ -364,11 +398,11 @@ impl<'a> Observer<'a> {
                     self.longest_held = self.longest_held.max(took);
                 }
             }
-            if self.captured.len() >= self.max_results {
+            if self.captured.len() >= self.keeps.results {
                 self.n_unkept += 1;
                 continue;
             }
-            let body = match self.keep_bodies {
+            let body = match self.keeps.bodies {
                 true => self.bodies.keep(&result)?,
                 false => Some(Body::Dropped),
             };
@@ -389,58 +423,36 @@ impl<'a> Observer<'a> {
 
     /// Whether the description of every topic that has one is open. Writers make its service before
     /// they can be found, so ask after [`Observer::has_all_results`].
-    pub fn is_described(&mut self, bus: &Bus) -> bool {
-        self.take_abouts(bus);
-        self.results
-            .iter()
-            .all(|it| it.about.is_some() || !bus.exists(&names::about(&it.topic)))
+    pub fn is_described(&mut self) -> bool {
+        self.take_abouts();
+        self.results.iter().all(|it| {
+            let results = self.domain.results(it.id);
+            results.is_some_and(|results| results.is_described(self.domain.bus()))
+        })
     }
 
-    fn take_abouts(&mut self, bus: &Bus) {
-        for topic in &mut self.results {
-            let name = names::about(&topic.topic);
-            if topic.about.is_none() && bus.exists(&name) {
-                // What is being made at this moment is opened at the next look.
-                topic.about = bus.document_reader(&name).ok();
-            }
-            let Some(reader) = &mut topic.about else {
-                continue;
-            };
-            let read = match reader.latest() {
-                Ok(Some(document)) => document.json::<About>().map(Some),
-                Ok(None) => Ok(None),
-                Err(error) => Err(error),
-            };
-            match read {
-                Ok(Some(about)) => drop(self.abouts.insert(topic.topic.clone(), about)),
-                Ok(None) => {}
-                Err(error) => {
-                    tracing::debug!(topic = %topic.topic, %error, "cannot read the description");
-                }
+    fn take_abouts(&mut self) {
+        for topic in &self.results {
+            self.domain.describe(topic.id);
+            let results = self.domain.results(topic.id);
+            if let Some(results) = results.filter(|it| it.description().is_some()) {
+                self.abouts
+                    .insert(topic.topic.clone(), results.about().clone());
             }
         }
     }
 
     /// Takes the last descriptions.
-    pub fn finish(&mut self, bus: &Bus) {
-        self.take_abouts(bus);
+    pub fn finish(&mut self) {
+        self.take_abouts();
     }
 
     /// Results that were lost because they came faster than they were taken, and those that break
     /// the contract.
     pub fn counts(&self) -> (u64, u64) {
-        let counts = self.results.iter().map(|it| it.reader.counts());
+        let counts = self.results.iter().map(|it| self.domain.counts(it.id));
         counts.fold((self.n_unkept, 0), |(lost, refused), one| {
             (lost + one.lost, refused + one.refused)
         })
-    }
-}
-
-/// A topic that is being made or removed is looked for again later.
-fn may_come<T>(opened: Result<T, BusError>) -> anyhow::Result<Option<T>> {
-    match opened {
-        Ok(port) => Ok(Some(port)),
-        Err(BusError::NoSuchTopic { .. } | BusError::Service { .. }) => Ok(None),
-        Err(other) => Err(other.into()),
     }
 }

@@ -9,22 +9,23 @@ use schema_frames::{Modality, StepMode, WorldInfo};
 
 use super::work::{Inputs, Wanted};
 use crate::capture::{Capture, CapturedResult, Mode, SentFrame};
-use crate::ignore::Rules;
+use crate::evidence::ignore::Rules;
+use crate::suite::SuiteFault;
 use crate::suite::{Suite, Task, TaskKind};
-use crate::tasks::boxes2d::Boxes2d;
-use crate::tasks::boxes3d::Boxes3d;
 use crate::tasks::classes;
-use crate::tasks::depth::Depth;
-use crate::tasks::driving::Driving;
-use crate::tasks::event_flow::EventFlow;
-use crate::tasks::flow::Flow;
-use crate::tasks::lanes::Lanes;
-use crate::tasks::lidar_semantic::LidarSemantic;
-use crate::tasks::masks::Masks;
-use crate::tasks::odometry::Odometry;
-use crate::tasks::semantic::Semantic;
-use crate::tasks::stereo::Stereo;
-use crate::tasks::tracking::Tracking;
+use crate::tasks::dense::depth::Depth;
+use crate::tasks::dense::event_flow::EventFlow;
+use crate::tasks::dense::flow::Flow;
+use crate::tasks::dense::lidar_semantic::LidarSemantic;
+use crate::tasks::dense::semantic::Semantic;
+use crate::tasks::dense::stereo::Stereo;
+use crate::tasks::motion::driving::Driving;
+use crate::tasks::motion::lanes::Lanes;
+use crate::tasks::motion::odometry::Odometry;
+use crate::tasks::objects::boxes2d::Boxes2d;
+use crate::tasks::objects::boxes3d::Boxes3d;
+use crate::tasks::objects::masks::Masks;
+use crate::tasks::objects::tracking::Tracking;
 use crate::tasks::{AnyTask, Options, Plan, Spec, TaskRun};
 use crate::truth_pass::TruthRecording;
 
@@ -32,7 +33,7 @@ use crate::truth_pass::TruthRecording;
 ///
 /// # Errors
 /// A sentence with the task, the key, its value and what is allowed.
-pub fn check(task: &Task) -> Result<(), String> {
+pub fn check(task: &Task) -> Result<(), SuiteFault> {
     let name = &task.name;
     rules(task)?;
     options(task)?;
@@ -44,33 +45,34 @@ pub fn check(task: &Task) -> Result<(), String> {
             classes::semantic_targets(&task.classes).map(drop)
         }
         _ if task.classes.is_empty() => Ok(()),
-        kind => Err(format!("{} knows no classes; leave them out", kind.name())),
+        kind => Err(format!("{} knows no classes; leave them out", kind.name()).into()),
     };
-    checked.map_err(|sentence| format!("task {name:?}: {sentence}"))
+    checked.map_err(|fault| format!("task {name:?}: {fault}").into())
 }
 
-fn rules(task: &Task) -> Result<Rules, String> {
+fn rules(task: &Task) -> Result<Rules, SuiteFault> {
     let found: Result<Rules, _> = task.ignore.clone().try_into();
-    let found = found.map_err(|error: toml::de::Error| error.message().to_owned());
+    let found = found.map_err(|error: toml::de::Error| SuiteFault::from(error.message()));
     let found = found.and_then(|rules| rules.check().map(|()| rules));
-    found.map_err(|sentence| format!("task {:?}: ignore: {sentence}", task.name))
+    found.map_err(|fault| format!("task {:?}: ignore: {fault}", task.name).into())
 }
 
-fn options(task: &Task) -> Result<Options, String> {
+fn options(task: &Task) -> Result<Options, SuiteFault> {
     let name = &task.name;
     let found: Result<Options, _> = task.options.clone().try_into();
     let found = found.map_err(|error| format!("task {name:?}: options: {}", error.message()))?;
     for (key, value) in [("baseline_m", found.baseline_m), ("route_m", found.route_m)] {
         if !(value.is_finite() && value >= 0.0) {
-            return Err(format!(
-                "task {name:?}: options.{key} is {value}, but must be 0 or more"
-            ));
+            return Err(
+                format!("task {name:?}: options.{key} is {value}, but must be 0 or more").into(),
+            );
         }
     }
     if task.kind == TaskKind::Driving && found.route_m <= 0.0 {
         return Err(format!(
             "task {name:?}: options.route_m is missing; say how many metres the route has"
-        ));
+        )
+        .into());
     }
     Ok(found)
 }
@@ -79,7 +81,7 @@ fn options(task: &Task) -> Result<Options, String> {
 ///
 /// # Errors
 /// A sentence if it cannot be scored.
-pub(super) fn task(spec: &Spec, mode: Mode, plan: &Plan) -> Result<Box<dyn AnyTask>, String> {
+pub(super) fn task(spec: &Spec, mode: Mode, plan: &Plan) -> Result<Box<dyn AnyTask>, SuiteFault> {
     macro_rules! run {
         ($measure:expr) => {
             Box::new(TaskRun::new(spec.clone(), mode, plan.clone(), $measure))
@@ -369,7 +371,7 @@ mod tests {
             ("kind = \"driving\"", "route_m"),
         ] {
             let sentence = check(&task(text)).expect_err(text);
-            assert!(sentence.contains(words), "{text}: {sentence}");
+            assert!(sentence.to_string().contains(words), "{text}: {sentence}");
         }
         for text in [
             "kind = \"boxes2d\"\nclasses = [\"vehicle\", \"person\"]",

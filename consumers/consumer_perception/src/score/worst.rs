@@ -11,7 +11,7 @@ use schema_frames::Modality;
 use schema_recording::read::RecordingFile;
 
 use super::work::{Wanted, Work, is_query};
-use crate::moment::Moment;
+use crate::evidence::moment::Moment;
 use crate::picture::Picture;
 use crate::report::WorstFrame;
 use crate::tasks::Scored;

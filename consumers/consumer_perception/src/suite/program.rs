@@ -7,6 +7,7 @@ use launch_spec::Restart;
 use serde::Deserialize;
 use toml::Table;
 
+use super::fault::SuiteFault;
 use crate::capture::Mode;
 
 /// A program that is measured.
@@ -31,7 +32,7 @@ impl Program {
     ///
     /// # Errors
     /// A sentence if there is no command.
-    pub fn of_command(cmd: &[String]) -> Result<Program, String> {
+    pub fn of_command(cmd: &[String]) -> Result<Program, SuiteFault> {
         let table = ProgramTable {
             cmd: cmd.to_vec(),
             ..ProgramTable::default()
@@ -123,7 +124,7 @@ impl ProgramTable {
     ///
     /// # Errors
     /// A sentence with the key and what is allowed.
-    pub(super) fn program(self, name: &str, folder: &Path) -> Result<Program, String> {
+    pub(super) fn program(self, name: &str, folder: &Path) -> Result<Program, SuiteFault> {
         let at = format!("[program.{name}]");
         check_name(&at, name)?;
         let mut processes = Vec::new();
@@ -149,17 +150,16 @@ impl ProgramTable {
             (true, true) => {
                 return Err(format!(
                     "{at} has no cmd; give cmd = [\"PROGRAM\", \"ARGUMENT\"], or several [program.{name}.process.NAME]"
-                ));
+                ).into());
             }
             (false, false) => {
-                return Err(format!("{at} has cmd and processes; give one or the other"));
+                return Err(format!("{at} has cmd and processes; give one or the other").into());
             }
         }
         if !(0.0..=3600.0).contains(&self.warm_up_s) {
-            return Err(format!(
-                "{at}: warm_up_s = {}; it lies in 0 to 3600",
-                self.warm_up_s
-            ));
+            return Err(
+                format!("{at}: warm_up_s = {}; it lies in 0 to 3600", self.warm_up_s).into(),
+            );
         }
         Ok(Program {
             name: name.to_owned(),
@@ -180,12 +180,13 @@ impl ProcessTable {
     ///
     /// # Errors
     /// A sentence with the key and what is allowed.
-    pub(crate) fn process(self, name: &str, folder: &Path) -> Result<ProgramProcess, String> {
+    pub(crate) fn process(self, name: &str, folder: &Path) -> Result<ProgramProcess, SuiteFault> {
         check_name("a process", name)?;
         if self.cmd.first().is_none_or(String::is_empty) {
             return Err(format!(
                 "the process {name:?} has no cmd; give cmd = [\"PROGRAM\", \"ARGUMENT\"]"
-            ));
+            )
+            .into());
         }
         let from_here = |path: PathBuf| folder.join(path);
         Ok(ProgramProcess {
@@ -204,7 +205,7 @@ impl ProcessTable {
     }
 }
 
-fn check_name(at: &str, name: &str) -> Result<(), String> {
+fn check_name(at: &str, name: &str) -> Result<(), SuiteFault> {
     let is_plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
     let is_name = (1..=32).contains(&name.len()) && name.chars().all(is_plain);
     match is_name && !RESERVED.contains(&name) {
@@ -212,7 +213,7 @@ fn check_name(at: &str, name: &str) -> Result<(), String> {
         false => Err(format!(
             "{at}: {name:?} is no name for a program; use 1 to 32 lower-case letters, digits or '_', and not {}",
             RESERVED.join(", ")
-        )),
+        ).into()),
     }
 }
 
@@ -257,7 +258,12 @@ mod tests {
             let cmd: Vec<String> = cmd.iter().map(|word| (*word).to_owned()).collect();
             assert_eq!(Program::of_command(&cmd).unwrap().name, name);
         }
-        assert!(Program::of_command(&[]).unwrap_err().contains("no cmd"));
+        assert!(
+            Program::of_command(&[])
+                .unwrap_err()
+                .to_string()
+                .contains("no cmd")
+        );
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Names of classes: what a program calls things, what a suite asks for, and CARLA's numbers.
 
+use crate::suite::SuiteFault;
 use schema_frames::About;
 use schema_types::class::CLASSES;
 
@@ -87,7 +88,7 @@ pub fn number_of(name: &str) -> Option<u8> {
 ///
 /// # Errors
 /// A sentence that names a class that cannot be asked for.
-pub fn targets(asked: &[String]) -> Result<Vec<Target>, String> {
+pub fn targets(asked: &[String]) -> Result<Vec<Target>, SuiteFault> {
     let usual = ["person", "car", "truck", "bus", "motorcycle", "bicycle"];
     let asked: Vec<&str> = match asked {
         [] => usual.to_vec(),
@@ -105,14 +106,16 @@ pub fn targets(asked: &[String]) -> Result<Vec<Target>, String> {
             return Err(format!(
                 "class {name:?} is none that objects can have; choose among {}",
                 names.join(", ")
-            ));
+            )
+            .into());
         };
         let twice = |other: &Target| other.members.iter().any(|member| members.contains(member));
         if let Some(other) = found.iter().find(|other| twice(other)) {
             return Err(format!(
                 "class {name:?} overlaps class {:?}; ask for one of them",
                 other.name
-            ));
+            )
+            .into());
         }
         found.push(Target {
             number: *number,
@@ -170,7 +173,7 @@ pub fn semantic_table(about: &About) -> [u8; 256] {
 ///
 /// # Errors
 /// A sentence that names a class that CARLA has not.
-pub fn semantic_targets(asked: &[String]) -> Result<Vec<u8>, String> {
+pub fn semantic_targets(asked: &[String]) -> Result<Vec<u8>, SuiteFault> {
     if asked.is_empty() {
         return Ok((1..CLASSES.len() as u8).collect());
     }
@@ -183,6 +186,7 @@ pub fn semantic_targets(asked: &[String]) -> Result<Vec<u8>, String> {
                     "class {name:?} is none of CARLA's; choose among {}",
                     names.join(", ")
                 )
+                .into()
             })
         })
         .collect()
@@ -232,7 +236,12 @@ mod tests {
         assert_eq!(program_target(&vehicle, &about(&["Vehicle"]), 0), Some(100));
         assert_eq!(program_target(&vehicle, &about(&["object"]), 0), None);
         assert!(targets(&["vehicle".into(), "car".into()]).is_err());
-        assert!(targets(&["chair".into()]).unwrap_err().contains("person"));
+        assert!(
+            targets(&["chair".into()])
+                .unwrap_err()
+                .to_string()
+                .contains("person")
+        );
     }
 
     #[test]

@@ -7,11 +7,11 @@ use schema_frames::About;
 use serde::Deserialize;
 
 use crate::capture::{Capture, CapturedResult};
-use crate::coco_keep::Kept;
-use crate::ignore::Rules;
-use crate::moment::Moment;
+use crate::evidence::coco_keep::Kept;
+use crate::evidence::ignore::Rules;
+use crate::evidence::moment::Moment;
+use crate::evidence::queries::{Answers, Association};
 use crate::picture::Picture;
-use crate::queries::{Answers, Association};
 use crate::report::TaskScore;
 use crate::suite::TaskKind;
 
@@ -95,6 +95,23 @@ pub struct Bad {
     pub why: String,
 }
 
+/// Why a result is not what the task's results must be, in words that follow "result 7 of TOPIC".
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct Unreadable(String);
+
+impl From<String> for Unreadable {
+    fn from(words: String) -> Unreadable {
+        Unreadable(words)
+    }
+}
+
+impl From<&str> for Unreadable {
+    fn from(words: &str) -> Unreadable {
+        Unreadable(words.to_owned())
+    }
+}
+
 /// What makes a task.
 pub trait Measure: Send + Sync {
     /// A result, decoded.
@@ -125,7 +142,7 @@ pub trait Measure: Send + Sync {
     ///
     /// # Errors
     /// A sentence if it is not what the task's results must be.
-    fn read(&self, reading: &Reading<'_>) -> Result<Self::Estimate, String>;
+    fn read(&self, reading: &Reading<'_>) -> Result<Self::Estimate, Unreadable>;
 
     /// Compares the truth of a moment with a result, or with none; `None` if the moment has no truth.
     fn part(&self, moment: &Moment<'_>, estimate: Option<&Self::Estimate>) -> Option<Self::Part>;

@@ -8,8 +8,8 @@ use schema_frames::{About, ResultType};
 
 use super::{AnyTask, Context, Drawn, Measure, Plan, Reading, Scored, Spec, Worst};
 use crate::capture::{Capture, Mode};
-use crate::moment::Moment;
-use crate::queries::Answers;
+use crate::evidence::moment::Moment;
+use crate::evidence::queries::Answers;
 use crate::report::{CurvePoint, Stratum, TaskScore};
 
 /// Strata of whole moments: light and the carrier's speed, m/s.
@@ -143,7 +143,7 @@ impl<M: Measure> TaskRun<M> {
         };
         let kinds = self.spec.kind.result_types();
         let read = match result.header.kind() {
-            _ if failed.is_some() => Err(failed.unwrap_or_default()),
+            _ if failed.is_some() => Err(failed.unwrap_or_default().into()),
             Some(kind) if kinds.contains(&kind) => self.measure.read(&reading),
             kind => Err(format!(
                 "is of type {}, but {} needs {}",
@@ -154,7 +154,8 @@ impl<M: Measure> TaskRun<M> {
                     .map(|kind| kind.name())
                     .collect::<Vec<_>>()
                     .join(" or ")
-            )),
+            )
+            .into()),
         };
         let estimate = match read {
             Ok(estimate) => Some(Arc::new(estimate)),
@@ -392,7 +393,7 @@ impl<M: Measure> AnyTask for TaskRun<M> {
         }
     }
 
-    fn coco(&mut self) -> Option<crate::coco_keep::Kept> {
+    fn coco(&mut self) -> Option<crate::evidence::coco_keep::Kept> {
         self.measure.coco()
     }
 }

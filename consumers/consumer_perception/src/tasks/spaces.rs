@@ -6,7 +6,8 @@ use nalgebra::{Isometry3, Vector3};
 use schema_frames::{ResultHeader, Space};
 use schema_types::Pose;
 
-use crate::moment::Moment;
+use crate::evidence::moment::Moment;
+use crate::tasks::Unreadable;
 
 /// The carrier's poses so far, for results in its space.
 #[derive(Clone, Debug, Default)]
@@ -39,7 +40,7 @@ impl EgoPoses {
     ///
     /// # Errors
     /// A sentence if the space has no place in the world.
-    pub fn world_from_space(&self, header: &ResultHeader) -> Result<Isometry3<f64>, String> {
+    pub fn world_from_space(&self, header: &ResultHeader) -> Result<Isometry3<f64>, Unreadable> {
         let said = header.world_from_space.isometry();
         match header.space() {
             Some(Space::World) => Ok(Isometry3::identity()),
@@ -50,6 +51,7 @@ impl EgoPoses {
                 pose.copied().ok_or_else(|| {
                     let tick = header.tick;
                     format!("is in the vehicle's space at tick {tick}, which was not recorded")
+                        .into()
                 })
             }
             Some(Space::None) | None => {

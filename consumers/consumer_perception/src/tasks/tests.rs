@@ -6,8 +6,8 @@ mod space;
 
 use schema_frames::{Box2d, ResultType, Track};
 
-use super::boxes2d::Boxes2d;
-use super::tracking::Tracking;
+use super::objects::boxes2d::Boxes2d;
+use super::objects::tracking::Tracking;
 use super::{AnyTask, TaskRun};
 use crate::capture::{Capture, Mode};
 use crate::suite::TaskKind;

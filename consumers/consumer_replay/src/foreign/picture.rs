@@ -2,6 +2,7 @@
 
 use std::io::Cursor;
 
+use consumer_forms::ros2::read as ros2;
 use foxglove::messages as fox;
 use schema_frames::Modality;
 
@@ -29,6 +30,17 @@ impl Picture {
             encoding: image.encoding,
             step: image.step,
             data: image.data.to_vec(),
+        }
+    }
+
+    pub fn of_ros2(image: ros2::Image) -> Picture {
+        Picture {
+            frame_id: image.frame_id,
+            width: image.width,
+            height: image.height,
+            encoding: image.encoding,
+            step: image.step,
+            data: image.data,
         }
     }
 

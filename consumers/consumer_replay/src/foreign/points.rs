@@ -1,53 +1,40 @@
 //! Point clouds of other programs as ours: x, y, z, intensity and channel.
 
+use consumer_forms::ros2::read as ros2;
+use consumer_forms::ros2::read::Number;
 use foxglove::messages as fox;
 use foxglove::messages::packed_element_field::NumericType;
 use schema_frames::LidarPoint;
 
-/// Type of a number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Number {
-    U8,
-    I8,
-    U16,
-    I16,
-    U32,
-    I32,
-    F32,
-    F64,
+fn of_foxglove(code: i32) -> Option<Number> {
+    Some(match NumericType::try_from(code).ok()? {
+        NumericType::Uint8 => Number::U8,
+        NumericType::Int8 => Number::I8,
+        NumericType::Uint16 => Number::U16,
+        NumericType::Int16 => Number::I16,
+        NumericType::Uint32 => Number::U32,
+        NumericType::Int32 => Number::I32,
+        NumericType::Float32 => Number::F32,
+        NumericType::Float64 => Number::F64,
+        NumericType::Unknown => return None,
+    })
 }
 
-impl Number {
-    fn of_foxglove(code: i32) -> Option<Number> {
-        Some(match NumericType::try_from(code).ok()? {
-            NumericType::Uint8 => Number::U8,
-            NumericType::Int8 => Number::I8,
-            NumericType::Uint16 => Number::U16,
-            NumericType::Int16 => Number::I16,
-            NumericType::Uint32 => Number::U32,
-            NumericType::Int32 => Number::I32,
-            NumericType::Float32 => Number::F32,
-            NumericType::Float64 => Number::F64,
-            NumericType::Unknown => return None,
-        })
+/// The number of a type at `at`; `None` if it lies beyond the end.
+fn number(of: Number, bytes: &[u8], at: usize) -> Option<f64> {
+    fn take<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
+        bytes.get(at..at.checked_add(N)?)?.try_into().ok()
     }
-
-    /// The number at `at`.
-    fn read(self, bytes: &[u8], at: usize) -> Option<f64> {
-        fn take<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
-            bytes.get(at..at.checked_add(N)?)?.try_into().ok()
-        }
-        Some(match self {
-            Number::U8 => f64::from(u8::from_le_bytes(take(bytes, at)?)),
-            Number::I8 => f64::from(i8::from_le_bytes(take(bytes, at)?)),
-            Number::U16 => f64::from(u16::from_le_bytes(take(bytes, at)?)),
-            Number::I16 => f64::from(i16::from_le_bytes(take(bytes, at)?)),
-            Number::U32 => f64::from(u32::from_le_bytes(take(bytes, at)?)),
-            Number::I32 => f64::from(i32::from_le_bytes(take(bytes, at)?)),
-            Number::F32 => f64::from(f32::from_le_bytes(take(bytes, at)?)),
-            Number::F64 => f64::from_le_bytes(take(bytes, at)?),
-        })
-    }
+    Some(match of {
+        Number::U8 => f64::from(u8::from_le_bytes(take(bytes, at)?)),
+        Number::I8 => f64::from(i8::from_le_bytes(take(bytes, at)?)),
+        Number::U16 => f64::from(u16::from_le_bytes(take(bytes, at)?)),
+        Number::I16 => f64::from(i16::from_le_bytes(take(bytes, at)?)),
+        Number::U32 => f64::from(u32::from_le_bytes(take(bytes, at)?)),
+        Number::I32 => f64::from(i32::from_le_bytes(take(bytes, at)?)),
+        Number::F32 => f64::from(f32::from_le_bytes(take(bytes, at)?)),
+        Number::F64 => f64::from_le_bytes(take(bytes, at)?),
+    })
 }
 
 /// A cloud as another program has it.
@@ -63,13 +50,22 @@ pub struct Cloud {
 impl Cloud {
     pub fn of_foxglove(cloud: &fox::PointCloud) -> Cloud {
         let fields = cloud.fields.iter().filter_map(|field| {
-            let number = Number::of_foxglove(field.r#type)?;
+            let number = of_foxglove(field.r#type)?;
             Some((field.name.clone(), field.offset as usize, number))
         });
         Cloud {
             stride: cloud.point_stride as usize,
             fields: fields.collect(),
             data: cloud.data.to_vec(),
+        }
+    }
+
+    pub fn of_ros2(cloud: ros2::PointCloud) -> Cloud {
+        let fields = cloud.fields.into_iter();
+        Cloud {
+            stride: cloud.stride,
+            fields: fields.map(|it| (it.name, it.offset, it.number)).collect(),
+            data: cloud.data,
         }
     }
 
@@ -90,7 +86,7 @@ impl Cloud {
         let channel = field(&["ring", "channel", "line"]);
         let mut n = 0u32;
         for point in self.data.chunks_exact(self.stride) {
-            let read = |of: &(String, usize, Number)| of.2.read(point, of.1);
+            let read = |of: &(String, usize, Number)| number(of.2, point, of.1);
             let (Some(x), Some(y), Some(z)) = (read(x), read(y), read(z)) else {
                 return Err("a field lies beyond its point".into());
             };

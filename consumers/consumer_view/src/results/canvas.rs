@@ -1,10 +1,9 @@
 //! What one result is drawn with: the recording, the camera behind it, its colours.
 
-use consumer_kit::items::{ResultParts, legible};
+use consumer_forms::palette;
+use consumer_kit::items::ResultParts;
 use rerun::{AsComponents, RecordingStream, Rgba32};
-use schema_types::class::CLASSES;
 
-use crate::images;
 use crate::layout::{self, Place};
 use crate::rerun;
 
@@ -35,15 +34,10 @@ impl Canvas<'_> {
 
     /// Colour of an object: of its number if it has one and `by_id`, else of its class.
     pub(super) fn colour(&self, class: u32, id: u32, by_id: bool) -> Rgba32 {
-        let [r, g, b] = legible(if by_id && id != 0 {
-            images::id_colour(id)
-        } else if !self.parts.about.classes.is_empty() {
-            images::id_colour(class.saturating_add(1))
-        } else {
-            CLASSES
-                .get(class as usize)
-                .map_or_else(|| images::id_colour(class), |info| info.rgb)
-        });
+        let [r, g, b] = match by_id && id != 0 {
+            true => palette::object(id),
+            false => palette::class_of(self.parts.about, class),
+        };
         Rgba32::from_rgb(r, g, b)
     }
 }

@@ -178,7 +178,9 @@ fn buffer(element: ElementType, body: &[u8]) -> TensorBuffer {
         // Every half is a float, too.
         ElementType::F16 => {
             let halves = all::<u16>(body).into_iter();
-            let floats: Vec<f32> = halves.map(consumer_kit::items::f32_of_half).collect();
+            let floats: Vec<f32> = halves
+                .map(|bits| half::f16::from_bits(bits).to_f32())
+                .collect();
             TensorBuffer::F32(floats.into())
         }
         ElementType::F32 => TensorBuffer::F32(all::<f32>(body).into()),

@@ -1,5 +1,6 @@
 //! Boxes, points, poses and paths in the world.
 
+use consumer_forms::palette;
 use consumer_kit::items::{Field, ResultParts, is_pose};
 use nalgebra::Point3;
 use rerun::{Quaternion, Rgba32};
@@ -305,8 +306,7 @@ fn cloud(parts: &ResultParts<'_>) -> Option<Cloud> {
         ([Some(r), Some(g), Some(b)], ..) => [r, g, b].map(|field| field.of(point) as u8),
         (_, Some(class), ..) => {
             let number = class.of(point).max(0.0) as u32;
-            let known = schema_types::class::CLASSES.get(number as usize);
-            known.map_or_else(|| images::id_colour(number), |info| info.rgb)
+            palette::class(number)
         }
         (_, _, Some(field), Some(full)) => images::turbo((field.of(point) / full) as f32),
         _ => images::height_colour(z_m),

@@ -3,11 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Instant;
 
+use consumer_forms::palette;
 use consumer_kit::items::{BadItems, Chains, ResultParts};
 use rerun::{AsComponents, Rgba32};
 
 use super::canvas::Canvas;
-use crate::images;
 use crate::layout::{ResultView, ViewKind};
 use crate::rerun;
 
@@ -70,7 +70,7 @@ impl Results {
         }
         let described = names.iter().take(u16::MAX as usize).enumerate();
         let classes = described.map(|(number, name)| {
-            let [r, g, b] = images::id_colour(number as u32 + 1);
+            let [r, g, b] = palette::class_of(canvas.parts.about, number as u32);
             let colour = Rgba32::from_rgb(r, g, b);
             rerun::ClassDescription::from((number as u16, name.as_str(), colour))
         });

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use nix::errno::Errno;
+
 use super::finding::Finding;
 
 /// A minute of the quickstart's recording, bytes, rounded up.
@@ -19,28 +21,36 @@ pub fn look(data: anyhow::Result<PathBuf>) -> Vec<Finding> {
     vec![data]
 }
 
+/// Why a folder cannot be used.
+#[derive(Debug, thiserror::Error)]
+enum Unusable {
+    #[error("no part of its path exists")]
+    Nowhere,
+    #[error("{} is no folder", .0.display())]
+    NoFolder(PathBuf),
+    #[error("{} cannot be written to ({})", .0.display(), .1.desc())]
+    ReadOnly(PathBuf, Errno),
+    #[error("{}", .0.desc())]
+    Unknown(Errno),
+}
+
 /// Whether this user may write there, and the free bytes; of the nearest folder that exists.
-fn space(folder: &Path) -> Result<u64, String> {
+fn space(folder: &Path) -> Result<u64, Unusable> {
     let there = folder
         .ancestors()
         .find(|folder| folder.exists())
-        .ok_or("no part of its path exists")?;
+        .ok_or(Unusable::Nowhere)?;
+    let shown = || there.to_owned();
     if !there.is_dir() {
-        return Err(format!("{} is no folder", there.display()));
+        return Err(Unusable::NoFolder(shown()));
     }
-    let access = nix::unistd::access(there, nix::unistd::AccessFlags::W_OK);
-    access.map_err(|error| {
-        format!(
-            "{} cannot be written to ({})",
-            there.display(),
-            error.desc()
-        )
-    })?;
-    let about = nix::sys::statvfs::statvfs(there).map_err(|error| error.desc().to_owned())?;
+    nix::unistd::access(there, nix::unistd::AccessFlags::W_OK)
+        .map_err(|error| Unusable::ReadOnly(shown(), error))?;
+    let about = nix::sys::statvfs::statvfs(there).map_err(Unusable::Unknown)?;
     Ok(about.blocks_available() * about.fragment_size())
 }
 
-fn judge(what: &'static str, folder: &Path, space: Result<u64, String>, want: u64) -> Finding {
+fn judge(what: &'static str, folder: &Path, space: Result<u64, Unusable>, want: u64) -> Finding {
     let shown = folder.display();
     match space {
         Err(problem) => Finding::fail(

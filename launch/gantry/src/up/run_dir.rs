@@ -1,5 +1,5 @@
-//! The folder of one run, `DATA/runs/<start>/`. It holds a log per process and the launch file with
-//! all overrides and defaults.
+//! The folder of one run, `DATA/runs/<start>/`. It holds a log per process, the launch file with
+//! all overrides and defaults, and what became of the processes for programs that watch them.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};

@@ -12,6 +12,8 @@ use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
 
 use launch_cli::Exit;
+use launch_run::process::describe;
+use launch_run::{Note, NoteWriter};
 use nix::sys::signal::Signal;
 
 use super::child::{self, Event, Running};
@@ -68,6 +70,7 @@ enum Reason {
 pub struct Supervisor {
     slots: Vec<Slot>,
     output: Output,
+    notes: NoteWriter,
     bus: Bus,
     events: Sender<Event>,
     inbox: Receiver<Event>,
@@ -86,6 +89,7 @@ impl Supervisor {
     pub fn new(
         plans: Vec<Plan>,
         output: Output,
+        notes: NoteWriter,
         bus: Bus,
         run_for: Option<Duration>,
         signals: Signals,
@@ -103,6 +107,7 @@ impl Supervisor {
         Ok(Supervisor {
             slots: slots.collect::<anyhow::Result<_>>()?,
             output,
+            notes,
             bus,
             events: signals.events,
             inbox: signals.inbox,
@@ -197,8 +202,9 @@ impl Supervisor {
         ) {
             Ok(run) => {
                 self.open_pipes += 2;
-                self.output
-                    .say(&format!("started {} (pid {})", slot.plan.name, run.pid()));
+                let (process, pid) = (slot.plan.name.clone(), run.pid());
+                self.output.say(&format!("started {process} (pid {pid})"));
+                self.notes.write(&Note::Started { process, pid });
                 slot.state = State::Up {
                     run,
                     ready: Readiness::of(&slot.plan),
@@ -466,12 +472,12 @@ impl Supervisor {
         } else if slot.plan.lockstep {
             self.lockstep.look(&self.bus);
         }
+        let (process, how) = (slot.plan.name.clone(), describe(status));
         let text = format!(
-            "{} ended with {} after {:.1} s",
-            slot.plan.name,
-            child::describe(status),
+            "{process} ended with {how} after {:.1} s",
             ran_for.as_secs_f64()
         );
+        self.notes.write(&Note::Ended { process, how });
         slot.sink.note(&format!("--- {text}"));
         let outcome = outcome_of(status, asked);
         if outcome == Outcome::Fine {
@@ -493,22 +499,27 @@ impl Supervisor {
         if slot.restarts.is_wanted(status) {
             let now = Instant::now();
             if let Some((n, pause)) = slot.restarts.next(now, ran_for) {
-                self.output.say(&format!(
-                    "restarting {} in {} ms ({n} of {})",
-                    slot.plan.name,
-                    pause.as_millis(),
+                let process = slot.plan.name.clone();
+                let millis = pause.as_millis();
+                let text = format!(
+                    "restarting {process} in {millis} ms ({n} of {})",
                     restart.max
-                ));
+                );
+                self.output.say(&text);
+                self.notes.write(&Note::Restarting { process, text });
                 slot.state = State::Pausing { until: now + pause };
                 return;
             }
             let (name, max) = (&slot.plan.name, restart.max);
             let log = slot.plan.run_dir.join(format!("{name}.log"));
-            self.output.warn(&format!(
+            let text = format!(
                 "{name} was restarted {max} times within {}; giving up, its log is {}",
                 restart.window,
                 log.display()
-            ));
+            );
+            self.output.warn(&text);
+            let process = name.clone();
+            self.notes.write(&Note::GaveUp { process, text });
             slot.state = State::Over(Outcome::Failed);
             return self.end(Reason::Failed);
         }

@@ -177,7 +177,8 @@ impl Samples {
         let topic: Arc<str> = "world/snapshot".into();
         let header: SnapshotHeader = self.plain(header, &topic)?;
         let bad = |what: String| Trouble::Bad("header", format!("{topic}: {what}"));
-        check_magic(header.magic, SNAPSHOT_MAGIC, header.schema_version).map_err(bad)?;
+        check_magic(header.magic, SNAPSHOT_MAGIC, header.schema_version)
+            .map_err(|error| bad(error.to_string()))?;
         let (at, len) = records.unwrap_or((0, 0));
         if len != header.n_actors as u64 * size_of::<ActorRecord>() as u64 || len > MAX_CHUNK_BYTES
         {
@@ -197,7 +198,8 @@ impl Samples {
         let [_, _, header, text] = spans::<4>(&mut self.reader, message.data)?;
         let header: DocumentHeader = self.plain(header, &topic)?;
         let bad = |what: String| Trouble::Bad("header", format!("{topic}: {what}"));
-        check_magic(header.magic, DOCUMENT_MAGIC, header.schema_version).map_err(bad)?;
+        check_magic(header.magic, DOCUMENT_MAGIC, header.schema_version)
+            .map_err(|error| bad(error.to_string()))?;
         self.take_text(text.unwrap_or((0, 0)))?;
         if std::str::from_utf8(&self.text).is_err() {
             return Err(bad("its text is not UTF-8".into()));
@@ -247,17 +249,22 @@ impl Samples {
     }
 }
 
+/// Why a header that is plain data is not one of this version.
+#[derive(Debug, thiserror::Error)]
+enum ForeignHeader {
+    #[error("it starts with {found:#010x}, not with {magic:#010x}")]
+    Magic { found: u32, magic: u32 },
+    #[error("it carries schema {0}, this program reads {SCHEMA_VERSION}")]
+    Version(u16),
+}
+
 /// Whether plain data is what it should be, in this version.
-fn check_magic(found: u32, magic: u32, schema_version: u16) -> Result<(), String> {
+fn check_magic(found: u32, magic: u32, schema_version: u16) -> Result<(), ForeignHeader> {
     if found != magic {
-        return Err(format!(
-            "it starts with {found:#010x}, not with {magic:#010x}"
-        ));
+        return Err(ForeignHeader::Magic { found, magic });
     }
     if schema_version != SCHEMA_VERSION {
-        return Err(format!(
-            "it carries schema {schema_version}, this program reads {SCHEMA_VERSION}"
-        ));
+        return Err(ForeignHeader::Version(schema_version));
     }
     Ok(())
 }

@@ -49,9 +49,48 @@ pub(crate) struct Index {
     /// Whether the file ends as a whole one does.
     pub is_complete: bool,
     /// Why it was walked instead of read from its summary.
-    pub walked_because: Option<String>,
+    pub walked_because: Option<SummaryError>,
     schemas: BTreeMap<u16, std::sync::Arc<Schema>>,
     unnamed: BTreeMap<u16, (u16, String, String)>,
+}
+
+/// Why a file's summary is not used and its records are walked over instead.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum SummaryError {
+    #[error("it ends before a summary")]
+    TooShort,
+    #[error("it was not finished, or is cut off")]
+    Unfinished,
+    #[error("it does not end with a footer")]
+    NoFooter,
+    #[error("it has no summary")]
+    None,
+    #[error("its footer puts the summary at byte {0}")]
+    Place(u64),
+    #[error("its summary does not have the checksum that is given for it")]
+    Checksum,
+    #[error("its summary is damaged: a record is cut off")]
+    CutRecord,
+    #[error("its summary is damaged: a record is longer than the summary")]
+    LongRecord,
+    #[error("its summary is damaged: {0}")]
+    Record(#[from] walk::RecordError),
+    #[error("its summary is damaged: it puts a chunk at byte {0}")]
+    ChunkPlace(u64),
+    #[error("its summary is damaged: it names places beyond the data")]
+    BeyondData,
+    #[error("its summary has no statistics")]
+    NoStatistics,
+    #[error("its summary lists {listed} {what} and counts {counted}")]
+    Count {
+        what: &'static str,
+        listed: usize,
+        counted: u64,
+    },
+    #[error("its messages are not in chunks")]
+    LooseMessages,
+    #[error("its summary puts a chunk at byte {0}, where there is none")]
+    NoChunk(u64),
 }
 
 impl Index {
@@ -68,26 +107,29 @@ impl Index {
     }
 
     /// The inner error says why the summary cannot be used.
-    fn from_summary(window: &mut Window, file_bytes: u64) -> anyhow::Result<Result<Index, String>> {
+    fn from_summary(
+        window: &mut Window,
+        file_bytes: u64,
+    ) -> anyhow::Result<Result<Index, SummaryError>> {
         const FOOTER_BYTES: u64 = RECORD_HEAD_BYTES + 20;
         let tail = FOOTER_BYTES + 8;
         if file_bytes < 8 + tail {
-            return Ok(Err("it ends before a summary".to_string()));
+            return Ok(Err(SummaryError::TooShort));
         }
         let footer_at = file_bytes - tail;
         let end = window.look(footer_at, tail as usize)?.to_vec();
         if end.len() as u64 != tail || end[FOOTER_BYTES as usize..] != mcap::MAGIC[..] {
-            return Ok(Err("it was not finished, or is cut off".to_string()));
+            return Ok(Err(SummaryError::Unfinished));
         }
         let footer = (record_head(&end), u64_at(&end, 9), u32_at(&end, 25));
         let (Some((op::FOOTER, 20)), Some(start), Some(crc)) = footer else {
-            return Ok(Err("it does not end with a footer".to_string()));
+            return Ok(Err(SummaryError::NoFooter));
         };
         if start == 0 {
-            return Ok(Err("it has no summary".to_string()));
+            return Ok(Err(SummaryError::None));
         }
         if start < 8 || start > footer_at || footer_at - start > MAX_SUMMARY_BYTES {
-            return Ok(Err(format!("its footer puts the summary at byte {start}")));
+            return Ok(Err(SummaryError::Place(start)));
         }
         let mut summary = vec![0; (footer_at - start) as usize];
         window.read_exact(&mut summary, start)?;
@@ -96,9 +138,7 @@ impl Index {
             hasher.update(&summary);
             hasher.update(&end[..25]);
             if hasher.finalize() != crc {
-                return Ok(Err(
-                    "its summary does not have the checksum that is given for it".into(),
-                ));
+                return Ok(Err(SummaryError::Checksum));
             }
         }
         let mut index = Index {
@@ -107,7 +147,7 @@ impl Index {
         };
         let mut statistics = None;
         if let Err(why) = index.take_summary(&summary, start, &mut statistics) {
-            return Ok(Err(format!("its summary is damaged: {why}")));
+            return Ok(Err(why));
         }
         index.name_channels();
         if let Err(why) = index.check(window, statistics.as_ref(), start)? {
@@ -122,13 +162,13 @@ impl Index {
         mut summary: &[u8],
         start: u64,
         statistics: &mut Option<Statistics>,
-    ) -> Result<(), String> {
+    ) -> Result<(), SummaryError> {
         while !summary.is_empty() {
-            let (opcode, len) = record_head(summary).ok_or("a record is cut off")?;
+            let (opcode, len) = record_head(summary).ok_or(SummaryError::CutRecord)?;
             let body = usize::try_from(len)
                 .ok()
                 .and_then(|len| summary[RECORD_HEAD_BYTES as usize..].get(..len))
-                .ok_or("a record is longer than the summary")?;
+                .ok_or(SummaryError::LongRecord)?;
             summary = &summary[RECORD_HEAD_BYTES as usize + body.len()..];
             match walk::record(opcode, body)? {
                 Record::ChunkIndex(chunk) => {
@@ -163,14 +203,14 @@ impl Index {
         let mut end = 8;
         for piece in &self.pieces {
             if piece.offset < end || piece.len < RECORD_HEAD_BYTES {
-                return Err(format!("it puts a chunk at byte {}", piece.offset));
+                return Err(SummaryError::ChunkPlace(piece.offset));
             }
             end = piece.offset.saturating_add(piece.len);
         }
         let places = self.attachments.iter().chain(&self.metadata);
         let mut ends = places.map(|place| place.offset.saturating_add(place.len));
         if end > start || ends.any(|end| end > start) {
-            return Err("it names places beyond the data".to_string());
+            return Err(SummaryError::BeyondData);
         }
         Ok(())
     }
@@ -181,9 +221,9 @@ impl Index {
         window: &mut Window,
         statistics: Option<&Statistics>,
         data_end: u64,
-    ) -> anyhow::Result<Result<(), String>> {
+    ) -> anyhow::Result<Result<(), SummaryError>> {
         let Some(of) = statistics else {
-            return Ok(Err("its summary has no statistics".to_string()));
+            return Ok(Err(SummaryError::NoStatistics));
         };
         let counts = [
             ("chunks", u64::from(of.chunk_count), self.pieces.len()),
@@ -201,21 +241,20 @@ impl Index {
         ];
         for (what, counted, listed) in counts {
             if counted != listed as u64 {
-                return Ok(Err(format!(
-                    "its summary lists {listed} {what} and counts {counted}"
-                )));
+                return Ok(Err(SummaryError::Count {
+                    what,
+                    listed,
+                    counted,
+                }));
             }
         }
         if of.message_count > 0 && self.pieces.is_empty() {
-            return Ok(Err("its messages are not in chunks".to_string()));
+            return Ok(Err(SummaryError::LooseMessages));
         }
         for piece in self.pieces.first().into_iter().chain(self.pieces.last()) {
             let head = record_head(window.look(piece.offset, RECORD_HEAD_BYTES as usize)?);
             if head != Some((op::CHUNK, piece.len - RECORD_HEAD_BYTES)) {
-                return Ok(Err(format!(
-                    "its summary puts a chunk at byte {}, where there is none",
-                    piece.offset
-                )));
+                return Ok(Err(SummaryError::NoChunk(piece.offset)));
             }
         }
         let _ = data_end;

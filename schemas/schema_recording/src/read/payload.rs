@@ -6,6 +6,7 @@ use schema_frames::FrameHeader;
 
 use super::chunk::PieceReader;
 use super::fields::Span;
+use crate::codec::{self, CodecError};
 
 /// Why bytes cannot be read.
 #[derive(Debug, thiserror::Error)]
@@ -24,7 +25,7 @@ pub enum PayloadError {
         /// Name of the codec.
         codec: String,
         /// What it says.
-        cause: String,
+        cause: CodecError,
     },
     /// The file cannot be read.
     #[error("the payload cannot be read: {0}")]
@@ -81,9 +82,11 @@ impl Payload<'_> {
         }
         self.coded.resize(stored as usize, 0);
         self.reader.copy(at, self.coded)?;
-        decode(&self.codec, &self.header, self.coded, out).map_err(|cause| PayloadError::Codec {
-            codec: self.codec.clone(),
-            cause,
+        codec::decode(&self.codec, &self.header, self.coded, out).map_err(|cause| {
+            PayloadError::Codec {
+                codec: self.codec.clone(),
+                cause,
+            }
         })
     }
 
@@ -106,8 +109,4 @@ impl Payload<'_> {
         self.reader.copy(self.span.0, &mut bytes)?;
         Ok(bytes)
     }
-}
-
-fn decode(codec: &str, header: &FrameHeader, coded: &[u8], out: &mut [u8]) -> Result<(), String> {
-    crate::codec::decode(codec, header, coded, out).map_err(|error| error.to_string())
 }

@@ -75,11 +75,3 @@ pub fn drive(size_px: [u32; 2], moments: impl Iterator<Item = (f64, u64)>) -> Ve
     };
     moments.map(shot).collect()
 }
-
-/// CPU time of this process, all threads.
-pub fn cpu_secs() -> f64 {
-    let usage = nix::sys::resource::getrusage(nix::sys::resource::UsageWho::RUSAGE_SELF)
-        .expect("a process may ask for its own usage");
-    let secs = |t: nix::sys::time::TimeVal| t.tv_sec() as f64 + t.tv_usec() as f64 * 1e-6;
-    secs(usage.user_time()) + secs(usage.system_time())
-}

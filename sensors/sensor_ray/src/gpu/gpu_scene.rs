@@ -11,6 +11,31 @@ use crate::bvh::{
 };
 use crate::ray_scene::{CHUNK, Labels, RayScene, box_about};
 
+/// The part of a scene that a GPU cannot hold.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum TooLarge {
+    /// A ray would need more of the shader's stack than there is.
+    #[error(
+        "a hierarchy of boxes takes {n_levels} entries of the shader's stack, which has {STACK_ENTRIES}"
+    )]
+    Stack {
+        /// Entries that a ray needs.
+        n_levels: u32,
+    },
+    /// A buffer would be larger than shaders can reach.
+    #[error("{what} take {n_bytes} bytes, and shaders of {gpu:?} reach {most} at once")]
+    Buffer {
+        /// Contents of the buffer.
+        what: &'static str,
+        /// Size of the buffer.
+        n_bytes: u64,
+        /// Name of the GPU.
+        gpu: String,
+        /// Greatest size that the GPU allows.
+        most: u64,
+    },
+}
+
 /// Where a hierarchy begins in the buffers.
 #[derive(Clone, Copy)]
 struct Place {
@@ -43,7 +68,7 @@ pub(super) struct GpuScene {
     /// hierarchies.
     loaded: Option<(u64, usize)>,
     /// The same for hierarchies that the GPU cannot hold, and the reason.
-    refused: Option<((u64, usize), String)>,
+    refused: Option<((u64, usize), TooLarge)>,
     /// Revision of hidden triangles that was uploaded.
     revision: u64,
     upper_nodes: usize,
@@ -86,8 +111,8 @@ impl GpuScene {
     /// Uploads what changed; true if a buffer was replaced.
     ///
     /// # Errors
-    /// A sentence that says why the GPU cannot hold the scene; buffers may have been replaced then.
-    pub fn update(&mut self, gpu: &Gpu, scene: &RayScene) -> Result<bool, String> {
+    /// If the GPU cannot hold the scene; buffers may have been replaced then.
+    pub fn update(&mut self, gpu: &Gpu, scene: &RayScene) -> Result<bool, TooLarge> {
         let key = (scene.serial, scene.mesh_trees.iter().flatten().count());
         if let Some((_, why)) = self.refused.as_ref().filter(|(refused, _)| *refused == key) {
             return Err(why.clone());
@@ -107,9 +132,7 @@ impl GpuScene {
         self.revision = scene.hiding.revision;
         let n_levels = self.n_levels + 2 * upper.n_levels;
         if n_levels > STACK_ENTRIES {
-            return Err(format!(
-                "a hierarchy of boxes takes {n_levels} entries of the shader's stack, which has {STACK_ENTRIES}"
-            ));
+            return Err(TooLarge::Stack { n_levels });
         }
         // In an empty scene, a root without children stops every ray.
         if upper.nodes.is_empty() {
@@ -125,7 +148,7 @@ impl GpuScene {
 
     /// Uploads the instances from the first to the last one that changed; true if their buffer was
     /// replaced.
-    fn update_instances(&mut self, gpu: &Gpu, scene: &RayScene) -> Result<bool, String> {
+    fn update_instances(&mut self, gpu: &Gpu, scene: &RayScene) -> Result<bool, TooLarge> {
         let tiles = scene
             .scenery
             .tiles
@@ -194,7 +217,7 @@ impl GpuScene {
     }
 
     /// Uploads all hierarchies.
-    fn load(&mut self, gpu: &Gpu, scene: &RayScene) -> Result<(), String> {
+    fn load(&mut self, gpu: &Gpu, scene: &RayScene) -> Result<(), TooLarge> {
         let mut nodes = vec![[0; NODE_WORDS]; self.upper_nodes];
         let mut triangles: Vec<[u32; 4]> = Vec::new();
         self.tiles.clear();
@@ -259,16 +282,18 @@ impl GpuScene {
 }
 
 /// Checks that a shader can reach `n_bytes` of one buffer.
-fn check_size(gpu: &Gpu, what: &str, n_bytes: u64) -> Result<(), String> {
+fn check_size(gpu: &Gpu, what: &'static str, n_bytes: u64) -> Result<(), TooLarge> {
     let limits = gpu.device().limits();
     let most = limits
         .max_buffer_size
         .min(limits.max_storage_buffer_binding_size);
     if n_bytes > most {
-        Err(format!(
-            "{what} take {n_bytes} bytes, and shaders of {:?} reach {most} at once",
-            gpu.name()
-        ))
+        Err(TooLarge::Buffer {
+            what,
+            n_bytes,
+            gpu: gpu.name().to_owned(),
+            most,
+        })
     } else {
         Ok(())
     }

@@ -36,9 +36,8 @@ impl Turn<'_> {
         let n_slots = (TASK_BUNCHES * self.beams.bunch_rays).max(1);
         let bunches = self.beams.bunches.par_chunks(TASK_BUNCHES);
         points.par_chunks_mut(n_slots).zip(bunches).for_each_init(
-            Stacks::default,
-            |stacks, (points, bunches)| {
-                let _span = RAYS.span();
+            || (RAYS.span(), Stacks::default()),
+            |(_span, stacks), (points, bunches)| {
                 let caster = Caster {
                     scene: self.scene,
                     ignored: self.ignored,

@@ -4,36 +4,32 @@ use std::collections::BTreeMap;
 
 use schema_frames::CommandReply;
 
-use crate::daemon::Daemon;
+use crate::clock::Clock;
+use crate::faults::Faults;
+use crate::ports::Ports;
+use crate::sensing::Sensing;
 
-pub fn counters(daemon: &Daemon) -> CommandReply {
-    let gpu = daemon.sensors.gpu();
+pub fn counters(sensing: &Sensing, ports: &Ports, clock: &Clock, faults: &Faults) -> CommandReply {
+    let sensors = sensing.sensors();
+    let gpu = sensors.gpu();
     let gpu = gpu.map(|gpu| gpu.counters().counts()).unwrap_or_default();
-    let of_workers = daemon.workers.totals();
+    let (of_workers, late) = (sensing.of_workers(), clock.late_ticks());
+    let intake = ports.intake_counts();
     let mut counters = BTreeMap::from([
-        ("ticks".to_owned(), daemon.tick.0),
-        ("late_ticks".to_owned(), daemon.pace.n_late()),
-        ("ticks_given_up".to_owned(), daemon.pace.n_given_up()),
-        ("controls_refused".to_owned(), daemon.faults.controls.n()),
-        (
-            "control_samples_lost".to_owned(),
-            daemon.ports.controls.n_lost(),
-        ),
+        ("ticks".to_owned(), clock.tick().0),
+        ("late_ticks".to_owned(), late.n_late),
+        ("ticks_given_up".to_owned(), late.n_given_up),
+        ("controls_refused".to_owned(), faults.n_refused_controls()),
+        ("control_samples_lost".to_owned(), intake.n_controls_lost),
         (
             "control_samples_refused".to_owned(),
-            daemon.ports.controls.n_faults(),
+            intake.n_controls_refused,
         ),
-        ("acks_refused".to_owned(), daemon.faults.acks.n()),
-        (
-            "requests_refused".to_owned(),
-            daemon.ports.commands.n_faults(),
-        ),
-        ("unsent".to_owned(), daemon.faults.n_unsent()),
+        ("acks_refused".to_owned(), faults.n_refused_acks()),
+        ("requests_refused".to_owned(), intake.n_requests_refused),
+        ("unsent".to_owned(), faults.n_unsent()),
         ("gpu_passes".to_owned(), gpu.passes),
-        (
-            "render_workers".to_owned(),
-            daemon.workers.n_working() as u64,
-        ),
+        ("render_workers".to_owned(), sensing.n_workers() as u64),
         ("sent_by_workers".to_owned(), of_workers.n_sent),
         ("dropped_by_workers".to_owned(), of_workers.n_dropped),
         ("passes_of_workers".to_owned(), of_workers.n_passes),
@@ -41,9 +37,9 @@ pub fn counters(daemon: &Daemon) -> CommandReply {
         ("gpu_triangles".to_owned(), gpu.triangles),
         ("gpu_copies".to_owned(), gpu.copies),
         ("gpu_submissions".to_owned(), gpu.submissions),
-        ("lidar_turns".to_owned(), daemon.sensors.n_lidar_turns()),
+        ("lidar_turns".to_owned(), sensors.n_lidar_turns()),
     ]);
-    for topic in daemon.sensors.topics() {
+    for topic in sensors.topics() {
         let (name, counts) = (&topic.name, &topic.counts);
         counters.insert(format!("sent {name}"), counts.n_sent);
         counters.insert(format!("dropped {name}"), counts.n_dropped);

@@ -6,14 +6,18 @@ use schema_frames::query::MAX_RAYS;
 use schema_frames::{CommandReply, RayHit, RaySegment};
 use sensor_ray::{Hit, RayScene};
 
-use crate::daemon::Daemon;
+use crate::clock::Clock;
+use crate::sensing::Sensing;
+use crate::world::LiveWorld;
 
 /// Longest ray, metres.
 const MAX_LENGTH_M: f64 = 10_000.0;
 
 /// The nearest surfaces that each ray meets, at most `max_hits`.
 pub fn cast(
-    daemon: &mut Daemon,
+    world: &mut LiveWorld,
+    sensing: &mut Sensing,
+    clock: &Clock,
     rays: &[RaySegment],
     max_hits: usize,
 ) -> anyhow::Result<CommandReply> {
@@ -26,21 +30,19 @@ pub fn cast(
     for ray in rays {
         aimed.push(aim(ray)?);
     }
-    if let Some(stream) = &mut daemon.episode.stream {
-        let asked: Vec<_> = aimed
-            .iter()
-            .flatten()
-            .map(|ray| (ray.from_m, ray.direction, ray.length_m))
-            .collect();
-        stream.ask(&mut daemon.sensors, &asked, daemon.tick.0);
-    }
-    let scene = daemon.scene();
-    let world = daemon.sensors.rays(&scene);
+    let asked: Vec<_> = aimed
+        .iter()
+        .flatten()
+        .map(|ray| (ray.from_m, ray.direction, ray.length_m))
+        .collect();
+    world.stream_for_rays(sensing.sensors_mut(), &asked, clock);
+    let scene = world.scene(clock);
+    let scene = sensing.sensors_mut().rays(&scene);
     let rays = aimed
         .iter()
         .map(|ray| {
             ray.as_ref()
-                .map_or(Vec::new(), |ray| hits(world, ray, max_hits))
+                .map_or(Vec::new(), |ray| hits(scene, ray, max_hits))
         })
         .collect();
     Ok(CommandReply::Hits { rays })

@@ -8,9 +8,13 @@ use schema_types::{ActorId, Pose};
 use sensor_core::schedule::Schedule;
 use sensor_spec::SensorSpec;
 
-use crate::daemon::Daemon;
+use crate::clock::Clock;
+use crate::ports::Ports;
+use crate::sensing::Sensing;
+use crate::world::LiveWorld;
 use simd_frames::sensor::{NoiseStream, OpenContext, Role, Sensor, SensorIdentity, shared_rig};
 use simd_frames::topic::MemoryLife;
+use simd_world::World;
 
 /// Most sensors at a time. Each needs several files and services.
 const MAX_SENSORS: usize = 512;
@@ -33,31 +37,40 @@ pub struct SensorWish<'a> {
     pub attributes: &'a BTreeMap<String, String>,
 }
 
+/// What making a sensor touches.
+pub struct Context<'a> {
+    pub world: &'a mut LiveWorld,
+    pub sensing: &'a mut Sensing,
+    pub ports: &'a Ports,
+    pub clock: &'a Clock,
+    /// Whether a journal that is run again tells which topics have frames.
+    pub is_told: bool,
+}
+
 /// Makes the actor and its topics. The topics have no memory until somebody reads them.
-pub fn spawn(daemon: &mut Daemon, wish: &SensorWish<'_>) -> anyhow::Result<CommandReply> {
+pub fn spawn(context: &mut Context<'_>, wish: &SensorWish<'_>) -> anyhow::Result<CommandReply> {
+    let sensors = context.sensing.sensors();
     ensure!(
-        daemon.sensors.sensors.len() < MAX_SENSORS,
+        sensors.sensors.len() < MAX_SENSORS,
         "there are {MAX_SENSORS} sensors already, which is the most; destroy one first"
     );
-    let spec = read_spec(wish.spec, daemon.clock.period_nanos())?;
-    if !daemon.workers.has_any() {
-        daemon.sensors.admit(&spec)?;
+    let spec = read_spec(wish.spec, context.clock.period_nanos())?;
+    if !context.sensing.has_workers() {
+        sensors.admit(&spec)?;
     }
-    let actor = daemon
-        .world
-        .spawn(wish.type_id, wish.pose, wish.parent, "", wish.attributes)?;
-    let made = daemon
-        .world
+    let world = context.world.world_mut();
+    let actor = world.spawn(wish.type_id, wish.pose, wish.parent, "", wish.attributes)?;
+    let made = world
         .set_attachment(actor, wish.attachment)
         .map_err(anyhow::Error::from);
-    match made.and_then(|()| open(daemon, wish, spec, actor)) {
+    match made.and_then(|()| open(context, wish, spec, actor)) {
         Ok(topics) => Ok(CommandReply::Spawned {
             actor_id: actor.0,
             topics,
         }),
         Err(error) => {
-            daemon
-                .world
+            let world = context.world.world_mut();
+            world
                 .destroy(actor)
                 .context("the sensor's actor could not be taken back")?;
             Err(error)
@@ -65,49 +78,60 @@ pub fn spawn(daemon: &mut Daemon, wish: &SensorWish<'_>) -> anyhow::Result<Comma
     }
 }
 
-/// Removes an actor and everything attached to it. Sensors among these end.
-pub fn destroy(daemon: &mut Daemon, actor: ActorId) -> anyhow::Result<CommandReply> {
-    let gone = daemon.world.destroy(actor)?;
-    let is_owed = !daemon.gate.participants().is_empty();
-    daemon
-        .sensors
-        .remove(|sensor| gone.contains(&sensor.actor), is_owed)?;
+/// Removes an actor and everything attached to it. Sensors among these end; those in lockstep are
+/// owed their last frames if `is_owed`.
+pub fn destroy(
+    world: &mut LiveWorld,
+    sensing: &mut Sensing,
+    ports: &mut Ports,
+    actor: ActorId,
+    is_owed: bool,
+) -> anyhow::Result<CommandReply> {
+    let gone = world.world_mut().destroy(actor)?;
+    sensing.remove(&gone, is_owed)?;
     // It says whose images batches have.
-    daemon.ports.documents.touch_info();
+    ports.touch_info();
     Ok(CommandReply::Done)
 }
 
 /// Leaves actors out of a camera's images.
-pub fn hide(daemon: &mut Daemon, camera: ActorId, actors: &[u32]) -> anyhow::Result<CommandReply> {
+pub fn hide(
+    sensing: &mut Sensing,
+    camera: ActorId,
+    actors: &[u32],
+) -> anyhow::Result<CommandReply> {
     ensure!(
         actors.len() <= MAX_HIDDEN,
         "{} actors are to be left out, at most {MAX_HIDDEN} can be",
         actors.len()
     );
     let actors: Vec<ActorId> = actors.iter().map(|id| ActorId(*id)).collect();
-    let found = daemon.sensors.sensors.iter_mut();
-    let n_found = found
-        .filter(|sensor| sensor.actor == camera)
-        .filter_map(|sensor| sensor.hide(&actors).then_some(()))
-        .count();
     ensure!(
-        n_found > 0,
+        sensing.hide(camera, &actors),
         "actor {camera} is no camera; only cameras leave actors out"
     );
     Ok(CommandReply::Done)
 }
 
 fn open(
-    daemon: &mut Daemon,
+    context: &mut Context<'_>,
     wish: &SensorWish<'_>,
     spec: SensorSpec,
     actor: ActorId,
 ) -> anyhow::Result<Vec<String>> {
+    let Context {
+        world,
+        sensing,
+        ports,
+        clock,
+        is_told,
+    } = context;
     let name = wish
         .parent
         .map_or("free".to_owned(), |parent| format!("actor_{parent}"));
-    let rig = shared_rig(&daemon.sensors.sensors, &daemon.bus, &name)?;
-    let stream = stream_of(daemon, wish, &spec)?;
+    let sensors = sensing.sensors();
+    let rig = shared_rig(&sensors.sensors, ports.bus(), &name)?;
+    let stream = stream_of(world.world(), &sensors.sensors, wish, &spec)?;
     let identity = SensorIdentity {
         rig,
         launch_rig: None,
@@ -117,35 +141,36 @@ fn open(
         is_added: false,
         role: Role::Sensor,
     };
-    let context = OpenContext {
-        bus: &daemon.bus,
-        gpu: daemon.sensors.gpu(),
-        server: daemon.gpu_server.as_ref(),
-        frames: daemon.sensors.options(),
+    let opening = OpenContext {
+        bus: ports.bus(),
+        gpu: sensors.gpu(),
+        server: ports.gpu_server(),
+        frames: sensors.options(),
         memory: MemoryLife::OnDemand,
-        limits: &|topic| daemon.settings.launch.limits_of(topic),
-        seed: daemon.episode.stamp.seed,
-        tick: daemon.tick,
-        period_nanos: daemon.clock.period_nanos(),
-        is_told: daemon.player.is_some(),
-        cameras_are_away: daemon.workers.has_any(),
+        limits: &|topic| world.launch().limits_of(topic),
+        seed: world.episode().stamp().seed,
+        tick: clock.tick(),
+        period_nanos: clock.period_nanos(),
+        is_told: *is_told,
+        cameras_are_away: sensing.has_workers(),
     };
-    let schedule = Schedule::new(daemon.now(), wish.interval_nanos);
-    let sensor = Sensor::open(&context, identity, spec, schedule)?;
-    daemon.world.set_topics(actor, sensor.topic_infos())?;
+    let schedule = Schedule::new(clock.now(), wish.interval_nanos);
+    let sensor = Sensor::open(&opening, identity, spec, schedule)?;
+    world.world_mut().set_topics(actor, sensor.topic_infos())?;
     let topics = sensor
         .topics
         .iter()
         .map(|topic| topic.name.clone())
         .collect();
-    daemon.sensors.add(sensor, &daemon.episode.assets);
+    sensing.sensors_mut().add(sensor, world.episode().assets());
     Ok(topics)
 }
 
 /// The stream of noise of a sensor: from its specification, its mount, its role and its carrier's
 /// type and role.
 fn stream_of(
-    daemon: &Daemon,
+    world: &World,
+    living: &[Sensor],
     wish: &SensorWish<'_>,
     spec: &SensorSpec,
 ) -> anyhow::Result<NoiseStream> {
@@ -157,10 +182,10 @@ fn stream_of(
         bytemuck::bytes_of(&wish.pose),
         role.as_bytes(),
     ];
-    if let Some((type_id, role)) = wish.parent.and_then(|it| daemon.world.type_and_role(it)) {
+    if let Some((type_id, role)) = wish.parent.and_then(|it| world.type_and_role(it)) {
         parts.extend([type_id.as_bytes(), role.as_bytes()]);
     }
-    let living = daemon.sensors.sensors.iter().map(|other| &other.stream);
+    let living = living.iter().map(|other| &other.stream);
     Ok(NoiseStream::made(&parts, wish.parent, living))
 }
 

@@ -43,20 +43,22 @@ pub(super) struct BatchFrame {
     header: FrameHeader,
 }
 
+/// When the images of batches are made.
+pub(super) struct Moment<'a> {
+    pub tick: &'a TickView<'a>,
+    /// The sensors that fire, in the order of all.
+    pub due: &'a [Due],
+    pub now_nanos: u64,
+}
+
 impl Batching {
     /// Loans the slots of all frames of batches that somebody reads and whose cameras all make an
-    /// image in this tick; `due` is in the order of `sensors`.
-    pub fn begin(
-        batches: &mut [Batch],
-        sensors: &[Sensor],
-        tick: &TickView<'_>,
-        due: &[Due],
-        now_nanos: u64,
-    ) -> Batching {
+    /// image in this tick.
+    pub fn begin(batches: &mut [Batch], sensors: &[Sensor], moment: &Moment<'_>) -> Batching {
         let mut batching = Batching::default();
         for (batch_idx, batch) in batches.iter_mut().enumerate() {
             if batch.is_read() {
-                batching.begin_batch((batch_idx, batch), sensors, tick, due, now_nanos);
+                batching.begin_batch(batch_idx, batch, sensors, moment);
             }
         }
         batching.wanted.sort_by_key(|wanted| wanted.sensor_idx);
@@ -65,12 +67,16 @@ impl Batching {
 
     fn begin_batch(
         &mut self,
-        (batch_idx, batch): (usize, &mut Batch),
+        batch_idx: usize,
+        batch: &mut Batch,
         sensors: &[Sensor],
-        tick: &TickView<'_>,
-        due: &[Due],
-        now_nanos: u64,
+        moment: &Moment<'_>,
     ) {
+        let Moment {
+            tick,
+            due,
+            now_nanos,
+        } = *moment;
         let due_of = |sensor_idx: &usize| {
             let at = due.binary_search_by_key(sensor_idx, |due| due.sensor_idx);
             at.ok().map(|at| &due[at])

@@ -102,7 +102,8 @@ pub(super) fn submit(
 
 /// Waits for the lidars of this tick and sends them; returns how many were cast.
 pub(super) fn finish(
-    (sensors, gpu): (&mut [Sensor], Option<&Gpu>),
+    sensors: &mut [Sensor],
+    gpu: Option<&Gpu>,
     pending: PendingLidars,
     waking: &mut Waking,
     audience: Audience,

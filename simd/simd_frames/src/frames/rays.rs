@@ -93,7 +93,7 @@ impl Rays {
             if !std::mem::replace(&mut self.lidars_were_refused, true) {
                 tracing::warn!(
                     tick = scene.tick.0,
-                    why,
+                    why = why.to_string(),
                     "lidars are cast on the CPU as long as they are too much for the GPU; said once"
                 );
             }

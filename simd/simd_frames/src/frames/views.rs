@@ -8,7 +8,7 @@ use schema_frames::{FrameHeader, Modality};
 use sensor_camera::{CameraRenderer, Output, Submission, ViewJob};
 use sensor_gpu::{Gpu, GpuError};
 
-use super::batches::{self, BatchFrame, Batching, Done};
+use super::batches::{self, BatchFrame, Batching, Done, Moment};
 use super::shot::{Due, Shot, TickView};
 use crate::batch::Batch;
 use crate::rig::Waking;
@@ -62,20 +62,39 @@ impl PendingViews {
     }
 }
 
+/// The sensors and batches that images are made for.
+pub(super) struct Sources<'a> {
+    pub sensors: &'a mut [Sensor],
+    pub batches: &'a mut [Batch],
+}
+
+/// What images are made with.
+pub(super) struct Drawing<'a> {
+    pub gpu: &'a Gpu,
+    pub renderer: &'a mut CameraRenderer,
+}
+
 /// Renders the views of the sensors that are due; `None` if no frame comes of it. `due` is in the
-/// order of `sensors`.
+/// order of the sensors.
 pub(super) fn submit(
-    (sensors, batches): (&mut [Sensor], &mut [Batch]),
-    (gpu, renderer): (&Gpu, &mut CameraRenderer),
+    sources: Sources<'_>,
+    drawing: Drawing<'_>,
     tick: &TickView<'_>,
     due: &[Due],
     audience: Audience,
 ) -> anyhow::Result<Option<PendingViews>> {
     let _span = stages::RECORD.span();
+    let Sources { sensors, batches } = sources;
+    let Drawing { gpu, renderer } = drawing;
     let now_nanos = mono_now().0;
     let mut jobs = Vec::new();
     let (mut frames, mut loans) = (Vec::new(), Vec::new());
-    let mut batching = Batching::begin(batches, sensors, tick, due, now_nanos);
+    let moment = Moment {
+        tick,
+        due,
+        now_nanos,
+    };
+    let mut batching = Batching::begin(batches, sensors, &moment);
     let mut due = due.iter().peekable();
     for (sensor_idx, sensor) in sensors.iter_mut().enumerate() {
         let Some(due) = due.next_if(|due| due.sensor_idx == sensor_idx) else {
@@ -157,7 +176,7 @@ pub(super) fn submit(
                     .n_dropped += 1;
             }
             batches::drop_all(batches, batch_frames);
-            refuse_what_does_not_fit((sensors, batches), renderer, &error)?;
+            refuse_what_does_not_fit(sensors, batches, renderer, &error)?;
             return Ok(None);
         }
         Err(error) => return Err(error).context("cannot render"),
@@ -174,7 +193,8 @@ pub(super) fn submit(
 /// After a tick whose images found no memory: gives back what the cameras have on the GPU, makes the
 /// images of one after the other, and leaves out those that do not fit for a while.
 fn refuse_what_does_not_fit(
-    (sensors, batches): (&mut [Sensor], &[Batch]),
+    sensors: &mut [Sensor],
+    batches: &[Batch],
     renderer: &mut CameraRenderer,
     error: &GpuError,
 ) -> anyhow::Result<()> {
@@ -221,12 +241,14 @@ fn refuse_what_does_not_fit(
 /// Waits for views and sends them, `ticks_in_flight` ticks late, unless `may_send` says that they are
 /// not this process's to send any more.
 pub(super) fn finish(
-    (sensors, batches, gpu): (&mut [Sensor], &mut [Batch], Option<&Gpu>),
+    sources: Sources<'_>,
+    gpu: Option<&Gpu>,
     pending: PendingViews,
     ticks_in_flight: u32,
     audience: Audience,
     may_send: &mut dyn FnMut() -> bool,
 ) -> anyhow::Result<()> {
+    let Sources { sensors, batches } = sources;
     let readback = stages::READBACK.span();
     let (results, mut loans) = pending
         .submission

@@ -1,4 +1,9 @@
 //! A value of JSON as bytes. JSON's text would do, but reading a number from it may round.
+//!
+//! The feature `float_roundtrip` of `serde_json` rounds correctly, but a feature holds for a whole
+//! build: every number that clients send in commands would be read with it, too, and some worlds
+//! would differ from those of earlier versions in the last bit. `f32` fields of a specification would
+//! still be read as `f64` first, because its kind is a tag beside them.
 
 use anyhow::bail;
 use serde_json::{Map, Number, Value};

@@ -54,11 +54,28 @@ pub fn refused(sentence: &str) -> Vec<u8> {
     [&[0], sentence.as_bytes()].concat()
 }
 
-/// What an answer says, or the sentence of a refusal.
-pub fn answer_of(bytes: &[u8]) -> Result<&[u8], String> {
+/// An answer that is none.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum AnswerError {
+    /// The simulator refuses, and says why.
+    #[error("{0}")]
+    Refused(String),
+    /// It has no bytes.
+    #[error("the answer is empty")]
+    Empty,
+}
+
+/// What an answer says.
+///
+/// # Errors
+/// [`AnswerError`].
+pub fn answer_of(bytes: &[u8]) -> Result<&[u8], AnswerError> {
     match bytes {
         [1, answer @ ..] => Ok(answer),
-        [_, sentence @ ..] => Err(String::from_utf8_lossy(sentence).into_owned()),
-        [] => Err("the answer is empty".into()),
+        [_, sentence @ ..] => {
+            let sentence = String::from_utf8_lossy(sentence);
+            Err(AnswerError::Refused(sentence.into_owned()))
+        }
+        [] => Err(AnswerError::Empty),
     }
 }

@@ -86,16 +86,26 @@ pub fn can_stay(modality: Modality) -> bool {
     )
 }
 
+/// Where frames that stay on a GPU are offered.
+pub struct Offering<'a> {
+    /// Where readers look for topics.
+    pub bus: &'a Bus,
+    /// The GPU; `None` if another process has it.
+    pub gpu: Option<&'a Gpu>,
+    /// Where readers ask for memory.
+    pub server: &'a Arc<GpuServer>,
+}
+
 impl OnGpu {
     /// Lets readers ask for a topic.
     pub fn offer(
-        (bus, gpu): (&Bus, Option<&Gpu>),
-        server: &Arc<GpuServer>,
+        offering: &Offering<'_>,
         topic: &str,
         max_payload_bytes: usize,
         limits: TopicLimits,
         options: Options,
     ) -> OnGpu {
+        let Offering { bus, gpu, server } = *offering;
         let usual = FrameTopic::on_gpu(options.frames_in_flight);
         let spec = FrameTopic {
             max_readers: limits.gpu_readers.map_or(usual.max_readers, |n| n as usize),

@@ -57,12 +57,17 @@ pub(crate) fn deserialize<'de, D: Deserializer<'de>>(
     PhysicsWorld::deserialize(deserializer)
 }
 
+/// A checkpoint's engine holds colliders of a map that the living world does not have.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+#[error("it has solid geometry that the loaded map lacks")]
+pub(crate) struct LackingGeometry;
+
 /// Replaces the stand-ins by the living world's colliders. They are copied whole: with them comes
 /// their "unchanged" mark, so the engine keeps what it knows of their contacts.
 pub(crate) fn take_geometry(
     engine: &mut PhysicsWorld,
     living: &PhysicsWorld,
-) -> Result<(), String> {
+) -> Result<(), LackingGeometry> {
     for handle in geometry(living) {
         let Some(original) = living.colliders.get(handle) else {
             continue;
@@ -86,7 +91,7 @@ pub(crate) fn take_geometry(
         .iter()
         .any(|(_, collider)| is_stand_in(collider))
     {
-        true => Err("it has solid geometry that the loaded map lacks".to_owned()),
+        true => Err(LackingGeometry),
         false => Ok(()),
     }
 }

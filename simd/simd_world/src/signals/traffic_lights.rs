@@ -13,6 +13,8 @@ use schema_roads::{RoadMap, SignalKind};
 use schema_types::ActorId;
 use serde::{Deserialize, Serialize};
 
+use crate::errors::LightError;
+
 use super::box_grid::BoxGrid;
 use super::stop_box::{STOP_BOX_HALF_WIDTH_RATIO, STOP_BOX_UPSTREAM_M, StopBox, stop_box};
 
@@ -203,27 +205,25 @@ impl TrafficLights {
     ///
     /// # Errors
     /// What is wrong with the state or the time.
-    pub fn set_time(&mut self, actor: ActorId, state: LightState, secs: f64) -> Result<(), String> {
+    pub fn set_time(
+        &mut self,
+        actor: ActorId,
+        state: LightState,
+        secs: f64,
+    ) -> Result<(), LightError> {
         let stage = match state {
             LightState::Green => 0,
             LightState::Yellow => 1,
             LightState::Red => 2,
             other => {
-                return Err(format!(
-                    "state is {:?}, but only red, yellow and green last for a set time",
-                    other.name()
-                ));
+                return Err(LightError::UntimedState(other.name()));
             }
         };
         if !(STAGE_SECS.0..=STAGE_SECS.1).contains(&secs) {
-            return Err(format!(
-                "secs is {secs}, but must be {} to {}",
-                STAGE_SECS.0, STAGE_SECS.1
-            ));
+            let (low, high) = STAGE_SECS;
+            return Err(LightError::Secs { secs, low, high });
         }
-        let idx = self
-            .idx_of(actor)
-            .ok_or_else(|| format!("actor {actor} is not a traffic light"))?;
+        let idx = self.idx_of(actor).ok_or(LightError::NotALight(actor))?;
         let group = &mut self.groups[self.lights[idx].group];
         if let Some(turn) = group
             .turns

@@ -129,7 +129,7 @@ pub(crate) fn set_physics(
         let others = &vehicle.physics.wheels[data.wheels.len()..];
         data.wheels.extend_from_slice(others);
     }
-    factory_data::check(&data, n_wheels).map_err(ActionError::Value)?;
+    factory_data::check(&data, n_wheels)?;
     vehicle.set_physics(physics, data);
     Ok(())
 }

@@ -4,6 +4,7 @@ use schema_frames::{GearPhysics, VehiclePhysics, WheelPhysics};
 
 use super::model::VehicleModel;
 use super::powertrain::CLUTCH_SLIP_RADPS;
+use crate::errors::{OutOfRange, PhysicsError};
 use crate::physics::GRAVITY_MPS2;
 
 /// Friction between tyre and road.
@@ -181,12 +182,9 @@ pub(crate) fn rest_load_ratios(sites_m: &[[f32; 2]], com_x_m: f32) -> Vec<f32> {
 ///
 /// # Errors
 ///
-/// A sentence that names the value and what is allowed.
-pub(crate) fn check(physics: &VehiclePhysics, n_wheels: usize) -> Result<(), String> {
-    let within = |name: &str, value: f32, low: f32, high: f32| match value >= low && value <= high {
-        true => Ok(()),
-        false => Err(format!("{name} is {value}, but must be {low} to {high}")),
-    };
+/// If a number or a curve cannot be used.
+pub(crate) fn check(physics: &VehiclePhysics, n_wheels: usize) -> Result<(), PhysicsError> {
+    let within = OutOfRange::check;
     within("mass_kg", physics.mass_kg, 1.0, 1e6)?;
     within("max_rpm", physics.max_rpm, 1.0, 1e5)?;
     within(
@@ -235,12 +233,12 @@ pub(crate) fn check(physics: &VehiclePhysics, n_wheels: usize) -> Result<(), Str
     curve("torque_curve", &physics.torque_curve, 1, [1e6, 1e6])?;
     curve("steering_curve", &physics.steering_curve, 0, [1e4, 1.0])?;
     if physics.wheels.len() != n_wheels {
-        return Err(format!(
-            "number of wheels is {}, but must stay {n_wheels}",
-            physics.wheels.len()
-        ));
+        return Err(PhysicsError::Wheels {
+            found: physics.wheels.len(),
+            needed: n_wheels,
+        });
     }
-    physics.wheels.iter().try_for_each(|wheel| {
+    for wheel in &physics.wheels {
         within("friction of a wheel", wheel.friction, 0.0, 100.0)?;
         within("damping_nms of a wheel", wheel.damping_nms, 0.0, 1e5)?;
         within("max_steer_rad of a wheel", wheel.max_steer_rad, 0.0, 1.55)?;
@@ -264,31 +262,40 @@ pub(crate) fn check(physics: &VehiclePhysics, n_wheels: usize) -> Result<(), Str
             0.0,
             1e4,
         )?;
-        within("lat_load_limit of a wheel", wheel.lat_load_limit, 1e-2, 1e3)
-    })
+        within("lat_load_limit of a wheel", wheel.lat_load_limit, 1e-2, 1e3)?;
+    }
+    Ok(())
 }
 
-fn curve(name: &str, points: &[[f32; 2]], least: usize, most: [f32; 2]) -> Result<(), String> {
-    if !(least..=256).contains(&points.len()) {
-        return Err(format!(
-            "{name} has {} points, but must have {least} to 256",
-            points.len()
-        ));
+/// Greatest number of points of a curve.
+const MAX_CURVE_POINTS: usize = 256;
+
+fn curve(
+    curve: &'static str,
+    points: &[[f32; 2]],
+    least: usize,
+    most: [f32; 2],
+) -> Result<(), PhysicsError> {
+    if !(least..=MAX_CURVE_POINTS).contains(&points.len()) {
+        return Err(PhysicsError::PointCount {
+            curve,
+            found: points.len(),
+            least,
+            most: MAX_CURVE_POINTS,
+        });
     }
-    if let Some([x, y]) = points
+    if let Some(&point) = points
         .iter()
         .find(|[x, y]| !((0.0..=most[0]).contains(x) && (0.0..=most[1]).contains(y)))
     {
-        return Err(format!(
-            "{name} has the point ({x}, {y}), but points must be 0 to {} and 0 to {}",
-            most[0], most[1]
-        ));
+        return Err(PhysicsError::Point { curve, point, most });
     }
     match points.windows(2).find(|pair| pair[1][0] < pair[0][0]) {
-        Some(pair) => Err(format!(
-            "{name} goes from {} back to {}, but must rise",
-            pair[0][0], pair[1][0]
-        )),
+        Some(pair) => Err(PhysicsError::Falling {
+            curve,
+            from: pair[0][0],
+            to: pair[1][0],
+        }),
         None => Ok(()),
     }
 }
@@ -336,7 +343,7 @@ mod tests {
         let refused = |change: fn(&mut VehiclePhysics)| {
             let mut physics = model.physics();
             change(&mut physics);
-            check(&physics, model.n_wheels()).unwrap_err()
+            check(&physics, model.n_wheels()).unwrap_err().to_string()
         };
         assert_eq!(
             refused(|p| p.mass_kg = -1.0),

@@ -6,17 +6,19 @@ use schema_types::Pose;
 use simd_body::person::Skeleton;
 use simd_body::person::bones::{Bone, bones};
 
+use crate::errors::SkeletonError;
+
 use super::own_pose::checked_bones;
 use super::walker::Walker;
 
 /// Reads or holds a walker's bones; only `Read` has an answer.
 ///
 /// # Errors
-/// A sentence that says what cannot be done.
+/// If a bone or the ratio of blending cannot be used.
 pub(crate) fn act(
     walker: &mut Walker,
     action: &SkeletonAction,
-) -> Result<Option<Vec<BoneReading>>, String> {
+) -> Result<Option<Vec<BoneReading>>, SkeletonError> {
     match action {
         SkeletonAction::Read => return Ok(Some(read(walker))),
         SkeletonAction::Hold { bones } => {
@@ -27,9 +29,7 @@ pub(crate) fn act(
             walker.own_pose.get_or_insert_default().blend(*ratio);
         }
         SkeletonAction::Blend { ratio } => {
-            return Err(format!(
-                "a pose cannot be blended by {ratio}; give 0 (the gait) to 1 (the own pose)"
-            ));
+            return Err(SkeletonError::Blend(*ratio));
         }
         SkeletonAction::Capture => {
             let gait = walker

@@ -9,6 +9,8 @@ use serde::{Deserialize, Serialize};
 use simd_body::person::bones::{between, find};
 use simd_body::person::{Posture, Skeleton};
 
+use crate::errors::SkeletonError;
+
 /// Farthest that a bone may be held from its parent, metres.
 const MAX_OFFSET_M: f64 = 100.0;
 
@@ -65,12 +67,13 @@ impl OwnPose {
 /// The wanted bones by their numbers.
 ///
 /// # Errors
-/// A sentence that names the bone that cannot be held and what is allowed.
-pub(crate) fn checked_bones(wanted: &[HeldBone]) -> Result<Vec<(u8, Isometry3<f64>)>, String> {
+/// If a bone is unknown or its pose cannot be used.
+pub(crate) fn checked_bones(
+    wanted: &[HeldBone],
+) -> Result<Vec<(u8, Isometry3<f64>)>, SkeletonError> {
     let mut held = Vec::with_capacity(wanted.len());
     for bone in wanted {
-        let idx = find(&bone.name)
-            .ok_or_else(|| format!("there is no bone {:?}; `read` lists them", bone.name))?;
+        let idx = find(&bone.name).ok_or_else(|| SkeletonError::UnknownBone(bone.name.clone()))?;
         let pose = Pose::from(bone.bone_in_parent);
         let near = pose
             .translation_m
@@ -78,10 +81,10 @@ pub(crate) fn checked_bones(wanted: &[HeldBone]) -> Result<Vec<(u8, Isometry3<f6
             .all(|x| x.is_finite() && x.abs() <= MAX_OFFSET_M);
         let norm = pose.rotation_xyzw.iter().map(|x| x * x).sum::<f64>().sqrt();
         if !near || !(0.5..2.0).contains(&norm) {
-            return Err(format!(
-                "bone {:?} needs a place within {MAX_OFFSET_M} m of its parent and a unit quaternion",
-                bone.name
-            ));
+            return Err(SkeletonError::BonePose {
+                bone: bone.name.clone(),
+                max_offset_m: MAX_OFFSET_M,
+            });
         }
         held.push((idx as u8, pose.isometry()));
     }

@@ -3,18 +3,14 @@
 use std::fmt::Write as _;
 
 use super::change::{Change, Comparison, Verdict};
-use crate::report::rows::number;
-use crate::report::terminal::{WIDTH, wrapped};
+use crate::report::terminal::WIDTH;
+use consumer_report::numbers::number;
+use consumer_report::terminal::{Mark, Paint};
+use consumer_report::words::{shortened, wrapped};
 
 /// The comparison as text of at most [`WIDTH`] columns.
 pub fn text(it: &Comparison, colour: bool) -> String {
-    let paint = |code: &str, text: String| {
-        if colour {
-            format!("\x1b[{code}m{text}\x1b[0m")
-        } else {
-            text
-        }
-    };
+    let paint = Paint { is_on: colour };
     let suite = if it.suites[0] == it.suites[1] {
         it.suites[0].clone()
     } else {
@@ -43,36 +39,33 @@ pub fn text(it: &Comparison, colour: bool) -> String {
             .max()
             .unwrap_or(0)
             .clamp(20, 40);
-        let _ = writeln!(text, "\n{}", paint("1", run.to_owned()));
+        let _ = writeln!(text, "\n{}", paint.set(Mark::Bold, run));
         let head = format!(
             "{:<name_width$}  {:>8}  {:>8}  {:>8}  {:>19}",
             "", "A", "B", "B − A", "interval"
         );
-        let _ = writeln!(text, "{}", paint("2", head));
+        let _ = writeln!(text, "{}", paint.set(Mark::Soft, &head));
         for change in of_run() {
             let interval = change.interval.map_or("none".into(), |[low, high]| {
                 format!("{} … {}", signed(low), signed(high))
             });
             let line = format!(
                 "{:<name_width$}  {:>8}  {:>8}  {:>8}  {interval:>19}  {}",
-                cut(&name(change), name_width),
+                shortened(&name(change), name_width),
                 number(Some(change.a)),
                 number(Some(change.b)),
                 signed(change.difference),
                 word(change.verdict)
             );
-            let code = match change.verdict {
-                Verdict::Better => "32",
-                Verdict::Worse => "31",
-                Verdict::Changed => "33",
-                Verdict::Same | Verdict::Unknown => "0",
+            let line = line.trim_end();
+            let line = match change.verdict {
+                Verdict::Better => paint.set(Mark::Good, line),
+                Verdict::Worse => paint.set(Mark::Bad, line),
+                Verdict::Changed => paint.set(Mark::Warn, line),
+                Verdict::Same | Verdict::Unknown => line.to_owned(),
             };
-            let line = line.trim_end().to_owned();
-            let _ = writeln!(
-                text,
-                "{}",
-                if code == "0" { line } else { paint(code, line) }
-            );
+            text += &line;
+            text.push('\n');
         }
     }
     let count = |verdict: Verdict| {
@@ -93,7 +86,7 @@ pub fn text(it: &Comparison, colour: bool) -> String {
             parts.push(format!("{} {word}", count(verdict)));
         }
     }
-    let _ = writeln!(text, "\n{}", paint("1", parts.join(", ")));
+    let _ = writeln!(text, "\n{}", paint.set(Mark::Bold, &parts.join(", ")));
     for note in &it.notes {
         for (at, line) in wrapped(note, WIDTH - 2).iter().enumerate() {
             let _ = writeln!(text, "{}{line}", if at == 0 { "! " } else { "  " });
@@ -114,13 +107,6 @@ fn word(verdict: Verdict) -> &'static str {
 
 fn name(change: &Change) -> String {
     format!("{} {}", change.group, change.metric)
-}
-
-fn cut(text: &str, most: usize) -> String {
-    if text.chars().count() <= most {
-        return text.to_owned();
-    }
-    text.chars().take(most - 1).collect::<String>() + "…"
 }
 
 fn signed(value: f64) -> String {

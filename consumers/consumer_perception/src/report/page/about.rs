@@ -4,11 +4,11 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
-use super::table::{Cell, Head, Table, details};
 use crate::capture::Mode;
-use crate::report::plot::escape;
-use crate::report::rows::{bytes, grouped, number};
 use crate::report::types::Report;
+use consumer_report::numbers::{bytes, grouped, number};
+use consumer_report::page::{Cell, Head, Table, definitions, details};
+use consumer_report::words::escape;
 
 /// What became of frames and results.
 pub fn frames(report: &Report) -> String {
@@ -189,12 +189,11 @@ pub fn how(report: &Report) -> String {
             .iter()
             .map(|(key, value)| (key.clone(), value.clone())),
     );
-    let mut html =
-        String::from("<section><h2 id=\"how\">How it was made</h2>\n<dl class=\"words\">");
-    for (name, value) in rows.iter().filter(|(_, value)| !value.is_empty()) {
-        let _ = write!(html, "<dt>{}</dt><dd>{}</dd>", escape(name), escape(value));
-    }
-    html += "</dl>\n<h3>Programs</h3>\n";
+    let rows = rows.iter().filter(|(_, value)| !value.is_empty());
+    let mut html = format!(
+        "<section><h2 id=\"how\">How it was made</h2>\n{}\n<h3>Programs</h3>\n",
+        definitions(rows.map(|(name, value)| (name.as_str(), value.as_str())))
+    );
     let heads = vec![Head::words("program"), Head::words("command")];
     let mut programs = Table::new("", heads);
     let mut seen = BTreeSet::new();
@@ -274,12 +273,10 @@ pub fn words() -> String {
         ),
         ("hollow mark", "The offline value of the same program."),
     ];
-    let mut html =
-        String::from("<section><h2 id=\"words\">What the words mean</h2>\n<dl class=\"words\">");
-    for (word, meaning) in rows {
-        let _ = write!(html, "<dt>{word}</dt><dd>{}</dd>", escape(meaning));
-    }
-    html + "</dl></section>\n"
+    format!(
+        "<section><h2 id=\"words\">What the words mean</h2>\n{}</section>\n",
+        definitions(rows)
+    )
 }
 
 #[cfg(test)]

@@ -1,28 +1,48 @@
 //! Latency on the page: whole distributions over their percentiles, and tables of all four kinds.
 
 use super::names::style_of;
-use super::table::{Cell, Head, Table, details};
 use crate::capture::Mode;
-use crate::report::plot::{Axis, Scale, Series, escape, lines};
-use crate::report::rows::{grouped, number};
-use crate::report::types::{Report, Run, Spread};
+use crate::report::types::{Report, Run};
+use consumer_report::Spread;
+use consumer_report::numbers::{grouped, number};
+use consumer_report::page::{Cell, Head, Table, details};
+use consumer_report::plot::{Axis, Scale, Series, lines};
+use consumer_report::words::escape;
 
-/// The four kinds, with what each means.
-const KINDS: [(&str, &str); 4] = [
-    (
-        "End to end",
-        "From the oldest frame behind a result to the result",
-    ),
-    ("Answer", "From the answered frame to the result"),
-    (
-        "Work",
-        "From the moment the program had the frame to the result",
-    ),
-    (
-        "Age at use",
-        "From the frame to the moment the program had it",
-    ),
+/// A kind of latency.
+#[derive(Clone, Copy)]
+struct Kind {
+    name: &'static str,
+    meaning: &'static str,
+}
+
+/// The four kinds, in the order of [`crate::report::types::Latency::named`].
+const KINDS: [Kind; 4] = [
+    Kind {
+        name: "End to end",
+        meaning: "From the oldest frame behind a result to the result",
+    },
+    Kind {
+        name: "Answer",
+        meaning: "From the answered frame to the result",
+    },
+    Kind {
+        name: "Work",
+        meaning: "From the moment the program had the frame to the result",
+    },
+    Kind {
+        name: "Age at use",
+        meaning: "From the frame to the moment the program had it",
+    },
 ];
+
+/// A run's distribution of one kind, and how it is drawn.
+#[derive(Clone, Copy)]
+struct Drawn<'a> {
+    run: &'a Run,
+    style: usize,
+    spread: &'a Spread,
+}
 
 /// Percentile steps per halving of the distance to 100 %.
 const TICKS_PER_HALF: u32 = 5;
@@ -44,26 +64,29 @@ pub fn section(report: &Report) -> String {
     {
         return html + "<p>No run in real time has a result.</p></section>\n";
     }
-    let of_kind = |at: usize| -> Vec<(&Run, usize, &Spread)> {
-        let all = runs
-            .iter()
-            .map(|(run, style)| (*run, *style, run.latency.named()[at].1));
-        all.filter(|(_, _, spread)| spread.n > 0).collect()
+    let of_kind = |at: usize| -> Vec<Drawn<'_>> {
+        let all = runs.iter().map(|(run, style)| Drawn {
+            run,
+            style: *style,
+            spread: run.latency.named()[at].1,
+        });
+        all.filter(|it| it.spread.n > 0).collect()
     };
     html += &table(KINDS[0], &of_kind(0));
     html += "<div class=\"charts\">";
-    for (at, (kind, meaning)) in KINDS.into_iter().enumerate() {
+    for (at, kind) in KINDS.into_iter().enumerate() {
         let spreads = of_kind(at);
         if spreads.is_empty() {
             continue;
         }
         html += &format!(
-            "<section><h3>{kind}</h3>\n<p class=\"soft\">{}.</p>\n{}",
-            escape(meaning),
+            "<section><h3>{}</h3>\n<p class=\"soft\">{}.</p>\n{}",
+            kind.name,
+            escape(kind.meaning),
             plot(kind, &spreads)
         );
         if at > 0 {
-            html += &details("Values", &table((kind, meaning), &spreads));
+            html += &details("Values", &table(kind, &spreads));
         }
         html += "</section>\n";
     }
@@ -83,10 +106,10 @@ pub(super) fn name(run: &Run) -> String {
     run.label().replacen(" streaming", "", 1)
 }
 
-fn plot(kind: &str, spreads: &[(&Run, usize, &Spread)]) -> String {
+fn plot(kind: Kind, spreads: &[Drawn<'_>]) -> String {
     let mut series = Vec::new();
     let (mut lo, mut hi, mut most) = (f64::INFINITY, 0.0_f64, 10.0_f64);
-    for (run, style, spread) in spreads {
+    for Drawn { run, style, spread } in spreads {
         let Ok(histogram) = spread.decode() else {
             continue;
         };
@@ -127,18 +150,28 @@ fn plot(kind: &str, spreads: &[(&Run, usize, &Spread)]) -> String {
     let ticks = ticks.map(|(at, text)| (*at, (*text).to_owned())).collect();
     let x = Axis::with_ticks("percentile", Scale::Log, 1.0, most, ticks);
     let y = Axis::log("ms", lo.max(1e-3), hi);
-    lines(&format!("{kind}: latency over percentile"), &x, &y, &series)
+    let label = format!("{}: latency over percentile", kind.name);
+    lines(&label, &x, &y, &series)
 }
 
-fn table((kind, meaning): (&str, &str), spreads: &[(&Run, usize, &Spread)]) -> String {
+fn table(kind: Kind, spreads: &[Drawn<'_>]) -> String {
     let heads = ["n", "mean", "p50", "p90", "p99", "p99.9", "max"];
-    let caption = format!("{kind}, milliseconds: {}", meaning.to_lowercase());
+    let caption = format!(
+        "{}, milliseconds: {}",
+        kind.name,
+        kind.meaning.to_lowercase()
+    );
     let heads = heads.into_iter().map(Head::new);
     let mut html = Table::new(
         caption,
         std::iter::once(Head::words("run")).chain(heads).collect(),
     );
-    for (run, style, it) in spreads {
+    for Drawn {
+        run,
+        style,
+        spread: it,
+    } in spreads
+    {
         let (p99, p999) = (it.shown_p99(), it.shown_p999());
         let cells = [
             Some(it.mean),

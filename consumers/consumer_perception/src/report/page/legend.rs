@@ -3,9 +3,9 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
+use consumer_report::words::escape;
 use schema_types::class::{CLASSES, ClassInfo};
 
-use crate::report::plot::escape;
 use crate::report::types::Report;
 
 /// A sentence, or the classes with their colours.

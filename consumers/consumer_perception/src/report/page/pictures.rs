@@ -5,10 +5,10 @@ use std::path::{Component, Path};
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use consumer_report::words::escape;
 
 use super::legend::legend;
 use crate::capture::Mode;
-use crate::report::plot::escape;
 use crate::report::types::{Report, Run, WorstFrame};
 
 /// Most worst frames of a run and task; the others stay beside the report.

@@ -1,9 +1,11 @@
 //! Accuracy over parts of the truth: a plot for each that divides it, e.g. distance or light.
 
-use super::table::{Cell, Head, Table, details};
-use crate::report::plot::{Axis, Scale, Series, escape, lines};
-use crate::report::rows::{Line, TaskTable, grouped, number};
+use crate::report::rows::{Line, TaskTable};
 use crate::report::types::{Stratum, TaskScore};
+use consumer_report::numbers::{NONE, grouped, number};
+use consumer_report::page::{Cell, Head, Table, details};
+use consumer_report::plot::{Axis, Scale, Series, lines};
+use consumer_report::words::escape;
 
 /// All plots of a task, each with its values.
 pub fn sections(table: &TaskTable<'_>, styles: &[usize]) -> String {
@@ -147,7 +149,7 @@ fn section(table: &TaskTable<'_>, styles: &[usize], by: &str) -> String {
             ("streaming", &streaming),
         ] {
             let cells: Vec<String> = parts.iter().map(|part| number(of(line, part))).collect();
-            if cells.iter().any(|cell| cell != "–") {
+            if cells.iter().any(|cell| cell != NONE) {
                 let head = [
                     Cell::from(line.label.clone()).swatch(*style),
                     Cell::from(mode),

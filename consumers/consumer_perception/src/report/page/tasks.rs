@@ -3,13 +3,15 @@
 
 use std::collections::BTreeSet;
 
-use super::names::{anchor, style_of};
+use super::names::style_of;
 use super::pictures::Pictures;
 use super::strata;
-use super::table::{Cell, Head, Table, details};
-use crate::report::plot::{Axis, Scale, Series, escape, wide_lines};
-use crate::report::rows::{Line, TaskTable, best, grouped, number, percent};
+use crate::report::rows::{Line, TaskTable, best};
 use crate::report::types::{Report, TaskScore};
+use consumer_report::numbers::{grouped, number, percent};
+use consumer_report::page::{Cell, Head, Table, details};
+use consumer_report::plot::{Axis, N_COLOURS, Origin, Scale, Series, wide_lines};
+use consumer_report::words::{anchor, escape};
 
 /// The section of a task.
 pub fn section(report: &Report, table: &TaskTable<'_>, pictures: &mut Pictures<'_>) -> String {
@@ -55,7 +57,7 @@ fn styles(report: &Report, table: &TaskTable<'_>) -> Vec<usize> {
                 .filter(|it| it.program == lines[at].program);
             let nth_run = before.count();
             // Of many programs some share a colour; those of one task shall not.
-            let n_colours = crate::report::plot::N_COLOURS;
+            let n_colours = N_COLOURS;
             if crate::report::rows::programs(report).len() <= n_colours {
                 style_of(report, lines[at].program, nth_run)
             } else {
@@ -203,7 +205,10 @@ fn curve(table: &TaskTable<'_>, styles: &[usize]) -> String {
                 .iter()
                 .map(|it| (it.delay_ms, it.value))
                 .collect(),
-            origin: line.offline.map(|value| (apart, value)),
+            origin: line.offline.map(|value| Origin {
+                point: (apart, value),
+                note: format!("{}, offline: {}", line.label, number(Some(value))),
+            }),
             notes: score
                 .curve
                 .iter()

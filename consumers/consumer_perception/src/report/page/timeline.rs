@@ -4,11 +4,12 @@
 use std::fmt::Write as _;
 
 use super::latency;
-use super::table::{Cell, Head, Table, details};
 use crate::capture::Mode;
-use crate::report::plot::{Axis, N_COLOURS, escape};
-use crate::report::rows::number;
 use crate::report::types::{Report, ResultEvent, Run, ScenarioRun};
+use consumer_report::numbers::number;
+use consumer_report::page::{Cell, Head, Table, details};
+use consumer_report::plot::{Axis, N_COLOURS};
+use consumer_report::words::{escape, shortened};
 
 /// Frames that are shown, of the slowest sensor.
 const N_FRAMES: usize = 20;
@@ -23,6 +24,8 @@ const FOOT: f64 = 40.0;
 /// Height of a bar, and of one below another.
 const BAR: f64 = 8.0;
 const N_LANES: usize = 3;
+/// Longest name of a run, characters.
+const NAME_LENGTH: usize = 18;
 
 /// The section: a time line for every scenario that was run in real time.
 pub fn section(report: &Report) -> String {
@@ -162,7 +165,7 @@ fn svg(
             "<rect class=\"work\" x=\"4\" y=\"{:.1}\" width=\"9\" height=\"9\" rx=\"2\"/><text class=\"end\" x=\"19\" y=\"{:.1}\">{}</text>",
             top + 26.0,
             top + 35.0,
-            escape(&shortened(&latency::name(run)))
+            escape(&shortened(&latency::name(run), NAME_LENGTH))
         );
         let events: Vec<&ResultEvent> = of_run
             .events
@@ -218,13 +221,6 @@ fn svg(
         svg += "</g>";
     }
     svg + "</svg>\n"
-}
-
-fn shortened(name: &str) -> String {
-    if name.chars().count() <= 18 {
-        return name.to_owned();
-    }
-    name.chars().take(17).collect::<String>() + "…"
 }
 
 fn values(runs: &[(&Run, &ScenarioRun)], from: f64, to: f64) -> String {

@@ -10,12 +10,12 @@ use super::scene::{
 use crate::capture::{CapturedResult, Mode};
 use crate::report::TaskScore;
 use crate::suite::TaskKind;
-use crate::tasks::depth::Depth;
-use crate::tasks::event_flow::EventFlow;
-use crate::tasks::flow::Flow;
-use crate::tasks::masks::Masks;
-use crate::tasks::semantic::Semantic;
-use crate::tasks::stereo::Stereo;
+use crate::tasks::dense::depth::Depth;
+use crate::tasks::dense::event_flow::EventFlow;
+use crate::tasks::dense::flow::Flow;
+use crate::tasks::dense::semantic::Semantic;
+use crate::tasks::dense::stereo::Stereo;
+use crate::tasks::objects::masks::Masks;
 use crate::tasks::{Measure, Spec, TaskRun};
 use consumer_truth::ticks::TickSet;
 use schema_frames::{ActorKind, FrameHeader, MaskRecord};

@@ -13,9 +13,9 @@ use schema_frames::{
 use schema_types::Pose;
 
 use crate::capture::{Body, Capture, CapturedResult, Clock, Mode, SentFrame};
-use crate::ignore::Rules;
-use crate::moment::Moment;
-use crate::queries::Answers;
+use crate::evidence::ignore::Rules;
+use crate::evidence::moment::Moment;
+use crate::evidence::queries::Answers;
 use crate::suite::TaskKind;
 use crate::tasks::{AnyTask, Context, Options, Plan, Scored, Spec};
 

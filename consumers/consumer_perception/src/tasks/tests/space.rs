@@ -13,9 +13,9 @@ use super::scene::{EGO, MS, actor, capture, list, plan, result, scenario, scored
 use crate::capture::{CapturedResult, Mode};
 use crate::report::TaskScore;
 use crate::suite::TaskKind;
-use crate::tasks::boxes3d::Boxes3d;
-use crate::tasks::lidar_semantic::LidarSemantic;
-use crate::tasks::odometry::Odometry;
+use crate::tasks::dense::lidar_semantic::LidarSemantic;
+use crate::tasks::motion::odometry::Odometry;
+use crate::tasks::objects::boxes3d::Boxes3d;
 use crate::tasks::{Measure, Spec, TaskRun};
 
 fn times() -> impl Iterator<Item = u64> + Clone {

@@ -1,0 +1,6 @@
+//! Tests of `schema_bus`: one program for all of them, so that it is linked once.
+
+mod bus;
+mod hostile;
+mod looking;
+mod results;

@@ -1,0 +1,4 @@
+//! Tests of `schema_recording`: one program for all of them, so that it is linked once.
+
+mod codec;
+mod read;

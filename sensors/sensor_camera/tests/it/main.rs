@@ -1,0 +1,19 @@
+//! Tests of `sensor_camera`: one program for all of them, so that it is linked once.
+
+mod beside;
+mod blur;
+mod common;
+mod cost;
+mod debug;
+mod event_model;
+mod events;
+mod events_gpu;
+mod exact;
+mod hiding;
+mod layout;
+mod lens;
+mod optics;
+mod rasteriser;
+mod shadow_memory;
+mod shadows;
+mod together;

@@ -1,0 +1,5 @@
+//! Tests of `sensor_gpu`: one program for all of them, so that it is linked once.
+
+mod beside;
+mod copies;
+mod device_memory;

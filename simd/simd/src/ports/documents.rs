@@ -1,0 +1,158 @@
+//! `world/info`, `world/map`, `world/actors`, `world/catalogue` and `world/spawn_points`: sent when
+//! they change.
+
+use anyhow::Context as _;
+use schema_bus::{Bus, BusError, DocumentPublisher, names};
+use schema_frames::{SpawnPoints, WorldInfo};
+use simd_world::World;
+
+use crate::clock::Clock;
+use crate::participants::Participants;
+use crate::settings::adapter_of;
+use crate::world::LiveWorld;
+use simd_frames::frames::Sensors;
+
+/// Writers of the five documents, and what each sent last.
+pub struct Documents {
+    info: DocumentPublisher,
+    map: DocumentPublisher,
+    actors: DocumentPublisher,
+    catalogue: DocumentPublisher,
+    spawn_points: DocumentPublisher,
+    info_changed: bool,
+    sent_info: Option<WorldInfo>,
+    sent_actors: Option<u64>,
+    /// Whether the newest list of actors could not be sent.
+    is_list_late: bool,
+    sent_episode: u32,
+}
+
+/// The state that the documents describe.
+pub struct State<'a> {
+    /// Has the actors, the weather, the catalogue, the map and the epoch.
+    pub world: &'a LiveWorld,
+    /// Have the mode and the names of those in lockstep.
+    pub participants: &'a Participants,
+    /// Has the tick after which the documents are true, and its length.
+    pub clock: &'a Clock,
+    /// Has the topics.
+    pub sensors: &'a Sensors,
+}
+
+impl Documents {
+    /// Opens the five services; `world/info` last, because its publisher says "a daemon is here".
+    pub fn open(bus: &Bus) -> anyhow::Result<Documents> {
+        let open = |name| {
+            bus.document_publisher(name)
+                .with_context(|| format!("cannot publish {name:?}"))
+        };
+        Ok(Documents {
+            map: open(names::WORLD_MAP)?,
+            actors: open(names::WORLD_ACTORS)?,
+            catalogue: open(names::WORLD_CATALOGUE)?,
+            spawn_points: open(names::WORLD_SPAWN_POINTS)?,
+            info: open(names::WORLD_INFO)?,
+            info_changed: true,
+            sent_info: None,
+            sent_actors: None,
+            is_list_late: false,
+            sent_episode: 0,
+        })
+    }
+
+    /// Sends the latest documents to readers that joined since the last call.
+    pub fn greet(&self) {
+        [
+            &self.info,
+            &self.map,
+            &self.actors,
+            &self.catalogue,
+            &self.spawn_points,
+        ]
+        .into_iter()
+        .for_each(DocumentPublisher::greet);
+    }
+
+    /// Marks `world/info` as possibly changed, so that the next [`Documents::publish`] compares it.
+    pub fn touch_info(&mut self) {
+        self.info_changed = true;
+    }
+
+    /// Revision of the `world/actors` that lists the world's actors as they are, whether it was sent
+    /// or is about to be. A snapshot names this revision. While lists cannot be sent it is that of
+    /// the last one, so that nobody waits for a list that does not come.
+    pub fn actors_revision(&self, world: &World) -> u64 {
+        let is_due = self.sent_actors != Some(world.actors_revision()) && !self.is_list_late;
+        self.actors.revision() + u64::from(is_due)
+    }
+
+    /// Sends the documents that changed.
+    ///
+    /// # Errors
+    /// [`BusError`] for the first one that cannot be sent; it and those after it are sent with the
+    /// next call.
+    pub fn publish(&mut self, state: &State<'_>) -> Result<(), BusError> {
+        let (world, stamp) = (state.world.world(), state.world.episode().stamp());
+        let (epoch, tick) = (stamp.epoch, state.clock.tick().0);
+        let new_episode = self.sent_episode != stamp.episode;
+        if new_episode {
+            self.map.send(&world.map().open_drive, epoch, tick)?;
+            self.catalogue.send_json(world.catalogue(), epoch, tick)?;
+            let points = world
+                .map()
+                .spawn_points
+                .iter()
+                .map(|pose| (*pose).into())
+                .collect();
+            self.spawn_points
+                .send_json(&SpawnPoints { points }, epoch, tick)?;
+            self.sent_episode = stamp.episode;
+        }
+        let list = self.send_list(world, epoch, tick);
+        if self.info_changed || new_episode {
+            let info = info(state);
+            if self.sent_info.as_ref() != Some(&info) {
+                self.info.send_json(&info, epoch, tick)?;
+                self.sent_info = Some(info);
+            }
+            self.info_changed = false;
+        }
+        list
+    }
+
+    fn send_list(&mut self, world: &World, epoch: u64, tick: u64) -> Result<(), BusError> {
+        if self.sent_actors == Some(world.actors_revision()) {
+            return Ok(());
+        }
+        self.is_list_late = true;
+        self.actors.send_json(&world.actor_list(), epoch, tick)?;
+        self.is_list_late = false;
+        self.sent_actors = Some(world.actors_revision());
+        Ok(())
+    }
+}
+
+fn info(state: &State<'_>) -> WorldInfo {
+    let (world, episode) = (state.world.world(), state.world.episode());
+    let stamp = episode.stamp();
+    let batches = state.sensors.batches.iter();
+    let targets = state.sensors.topics().filter_map(|topic| topic.target());
+    WorldInfo {
+        source: "live".into(),
+        version: env!("CARGO_PKG_VERSION").into(),
+        epoch: stamp.epoch.to_string(),
+        episode: stamp.episode,
+        map: world.map().name.clone(),
+        seed: stamp.seed,
+        mode: state.participants.mode(),
+        period_nanos: state.clock.period_nanos(),
+        episode_start_nanos: episode.start().0,
+        lockstep: state.participants.names(),
+        weather: *world.weather(),
+        adapter: adapter_of(state.sensors.gpu()).to_owned(),
+        batches: batches
+            .map(|batch| batch.info(&state.sensors.sensors))
+            .collect(),
+        cpu_copies: targets.map(|target| target.cpu_copies()).max().unwrap_or(0),
+    }
+}
