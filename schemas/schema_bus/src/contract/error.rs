@@ -228,11 +228,13 @@ pub enum BusError {
     },
     /// The segment's mapping was not found.
     #[error(
-        "cannot find the segment of {service:?} in /proc/self/maps; GPU import is not possible, use the staged path"
+        "cannot find the segment of {service:?} in /proc/self/maps ({cause}); GPU import is not possible, use the staged path"
     )]
     Segment {
         /// The service.
         service: String,
+        /// Why.
+        cause: String,
     },
     /// A file could not be written.
     #[error("cannot write iceoryx2's configuration: {source} at {path}", path = .path.display())]

@@ -22,13 +22,17 @@ unsafe impl Send for Segment {}
 unsafe impl Sync for Segment {}
 
 /// The mapping that `ptr` lies in.
-pub(crate) fn mapping_of(ptr: *const u8) -> Option<Segment> {
-    let maps = std::fs::read_to_string("/proc/self/maps").ok()?;
+///
+/// # Errors
+/// If the list of mappings cannot be read, for want of descriptors for example, or lacks it.
+pub(crate) fn mapping_of(ptr: *const u8) -> std::io::Result<Segment> {
+    let maps = std::fs::read_to_string("/proc/self/maps")?;
     let (base, end) = maps
         .lines()
         .filter_map(parse_range)
-        .find(|(base, end)| (*base..*end).contains(&(ptr as usize)))?;
-    Some(Segment {
+        .find(|(base, end)| (*base..*end).contains(&(ptr as usize)))
+        .ok_or(std::io::ErrorKind::NotFound)?;
+    Ok(Segment {
         base: base as *mut u8,
         len: end - base,
     })

@@ -14,6 +14,7 @@ use crate::memory::reserve::{Need, Reserved};
 use crate::memory::segment::{Segment, file_of, mapping_of, prefault};
 use crate::memory::shortage::guarded;
 use crate::memory::sizes::{FrameTopic, require_shared_memory, shared_memory_free};
+use crate::place::iceoryx_error::with_shortage;
 use crate::place::node::BusNode;
 use crate::place::service::{Slices, make};
 use crate::ports::frames::reader::bad_frame;
@@ -192,14 +193,15 @@ impl FramePublisher {
         if let Some(segment) = self.segment.get() {
             return Ok(*segment);
         }
-        let missing = || BusError::Segment {
+        let missing = |cause: String| BusError::Segment {
             service: self.topic().to_string(),
+            cause: with_shortage(cause),
         };
         let loan = self
             .writer
             .loan(self.topic(), 1, 1)
-            .map_err(|_| missing())?;
-        let segment = mapping_of(loan.address()).ok_or_else(missing)?;
+            .map_err(|error| missing(error.to_string()))?;
+        let segment = mapping_of(loan.address()).map_err(|error| missing(error.to_string()))?;
         Ok(*self.segment.get_or_init(|| segment))
     }
 
