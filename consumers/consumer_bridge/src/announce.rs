@@ -10,6 +10,10 @@ use crate::wire::VERSION;
 
 /// Most topics that are taken from one bridge: more than a domain can have.
 const MAX_TOPICS: usize = 65_536;
+/// Longest name of a topic, bytes: longer ones have no service.
+const MAX_NAME_BYTES: usize = 200;
+/// Longest name of a machine or a domain, characters; the rest is cut off.
+const MAX_PLACE_CHARS: usize = 64;
 /// Most places for readers, waiting and borrowed samples that another bridge may ask for: they cost
 /// shared memory here.
 const MAX_CAPACITY: usize = 256;
@@ -71,6 +75,11 @@ impl Offer {
     }
 
     fn check(&self) -> anyhow::Result<()> {
+        ensure!(
+            self.name.len() <= MAX_NAME_BYTES,
+            "the name of a topic has {} bytes; {MAX_NAME_BYTES} are allowed",
+            self.name.len()
+        );
         let is_world = names::rig_of(&self.name) == "world";
         let fits = match self.kind {
             Kind::Snapshot => self.name == names::WORLD_SNAPSHOT,
@@ -123,11 +132,12 @@ pub struct Announcement {
 }
 
 impl Announcement {
-    /// Reads what another bridge sent. Topics that cannot be are left out and said.
+    /// Reads what another bridge sent. Topics that cannot be are left out; a sentence about them comes
+    /// with the announcement.
     ///
     /// # Errors
     /// A sentence for another version, or for what is no announcement.
-    pub fn parse(text: &[u8]) -> anyhow::Result<Announcement> {
+    pub fn parse(text: &[u8]) -> anyhow::Result<(Announcement, Option<String>)> {
         #[derive(Deserialize)]
         struct Versions {
             v: u16,
@@ -147,15 +157,25 @@ impl Announcement {
         );
         let mut announcement: Announcement =
             serde_json::from_slice(text).context(no_announcement)?;
+        for name in [&mut announcement.host, &mut announcement.domain] {
+            if let Some((end, _)) = name.char_indices().nth(MAX_PLACE_CHARS) {
+                name.truncate(end);
+            }
+        }
         announcement.topics.truncate(MAX_TOPICS);
+        let (mut n_refused, mut first) = (0_usize, None);
         announcement.topics.retain(|offer| match offer.check() {
             Ok(()) => true,
             Err(error) => {
-                tracing::warn!("another bridge offers what cannot be: {error}");
+                n_refused += 1;
+                first.get_or_insert(error);
                 false
             }
         });
-        Ok(announcement)
+        let refused = first.map(|error| {
+            format!("it offers topics that cannot be, {n_refused} of them; the first: {error}")
+        });
+        Ok((announcement, refused))
     }
 
     /// Whether it has a world to offer.
@@ -191,10 +211,11 @@ mod tests {
             readers: 100_000,
             ..offer("ego/rear/rgb", Kind::Frames)
         };
+        let long_name = format!("{}/rgb", "x".repeat(MAX_NAME_BYTES));
         let sent = Announcement {
             v: VERSION,
             schema: SCHEMA_VERSION,
-            host: "a".into(),
+            host: "ä".repeat(100),
             domain: "gantry".into(),
             control: true,
             lockstep: false,
@@ -209,11 +230,14 @@ mod tests {
                     ..boxes
                 },
                 greedy,
+                offer(&long_name, Kind::Frames),
             ],
         };
-        let found = Announcement::parse(&serde_json::to_vec(&sent).unwrap()).unwrap();
+        let (found, refused) = Announcement::parse(&serde_json::to_vec(&sent).unwrap()).unwrap();
+        assert!(refused.is_some_and(|sentence| sentence.contains("5 of them")));
         assert_eq!(found.topics, sent.topics[..3]);
         assert!(found.has_world());
+        assert_eq!(found.host, "ä".repeat(MAX_PLACE_CHARS));
         let newer = Announcement { v: 9, ..sent };
         let error = Announcement::parse(&serde_json::to_vec(&newer).unwrap()).unwrap_err();
         assert!(error.to_string().contains("version 9"), "{error}");

@@ -25,7 +25,7 @@ use crate::counts::{Counts, Way};
 use crate::keys::Keys;
 use crate::lookout;
 use crate::options::Options;
-use crate::outbox::{Outbox, Outlet, Parcel};
+use crate::outbox::{Class, Outbox, Outlet, Parcel};
 use crate::wire::{Envelope, VERSION};
 use source::{Taken, take};
 
@@ -182,7 +182,7 @@ impl Exporter {
             &self.session,
             self.keys.from(&self.id, &offer.name),
             self.options.compress.of(&offer.name),
-            is_large(&offer),
+            class_of(&offer),
             move || woken.store(true, Relaxed),
         )?;
         self.counts.add(&offer.name, Way::Out, outlet.sent.clone());
@@ -235,9 +235,7 @@ impl Exporter {
     /// Begins to read what is wanted, and ends to read what no longer is.
     fn open_and_close(&mut self) -> anyhow::Result<()> {
         for topic in self.topics.values() {
-            // Documents are kept for those who come later.
-            let is_wanted = topic.outlet.is_wanted() || topic.offer.kind == Kind::Document;
-            if let Some(report) = self.domain.want(topic.id, is_wanted) {
+            if let Some(report) = self.domain.want(topic.id, topic.outlet.is_wanted()) {
                 self.counts.lost(&topic.offer.name, report.counts.lost);
             }
         }
@@ -310,9 +308,9 @@ fn keep(latest: &Latest, name: &str, taken: &Taken) {
         .insert(name.to_owned(), (envelope, taken.payload.clone()));
 }
 
-/// Whether a topic's samples are as large as images.
-fn is_large(offer: &Offer) -> bool {
-    match offer.kind {
+/// How a topic's samples are sent.
+fn class_of(offer: &Offer) -> Class {
+    let is_large = match offer.kind {
         Kind::Frames => offer
             .modality()
             .map(Modality::sensor_kind)
@@ -323,7 +321,12 @@ fn is_large(offer: &Offer) -> bool {
                 )
             }),
         Kind::Results => offer.result_type().is_some_and(ResultType::is_large),
-        Kind::Snapshot | Kind::Document => false,
+        Kind::Snapshot => false,
+        Kind::Document => return Class::Document,
+    };
+    match is_large {
+        true => Class::Large,
+        false => Class::Small,
     }
 }
 

@@ -39,6 +39,12 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 const TRY_EVERY: Duration = Duration::from_secs(1);
 /// How often another machine's clock is asked for.
 const CLOCK_EVERY: Duration = Duration::from_secs(5);
+/// Other bridges at a time.
+const MAX_PEERS: usize = 64;
+/// What all other bridges may announce together, bytes.
+const MAX_ANNOUNCED_BYTES: usize = 64 << 20;
+/// Sentences about topics that are not taken; further ones are not said.
+const MAX_SAID: usize = 1000;
 /// Snapshots and documents that wait to be published.
 const WORLD_INBOX: usize = 32;
 
@@ -46,6 +52,8 @@ const WORLD_INBOX: usize = 32;
 #[derive(Debug, Default)]
 struct Peer {
     announcement: Option<Announcement>,
+    /// Length of what it announced.
+    n_bytes: usize,
     clock: Clock,
     ask: Due,
     ask_clock: Due,
@@ -131,7 +139,7 @@ impl Importer {
     pub fn turn(&mut self) -> anyhow::Result<()> {
         self.waker.drain();
         for event in self.events.take() {
-            self.handle(event)?;
+            self.handle(event);
         }
         self.publish_world();
         self.publish_topics();
@@ -149,12 +157,13 @@ impl Importer {
         Ok(())
     }
 
-    fn handle(&mut self, event: Event) -> anyhow::Result<()> {
+    fn handle(&mut self, event: Event) {
         match event {
             Event::Came(id) => {
                 tracing::debug!(bridge = id, "another bridge is there");
-                self.peers.entry(id).or_default();
-                self.try_again.hurry();
+                if self.peer(id).is_some() {
+                    self.try_again.hurry();
+                }
             }
             Event::Went(id) => {
                 if let Some(peer) = self.peers.remove(&id) {
@@ -163,20 +172,11 @@ impl Importer {
                     self.forget(&id);
                 }
             }
-            Event::Announced(id, announcement) => {
-                let peer = self.peers.entry(id.clone()).or_default();
-                if peer.announcement.is_none() {
-                    tracing::info!(
-                        bridge = id,
-                        host = announcement.host,
-                        domain = announcement.domain,
-                        topics = announcement.topics.len(),
-                        "linked with another bridge"
-                    );
-                }
-                peer.announcement = Some(*announcement);
-                self.try_again.hurry();
-            }
+            Event::Announced {
+                id,
+                announcement,
+                n_bytes,
+            } => self.take_announcement(id, *announcement, n_bytes),
             Event::Clock {
                 id,
                 answer,
@@ -189,11 +189,49 @@ impl Importer {
             }
             Event::Answer(number, answer) => {
                 if let Some(world) = &mut self.world {
-                    world.answer(number, answer)?;
+                    world.answer(number, answer);
                 }
             }
         }
-        Ok(())
+    }
+
+    /// The bridge of this id, which is a new one if there is room for it.
+    fn peer(&mut self, id: String) -> Option<&mut Peer> {
+        if self.peers.len() >= MAX_PEERS && !self.peers.contains_key(&id) {
+            self.say_once(format!(
+                "this bridge is linked with {MAX_PEERS} others, the most that there may be; what further ones offer does not appear here"
+            ));
+            return None;
+        }
+        Some(self.peers.entry(id).or_default())
+    }
+
+    fn take_announcement(&mut self, id: String, announcement: Announcement, n_bytes: usize) {
+        let others = self.peers.iter().filter(|(of, _)| **of != id);
+        let of_others: usize = others.map(|(_, peer)| peer.n_bytes).sum();
+        if of_others + n_bytes > MAX_ANNOUNCED_BYTES {
+            self.say_once(format!(
+                "all other bridges together announce more than {} MiB; what the last ones offer does not appear here",
+                MAX_ANNOUNCED_BYTES >> 20
+            ));
+            return;
+        }
+        let Some(peer) = self.peer(id.clone()) else {
+            return;
+        };
+        peer.n_bytes = n_bytes;
+        let is_first = peer.announcement.is_none();
+        if is_first {
+            tracing::info!(
+                bridge = id,
+                host = announcement.host,
+                domain = announcement.domain,
+                topics = announcement.topics.len(),
+                "linked with another bridge"
+            );
+        }
+        peer.announcement = Some(announcement);
+        self.try_again.hurry();
     }
 
     /// Ends all that came from a bridge.
@@ -259,6 +297,8 @@ impl Importer {
             };
             tracing::info!(host = announcement.host, "its world appears here");
             self.world = Some(world);
+        }
+        if self.world.as_ref().is_some_and(|world| world.peer == id) {
             self.feed_world(id, announcement)?;
         }
         if let Some(world) = self.world.as_mut().filter(|world| world.peer == id) {
@@ -272,10 +312,16 @@ impl Importer {
         Ok(())
     }
 
-    /// Subscribes to snapshots and documents, and asks for the newest of each.
+    /// Subscribes to the snapshots and documents that are offered and not fed yet, and asks for the
+    /// newest of each. The other bridge may list its domain while the simulator opens its topics:
+    /// documents may be announced later than the world itself.
     fn feed_world(&mut self, id: &str, announcement: &Announcement) -> anyhow::Result<()> {
-        let of_world = |offer: &&Offer| matches!(offer.kind, Kind::Snapshot | Kind::Document);
-        for offer in announcement.topics.iter().filter(of_world) {
+        let is_missing = |offer: &&Offer| {
+            matches!(offer.kind, Kind::Snapshot | Kind::Document)
+                && !self.feeds.iter().any(|feed| feed.name == offer.name)
+        };
+        let missing: Vec<&Offer> = announcement.topics.iter().filter(is_missing).collect();
+        for offer in missing {
             let inbox = Inbox::new(WORLD_INBOX, &self.waker);
             let key = self.keys.from(id, &offer.name);
             let to = inbox.clone();
@@ -423,7 +469,7 @@ impl Importer {
     }
 
     fn say_once(&mut self, sentence: String) {
-        if !self.said.contains(&sentence) {
+        if self.said.len() < MAX_SAID && !self.said.contains(&sentence) {
             tracing::warn!("{sentence}");
             self.said.insert(sentence);
         }

@@ -43,10 +43,12 @@ impl Keys {
         format!("{}/to/{id}/{what}", self.net)
     }
 
-    /// Id of the bridge in the key of a token or an announcement.
+    /// Id of the bridge in the key of a token or an announcement; nothing if it is no id of zenoh's,
+    /// which have at most 32 hexadecimal digits.
     pub fn bridge_of<'k>(&self, key: &'k str) -> Option<&'k str> {
         let rest = key.strip_prefix(&self.net)?.strip_prefix("/@bridge/")?;
-        rest.split('/').next()
+        let id = rest.split('/').next()?;
+        (id.len() <= 32 && id.bytes().all(|digit| digit.is_ascii_hexdigit())).then_some(id)
     }
 
     /// Topic in the key of a sample of the bridge `id`.
@@ -76,6 +78,8 @@ mod tests {
         let keys = Keys::new("lab/gantry");
         assert_eq!(keys.bridge_of(&keys.alive("a1")), Some("a1"));
         assert_eq!(keys.bridge_of(&keys.topics("a1")), Some("a1"));
+        assert_eq!(keys.bridge_of(&keys.alive(&"a".repeat(33))), None);
+        assert_eq!(keys.bridge_of(&keys.alive("x1")), None);
         let key = keys.from("a1", "ego/front/rgb");
         assert_eq!(keys.topic_of("a1", &key), Some("ego/front/rgb"));
         assert_eq!(keys.topic_of("a2", &key), None);

@@ -27,14 +27,27 @@ const SMALL_IN_FLIGHT: usize = 16;
 /// Threads for large samples at most.
 const MAX_BULK_LANES: usize = 4;
 
+/// How the samples of a topic are sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    /// As large as images: they let others go before them.
+    Large,
+    /// Small ones.
+    Small,
+    /// Documents, which are sent whether somebody wants them or not. Another machine subscribes and
+    /// asks for the newest one; that it wants them is known here a moment after its question was
+    /// answered. A document that came in between would reach it neither way.
+    Document,
+}
+
 /// The sending end of one topic.
 #[derive(Debug)]
 pub struct Outlet {
     publisher: Publisher<'static>,
     wanted: Arc<AtomicBool>,
     compress: Wanted,
-    /// Whether its samples are as large as images, and do not go before small ones.
-    is_large: bool,
+    /// How its samples are sent.
+    class: Class,
     in_flight: AtomicUsize,
     /// Bytes of its last payload.
     last_bytes: AtomicUsize,
@@ -76,8 +89,8 @@ pub(crate) fn watch_readers(
 }
 
 impl Outlet {
-    /// Opens the topic's key for sending; samples as large as images (`is_large`) let others go
-    /// before them. `wake` is called when another machine begins or ends to want it.
+    /// Opens the topic's key for sending. `wake` is called when another machine begins or ends to
+    /// want it.
     ///
     /// # Errors
     /// What zenoh says.
@@ -85,19 +98,19 @@ impl Outlet {
         session: &Session,
         key: String,
         compress: Wanted,
-        is_large: bool,
+        class: Class,
         wake: impl Fn() + Send + Sync + 'static,
     ) -> anyhow::Result<Arc<Outlet>> {
         let failed = |error: zenoh::Error| anyhow::anyhow!("cannot offer {key:?}: {error}");
         let publisher = session
             .declare_publisher(key.clone())
             .congestion_control(CongestionControl::Block)
-            .priority(match is_large {
-                true => Priority::Data,
-                false => Priority::DataHigh,
+            .priority(match class {
+                Class::Large => Priority::Data,
+                Class::Small | Class::Document => Priority::DataHigh,
             })
             // A small sample that waits for company to share a packet with would be late.
-            .express(!is_large)
+            .express(class != Class::Large)
             .wait()
             .map_err(failed)?;
         let wanted = watch_readers(&publisher, wake).map_err(failed)?;
@@ -105,16 +118,16 @@ impl Outlet {
             publisher,
             wanted,
             compress,
-            is_large,
+            class,
             in_flight: AtomicUsize::new(0),
             last_bytes: AtomicUsize::new(0),
             sent: Arc::default(),
         }))
     }
 
-    /// Whether another machine wants the topic now.
+    /// Whether its samples are to be sent now: another machine wants the topic, or it is a document.
     pub fn is_wanted(&self) -> bool {
-        self.wanted.load(Relaxed)
+        self.class == Class::Document || self.wanted.load(Relaxed)
     }
 
     /// Whether it takes no further sample now.
@@ -184,10 +197,10 @@ impl Outbox {
         let outlet = &parcel.outlet;
         outlet.in_flight.fetch_add(1, Relaxed);
         outlet.last_bytes.store(parcel.payload.len(), Relaxed);
-        let lane = match outlet.is_large {
-            false => &self.urgent,
+        let lane = match outlet.class {
+            Class::Small | Class::Document => &self.urgent,
             // Topics keep their lane, by the address of their outlet.
-            true => &self.bulk[(Arc::as_ptr(outlet) as usize >> 6) % self.bulk.len()],
+            Class::Large => &self.bulk[(Arc::as_ptr(outlet) as usize >> 6) % self.bulk.len()],
         };
         // A lane ends only after this end of its channel.
         let _ = lane.send(parcel);

@@ -3,11 +3,11 @@
 
 use std::collections::HashMap;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 use bytemuck::pod_collect_to_vec;
-use crossbeam_channel::{RecvTimeoutError, Sender, unbounded};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
 use parking_lot::Mutex;
 use schema_bus::{AckWriter, Bus, BusError, CommandClient, ControlWriter, Notifier, names};
 use schema_frames::control::ControlHeader;
@@ -32,6 +32,10 @@ const IDLE: Duration = Duration::from_secs(20);
 const MAX_PLACES: usize = 24;
 /// Longest request that is taken, bytes.
 const MAX_REQUEST_BYTES: usize = 16 << 20;
+/// Requests of all other machines that wait for the simulator, bytes.
+const MAX_WAITING_BYTES: usize = 64 << 20;
+/// Requests of one client that wait; clients of ours wait for each answer.
+const MAX_WAITING_REQUESTS: usize = 64;
 /// How long the end waits for threads that answer, which look twenty times a second.
 const END: Duration = Duration::from_secs(1);
 
@@ -49,12 +53,41 @@ struct Desk {
     // Ports go before their node.
     writers: Mutex<HashMap<String, Writer>>,
     acks: Mutex<HashMap<u32, Guest>>,
-    clients: Mutex<HashMap<String, Sender<Query>>>,
+    clients: Mutex<HashMap<String, Sender<Waiting>>>,
+    /// Bytes of the requests that wait.
+    waiting_bytes: Arc<AtomicUsize>,
     wake: Notifier,
     bus: Bus,
     lockstep: bool,
     said: Mutex<bool>,
     ends: AtomicBool,
+}
+
+/// A request that waits, and its part of [`MAX_WAITING_BYTES`].
+#[derive(Debug)]
+struct Waiting {
+    query: Query,
+    n_bytes: usize,
+    of: Arc<AtomicUsize>,
+}
+
+impl Waiting {
+    /// `Err` hands the request back, because too many bytes wait.
+    fn new(query: Query, of: &Arc<AtomicUsize>) -> Result<Waiting, Query> {
+        let n_bytes = query.payload().map_or(0, |text| text.len());
+        if of.fetch_add(n_bytes, Relaxed) + n_bytes > MAX_WAITING_BYTES {
+            of.fetch_sub(n_bytes, Relaxed);
+            return Err(query);
+        }
+        let of = of.clone();
+        Ok(Waiting { query, n_bytes, of })
+    }
+}
+
+impl Drop for Waiting {
+    fn drop(&mut self) {
+        self.of.fetch_sub(self.n_bytes, Relaxed);
+    }
 }
 
 /// Who writes controls in the name of a program of another machine, and when it last did.
@@ -83,6 +116,7 @@ impl Service {
             writers: Mutex::default(),
             acks: Mutex::default(),
             clients: Mutex::default(),
+            waiting_bytes: Arc::default(),
             wake: bus.notifier(names::CONTROL_WAKE)?,
             bus,
             lockstep: options.lockstep,
@@ -251,49 +285,67 @@ impl Desk {
         // The bridge and its client.
         let name = query.attachment().map(|name| name.to_bytes().into_owned());
         let name = String::from_utf8_lossy(&name.unwrap_or_default()).into_owned();
+        let waiting = match Waiting::new(query, &self.waiting_bytes) {
+            Ok(waiting) => waiting,
+            Err(query) => {
+                let limit = MAX_WAITING_BYTES >> 20;
+                let why =
+                    format!("requests of {limit} MiB wait for the simulator already; ask again");
+                return refuse(&query, &why);
+            }
+        };
         let mut clients = self.clients.lock();
-        let query = match clients.get(&name) {
-            Some(client) => match client.send(query) {
+        let waiting = match clients.get(&name) {
+            Some(client) => match client.try_send(waiting) {
                 Ok(()) => return,
-                Err(returned) => returned.0,
+                Err(TrySendError::Full(waiting)) => {
+                    let why = format!(
+                        "{MAX_WAITING_REQUESTS} requests of this program wait already; wait for their answers"
+                    );
+                    return refuse(&waiting.query, &why);
+                }
+                Err(TrySendError::Disconnected(waiting)) => waiting,
             },
-            None => query,
+            None => waiting,
         };
         if clients.len() >= MAX_PLACES && !clients.contains_key(&name) {
             refuse(
-                &query,
+                &waiting.query,
                 &format!("{MAX_PLACES} programs of other machines ask the simulator already"),
             );
             return;
         }
-        let (sender, queries) = unbounded();
+        let (sender, requests) = bounded(MAX_WAITING_REQUESTS);
         let (desk, client) = (self.clone(), name.clone());
         let thread = std::thread::Builder::new()
             .name("requests".into())
-            .spawn(move || desk.answer_all(&client, &queries));
+            .spawn(move || desk.answer_all(&client, &requests));
         match thread {
             Ok(_) => {
-                let _ = sender.send(query);
+                let _ = sender.send(waiting);
                 clients.insert(name, sender);
             }
-            Err(error) => refuse(&query, &format!("the bridge gets no thread: {error}")),
+            Err(error) => refuse(
+                &waiting.query,
+                &format!("the bridge gets no thread: {error}"),
+            ),
         }
     }
 
-    fn answer_all(&self, asker: &str, queries: &crossbeam_channel::Receiver<Query>) {
+    fn answer_all(&self, asker: &str, requests: &Receiver<Waiting>) {
         let mut client = None;
         loop {
-            match queries.recv_timeout(IDLE) {
-                Ok(query) => {
-                    if let Err(error) = self.answer(asker, &mut client, &query) {
-                        refuse(&query, &format!("{error:#}"));
+            match requests.recv_timeout(IDLE) {
+                Ok(waiting) => {
+                    if let Err(error) = self.answer(asker, &mut client, &waiting.query) {
+                        refuse(&waiting.query, &format!("{error:#}"));
                     }
                 }
                 Err(RecvTimeoutError::Disconnected) => return,
                 Err(RecvTimeoutError::Timeout) => {
                     // Whoever sends holds the lock, so nothing comes between look and end.
                     let mut clients = self.clients.lock();
-                    if queries.is_empty() {
+                    if requests.is_empty() {
                         clients.remove(asker);
                         return;
                     }

@@ -1,6 +1,7 @@
 //! What zenoh's threads tell the one that publishes.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use parking_lot::Mutex;
 use zenoh::sample::{Sample, SampleKind};
@@ -10,6 +11,12 @@ use crate::announce::Announcement;
 use crate::import::inbox::Waker;
 use crate::keys::Keys;
 
+/// News that wait at a time; answers to our own requests are bounded where they are asked.
+const MAX_NEWS: usize = 1024;
+/// Longest announcement and longest reading of a clock that are taken, bytes.
+const MAX_ANNOUNCEMENT_BYTES: usize = 16 << 20;
+const MAX_CLOCK_BYTES: usize = 256;
+
 /// What zenoh's threads tell.
 #[derive(Debug)]
 pub enum Event {
@@ -18,7 +25,14 @@ pub enum Event {
     /// A bridge went, or the link to it.
     Went(String),
     /// A bridge said what it offers.
-    Announced(String, Box<Announcement>),
+    Announced {
+        /// The bridge.
+        id: String,
+        /// What it offers.
+        announcement: Box<Announcement>,
+        /// Length of what it sent.
+        n_bytes: usize,
+    },
     /// A bridge said what its clock reads.
     Clock {
         /// The bridge.
@@ -34,11 +48,15 @@ pub enum Event {
     Answer(u64, Result<Vec<u8>, String>),
 }
 
+/// Complaints about other bridges that are logged; further ones are not.
+const MAX_COMPLAINTS: usize = 100;
+
 /// Events in the order in which they came.
 #[derive(Debug)]
 pub struct Events {
     queue: Mutex<Vec<Event>>,
     waker: Arc<Waker>,
+    n_complaints: AtomicUsize,
 }
 
 impl Events {
@@ -47,12 +65,28 @@ impl Events {
         Arc::new(Events {
             queue: Mutex::new(Vec::new()),
             waker: waker.clone(),
+            n_complaints: AtomicUsize::new(0),
         })
     }
 
-    /// Adds one and wakes the other thread.
+    /// Logs what is wrong with another bridge, unless too much was already.
+    fn complain(&self, bridge: &str, what: &str) {
+        let n = self.n_complaints.fetch_add(1, Ordering::Relaxed);
+        if n < MAX_COMPLAINTS {
+            tracing::warn!(bridge, "{what}");
+        } else if n == MAX_COMPLAINTS {
+            tracing::warn!("further complaints about other bridges are not logged");
+        }
+    }
+
+    /// Adds one and wakes the other thread. News are dropped while too many wait: bridges announce
+    /// and are asked again.
     pub fn push(&self, event: Event) {
-        self.queue.lock().push(event);
+        let mut queue = self.queue.lock();
+        if queue.len() < MAX_NEWS || matches!(event, Event::Answer(..) | Event::Went(_)) {
+            queue.push(event);
+        }
+        drop(queue);
         self.waker.wake();
     }
 
@@ -115,9 +149,25 @@ impl News {
 }
 
 fn announced(events: &Events, id: &str, sample: &Sample) {
+    let n_bytes = sample.payload().len();
+    if n_bytes > MAX_ANNOUNCEMENT_BYTES {
+        let what =
+            format!("its announcement has {n_bytes} bytes; {MAX_ANNOUNCEMENT_BYTES} are allowed");
+        events.complain(id, &what);
+        return;
+    }
     match Announcement::parse(&sample.payload().to_bytes()) {
-        Ok(announcement) => events.push(Event::Announced(id.to_owned(), Box::new(announcement))),
-        Err(error) => tracing::warn!(bridge = id, "{error:#}"),
+        Ok((announcement, refused)) => {
+            if let Some(sentence) = refused {
+                events.complain(id, &sentence);
+            }
+            events.push(Event::Announced {
+                id: id.to_owned(),
+                announcement: Box::new(announcement),
+                n_bytes,
+            });
+        }
+        Err(error) => events.complain(id, &format!("{error:#}")),
     }
 }
 
@@ -145,7 +195,9 @@ pub fn ask_clock(session: &Session, keys: &Keys, id: &str, events: &Arc<Events>)
         .get(keys.to(id, "clock"))
         .consolidation(zenoh::query::ConsolidationMode::None)
         .callback(move |reply| {
-            if let Ok(sample) = reply.result() {
+            if let Ok(sample) = reply.result()
+                && sample.payload().len() <= MAX_CLOCK_BYTES
+            {
                 to.push(Event::Clock {
                     id: from.clone(),
                     answer: String::from_utf8_lossy(&sample.payload().to_bytes()).into_owned(),

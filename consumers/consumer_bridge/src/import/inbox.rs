@@ -5,7 +5,7 @@ use std::io::{Read as _, Write as _};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
 use anyhow::Context as _;
@@ -15,9 +15,14 @@ use zenoh::sample::Sample;
 
 use crate::wire::Envelope;
 
-/// Wakes the thread that publishes.
+/// Payloads that may wait in all inboxes of a bridge together, bytes. A topic's newest sample may
+/// wait beyond that.
+const MAX_WAITING_BYTES: usize = 1 << 30;
+
+/// Wakes the thread that publishes, and counts what waits for it.
 #[derive(Debug)]
 pub struct Waker {
+    waiting_bytes: AtomicUsize,
     pending: AtomicBool,
     writer: UnixStream,
     reader: UnixStream,
@@ -35,6 +40,7 @@ impl Waker {
             end.set_nonblocking(true).context(no_pair)?;
         }
         Ok(Arc::new(Waker {
+            waiting_bytes: AtomicUsize::new(0),
             pending: AtomicBool::new(false),
             writer,
             reader,
@@ -115,9 +121,16 @@ impl Inbox {
             payload: payload.clone(),
             at: Instant::now(),
         };
+        let waiting_bytes = &self.waker.waiting_bytes;
+        waiting_bytes.fetch_add(arrived.payload.len(), Ordering::Relaxed);
         let mut queue = self.queue.lock();
-        if queue.len() >= self.limit {
-            queue.pop_front();
+        let is_full = |len: usize| {
+            len >= self.limit || waiting_bytes.load(Ordering::Relaxed) > MAX_WAITING_BYTES
+        };
+        while is_full(queue.len())
+            && let Some(oldest) = queue.pop_front()
+        {
+            waiting_bytes.fetch_sub(oldest.payload.len(), Ordering::Relaxed);
             self.dropped.fetch_add(1, Ordering::Relaxed);
         }
         queue.push_back(arrived);
@@ -128,7 +141,12 @@ impl Inbox {
     /// The oldest sample that waits, if `is_due` lets it go.
     pub fn pop_if(&self, is_due: impl FnOnce(&Arrived) -> bool) -> Option<Arrived> {
         let mut queue = self.queue.lock();
-        queue.pop_front_if(|arrived| is_due(arrived))
+        let arrived = queue.pop_front_if(|arrived| is_due(arrived))?;
+        let n_bytes = arrived.payload.len();
+        self.waker
+            .waiting_bytes
+            .fetch_sub(n_bytes, Ordering::Relaxed);
+        Some(arrived)
     }
 
     /// The oldest sample that waits.
@@ -142,6 +160,12 @@ impl Inbox {
             self.dropped.swap(0, Ordering::Relaxed),
             self.refused.swap(0, Ordering::Relaxed),
         )
+    }
+}
+
+impl Drop for Inbox {
+    fn drop(&mut self) {
+        while self.pop().is_some() {}
     }
 }
 
@@ -165,5 +189,22 @@ mod tests {
         assert_eq!(numbers, [3, 4]);
         assert_eq!(inbox.take_counts(), (3, 1));
         assert_eq!(inbox.take_counts(), (0, 0));
+    }
+
+    #[test]
+    fn payloads_of_all_topics_share_one_budget() {
+        let waker = Waker::new().unwrap();
+        let inboxes = [Inbox::new(64, &waker), Inbox::new(64, &waker)];
+        // Clones of one payload, so that the test needs memory for one.
+        let payload = ZBytes::from(vec![0; MAX_WAITING_BYTES / 8]);
+        let envelope = ZBytes::from(Envelope::pack(&[0; 8], &[], 0, Coding::None));
+        let push = |inbox: &Inbox| inbox.push_parts(Some(&envelope), &payload);
+        (0..6).for_each(|_| push(&inboxes[0]));
+        (0..6).for_each(|_| push(&inboxes[1]));
+        // The first is within the budget; the second drops its own oldest ones.
+        assert_eq!(inboxes[0].take_counts(), (0, 0));
+        assert_eq!(inboxes[1].take_counts(), (4, 0));
+        drop(inboxes);
+        assert_eq!(waker.waiting_bytes.load(Ordering::Relaxed), 0);
     }
 }

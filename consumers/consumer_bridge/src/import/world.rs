@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::{Context as _, ensure};
+use anyhow::{Context as _, bail, ensure};
 use bytemuck::{Zeroable as _, bytes_of, cast_slice, pod_collect_to_vec};
 use schema_bus::{
     Ack, AckReader, Bus, Claim, CommandServer, ControlReader, DocumentPublisher, Notifier, Request,
@@ -68,6 +68,8 @@ pub struct MirroredWorld {
     pub lockstep: bool,
     /// Epoch and tick of the last snapshot.
     last: (u64, u64),
+    /// Epoch and revision of the last document of each name.
+    last_documents: BTreeMap<&'static str, (u64, u64)>,
     control_seq: u64,
     /// Number and name of the lockstep participants of this machine.
     joined: BTreeMap<u32, String>,
@@ -112,6 +114,7 @@ impl MirroredWorld {
             passes: Controls::PassedOn,
             lockstep: false,
             last: (0, 0),
+            last_documents: BTreeMap::new(),
             control_seq: 0,
             joined: BTreeMap::new(),
             _claim: claim,
@@ -165,10 +168,18 @@ impl MirroredWorld {
     pub fn publish_document(&mut self, name: &str, arrived: &Arrived) -> anyhow::Result<()> {
         let (header, _) = arrived.envelope.header::<DocumentHeader>()?;
         let text = String::from_utf8(raw(arrived)?).context("a document is no UTF-8")?;
-        let document = self.documents.get_mut(name);
-        document
-            .with_context(|| format!("{name:?} is no document of a world"))?
-            .send_revision(&text, header.epoch, header.tick, header.revision)?;
+        let Some((&name, document)) = self.documents.iter_mut().find(|(known, _)| **known == name)
+        else {
+            bail!("{name:?} is no document of a world");
+        };
+        let at = (header.epoch, header.revision);
+        // An answer to a question of ours may be older than what was sent meanwhile.
+        let last = self.last_documents.get(name);
+        if last.is_some_and(|last| at.0 == last.0 && at.1 < last.1) {
+            return Ok(());
+        }
+        document.send_revision(&text, header.epoch, header.tick, header.revision)?;
+        self.last_documents.insert(name, at);
         Ok(())
     }
 
@@ -179,7 +190,7 @@ impl MirroredWorld {
     pub fn serve(&mut self) -> anyhow::Result<()> {
         if self.pending.len() < MAX_ON_THEIR_WAY {
             for request in self.commands.take_all()? {
-                self.pass_on(request)?;
+                self.pass_on(request);
             }
         }
         // Controls that were sent before an acknowledgement must arrive before it.
@@ -188,7 +199,7 @@ impl MirroredWorld {
         self.send_acks(acks)
     }
 
-    fn pass_on(&mut self, request: Request) -> anyhow::Result<()> {
+    fn pass_on(&mut self, request: Request) {
         let joins = |command: &Command| matches!(command, Command::JoinLockstep { .. });
         let wants_to_join = request
             .batch
@@ -211,16 +222,16 @@ impl MirroredWorld {
             _ => None,
         };
         if let Some(error) = refusal {
-            return self.refuse(request, error);
+            self.refuse(request, error);
+            return;
         }
         self.next_request += 1;
         let number = self.next_request;
         let asked = self.ask(number, &request);
         self.pending.insert(number, request);
         if let Err(error) = asked {
-            self.answer(number, Err(format!("the link takes no request: {error}")))?;
+            self.answer(number, Err(format!("the link takes no request: {error}")));
         }
-        Ok(())
     }
 
     fn ask(&self, number: u64, request: &Request) -> zenoh::Result<()> {
@@ -247,13 +258,10 @@ impl MirroredWorld {
             .wait()
     }
 
-    /// Hands an answer of the other machine to who asked.
-    ///
-    /// # Errors
-    /// [`schema_bus::BusError`].
-    pub fn answer(&mut self, number: u64, answer: Result<Vec<u8>, String>) -> anyhow::Result<()> {
+    /// Hands an answer of the other machine to the client that asked.
+    pub fn answer(&mut self, number: u64, answer: Result<Vec<u8>, String>) {
         let Some(request) = self.pending.remove(&number) else {
-            return Ok(());
+            return;
         };
         let parsed = answer.and_then(|text| {
             serde_json::from_slice::<ReplyBatch>(&text)
@@ -262,9 +270,17 @@ impl MirroredWorld {
         match parsed {
             Ok(batch) => {
                 self.note_participants(&request, &batch);
-                Ok(self.commands.reply(request, &batch)?)
+                self.reply(request, &batch);
             }
             Err(error) => self.refuse(request, error),
+        }
+    }
+
+    /// Sends an answer. One that cannot be sent ends nothing: its client may be gone, or shared
+    /// memory full.
+    fn reply(&self, request: Request, batch: &ReplyBatch) {
+        if let Err(error) = self.commands.reply(request, batch) {
+            tracing::debug!(%error, "an answer of the other machine cannot be sent");
         }
     }
 
@@ -284,7 +300,7 @@ impl MirroredWorld {
         }
     }
 
-    fn refuse(&self, request: Request, error: String) -> anyhow::Result<()> {
+    fn refuse(&self, request: Request, error: String) {
         let n = request
             .batch
             .as_ref()
@@ -295,7 +311,7 @@ impl MirroredWorld {
             tick: self.last.1,
             replies: vec![CommandReply::Refused { error }; n.max(1)],
         };
-        Ok(self.commands.reply(request, &answer)?)
+        self.reply(request, &answer);
     }
 
     fn send_controls(&mut self) -> anyhow::Result<()> {

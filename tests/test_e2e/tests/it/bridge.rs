@@ -166,6 +166,35 @@ fn every_topic_is_the_same_on_the_other_machine() {
     near_bridge.stop().expect_code(0);
 }
 
+/// A bridge may list its domain while the simulator is still opening its topics: what comes after
+/// `world/info` is announced later.
+#[test]
+fn a_document_that_is_announced_after_its_world_crosses() {
+    let machines = Machines::new("bridge-late");
+    let (near, far) = (
+        join_bus(&machines.near, "test"),
+        join_bus(&machines.far, "test"),
+    );
+    let claim = near.claim_world().unwrap().expect("nobody else is there");
+    let mut info = near.document_publisher(names::WORLD_INFO).unwrap();
+    info.send("{}", 1, 0).unwrap();
+    let near_bridge = machines.near_bridge(&[]);
+    let mut far_bridge = machines.far_bridge(&[]);
+    far_bridge.wait_line("its world appears here");
+    let mut catalogue = near.document_publisher(names::WORLD_CATALOGUE).unwrap();
+    catalogue.send("late", 1, 0).unwrap();
+    let mut reader = far.document_reader(names::WORLD_CATALOGUE).unwrap();
+    let text = eventually("the catalogue crosses", || {
+        info.greet();
+        catalogue.greet();
+        reader.latest().unwrap().map(|document| document.text)
+    });
+    assert_eq!(text, "late");
+    far_bridge.stop().expect_code(0);
+    near_bridge.stop().expect_code(0);
+    drop((info, catalogue, claim));
+}
+
 /// What a result says, without the moment of publishing.
 fn said(header: &ResultHeader, inputs: &[InputRecord], body: &[u8]) -> (Vec<u8>, Vec<u8>) {
     let header = ResultHeader {
