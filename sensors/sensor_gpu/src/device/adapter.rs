@@ -131,7 +131,8 @@ pub fn choose(
 
 /// Number of the adapter that is asked for: one of that number; else the one whose UUID begins so,
 /// with or without `GPU-`; else the best one whose name contains the text. `None` if there is none,
-/// or if two have the beginning of a UUID.
+/// or if two have the beginning of a UUID. One or two digits are a number and no part of a name: the
+/// third of two "NVIDIA H200" is none of them.
 fn find(infos: &[AdapterInfo], asked: Option<&str>) -> Option<usize> {
     let best = |infos: &mut dyn Iterator<Item = &AdapterInfo>| {
         infos
@@ -144,6 +145,9 @@ fn find(infos: &[AdapterInfo], asked: Option<&str>) -> Option<usize> {
     let asked = asked.trim().to_lowercase();
     if let Some(info) = asked.parse().ok().and_then(|index: usize| infos.get(index)) {
         return Some(info.index);
+    }
+    if matches!(asked.len(), 1..=2) && asked.bytes().all(|digit| digit.is_ascii_digit()) {
+        return None;
     }
     let digits = |text: &str| text.replace('-', "");
     let uuid = digits(asked.strip_prefix("gpu-").unwrap_or(&asked));
@@ -211,6 +215,8 @@ mod tests {
             ("llvmpipe", Some(0)),
             ("nvidia", Some(1)),
             ("3", None),
+            ("9", None),
+            ("40", None),
             ("voodoo", None),
             ("", Some(1)),
         ] {

@@ -150,8 +150,7 @@ struct Worker {
     standing: Standing,
     /// Its last answer.
     answer: RenderedRecord,
-    /// Since when the world waits for it.
-    owes_since_nanos: Option<u64>,
+    wait: Option<Wait>,
     said_nanos: u64,
 }
 
@@ -317,7 +316,7 @@ impl Workers {
             looked_nanos: mono_now().0,
             standing: Standing::Joins,
             answer: bytemuck::Zeroable::zeroed(),
-            owes_since_nanos: None,
+            wait: None,
             said_nanos: 0,
         });
         // The scenery that it is about to ask for.
@@ -609,11 +608,14 @@ impl Workers {
             let is_owed = worker.standing == Standing::Works
                 && (worker.owes(number, look.behind) || worker.answer.number < self.taken_over_by);
             if !is_owed {
-                (worker.owes_since_nanos, worker.said_nanos) = (None, 0);
+                (worker.wait, worker.said_nanos) = (None, 0);
                 continue;
             }
-            let since_nanos = *worker.owes_since_nanos.get_or_insert(now_nanos);
-            let waited_nanos = now_nanos.saturating_sub(since_nanos);
+            let progress = (worker.answer.number, worker.answer.sent_number);
+            let (wait, waited_nanos) = Wait::go_on(worker.wait, progress, now_nanos);
+            if worker.wait.replace(wait) != Some(wait) {
+                worker.said_nanos = 0;
+            }
             let is_stopped = waited_nanos >= STOPPED_NANOS && worker.origin.is_stopped();
             let patience_nanos = match look.timeout_nanos {
                 Timeout::After(nanos) => nanos,
@@ -655,6 +657,27 @@ impl Worker {
     }
 }
 
+/// A wait of the world for a worker.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Wait {
+    /// What the worker had answered and sent when it began.
+    progress: (u64, u64),
+    since_nanos: u64,
+}
+
+impl Wait {
+    /// The wait that goes on, and how long it has lasted. A worker that is kept busy owes something at
+    /// every look, so each answer begins a new wait.
+    fn go_on(before: Option<Wait>, progress: (u64, u64), now_nanos: u64) -> (Wait, u64) {
+        let begun = Wait {
+            progress,
+            since_nanos: now_nanos,
+        };
+        let wait = before.filter(|wait| wait.progress == progress).unwrap_or(begun);
+        (wait, now_nanos.saturating_sub(wait.since_nanos))
+    }
+}
+
 /// How long a world waits for workers.
 pub struct Look {
     pub tick: u64,
@@ -667,4 +690,21 @@ pub enum Timeout {
     Never,
     After(u64),
     Usual,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_worker_that_sends_something_at_every_look_is_not_waited_for() {
+        let mut wait = None;
+        for n in 0..100 {
+            let (next, waited_nanos) = Wait::go_on(wait, (n, n), n * 1_000_000_000);
+            assert_eq!(waited_nanos, 0);
+            wait = Some(next);
+        }
+        let (_, waited_nanos) = Wait::go_on(wait, (99, 99), 109_000_000_000);
+        assert_eq!(waited_nanos, 10_000_000_000);
+    }
 }
