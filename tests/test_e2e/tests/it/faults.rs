@@ -184,16 +184,11 @@ fn a_lost_gpu_ends_the_daemon_with_a_sentence_and_its_own_code() {
     let epoch = eventually("a frame", || rgb.next().unwrap()).header().epoch;
     sandbox.write("lose", "");
     let ended = daemon.wait().expect_code(4);
-    let sentences = ended
-        .lines
-        .iter()
-        .filter(|line| line.starts_with("error: "));
+    // Graphics drivers print lines of their own, some of which begin with "error:" too.
+    let sentences = ended.lines.iter().filter(|line| {
+        line.starts_with("error: ") && line.contains("failed while working on a frame")
+    });
     assert_eq!(sentences.count(), 1, "{:?}", ended.lines);
-    assert!(
-        ended.says("failed while working on a frame"),
-        "{:?}",
-        ended.lines
-    );
     assert!(!ended.says("panicked"), "{:?}", ended.lines);
     let _daemon = start_daemon(&sandbox, SMALL_RIG, &[]);
     eventually("a frame of the new daemon", || {

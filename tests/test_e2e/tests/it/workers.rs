@@ -2,6 +2,8 @@
 //! is killed.
 
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nix::sys::signal::Signal;
 use schema_bus::{Bus, CommandClient, FrameReader, names};
@@ -63,16 +65,49 @@ const MORE_TOPICS: [&str; 9] = [
     "ego/rear/semantic",
 ];
 
+/// Workers cast lidars on the processor, so the simulator does, too: a GPU rounds otherwise.
 fn rig() -> String {
-    format!("{SMALL_RIG}{MORE_CAMERAS}")
+    format!("{SMALL_RIG}{MORE_CAMERAS}").replace("tick_hz = 20", "tick_hz = 20\nlidars_on = \"cpu\"")
 }
 
 fn stepped() -> String {
     rig().replace("tick_hz = 20", "tick_hz = 20\nmode = \"stepped\"")
 }
 
+/// UUIDs of this machine's GPUs, if it has several and all are equal; else nothing.
+fn equal_gpus() -> &'static [String] {
+    static UUIDS: OnceLock<Vec<String>> = OnceLock::new();
+    UUIDS.get_or_init(|| {
+        let sandbox = Sandbox::new("w-adapters");
+        let listed = spawn_consumer(&sandbox, "simd", &["--adapters", "--json"]).wait();
+        let gpus: Vec<serde_json::Value> = listed
+            .expect_code(0)
+            .lines
+            .iter()
+            .filter_map(|line| serde_json::from_str(line).ok())
+            .filter(|adapter: &serde_json::Value| adapter["software"] == false)
+            .collect();
+        let is_equal = |gpu: &serde_json::Value| gpu["name"] == gpus[0]["name"];
+        if gpus.len() < 2 || !gpus.iter().all(is_equal) {
+            return Vec::new();
+        }
+        let uuids = gpus
+            .iter()
+            .map(|gpu| gpu["uuid"].as_str().map(str::to_owned));
+        uuids.map(|uuid| uuid.expect("simd lists it")).collect()
+    })
+}
+
+/// A worker. Where the machine has several equal GPUs, workers take them by turns.
 fn worker(sandbox: &Sandbox, name: &str) -> Process {
-    spawn_consumer(sandbox, "gantry-render", &["--name", name])
+    static STARTED: AtomicUsize = AtomicUsize::new(0);
+    let gpus = equal_gpus();
+    let mut args = vec!["--name", name];
+    if !gpus.is_empty() {
+        let gpu = &gpus[STARTED.fetch_add(1, Ordering::Relaxed) % gpus.len()];
+        args.extend(["--adapter", gpu]);
+    }
+    spawn_consumer(sandbox, "gantry-render", &args)
 }
 
 fn joined_worker(sandbox: &Sandbox, name: &str) -> Process {
@@ -519,6 +554,7 @@ const LARGE: &str = r#"version = 1
 map = "Town13"
 seed = 3
 tick_hz = 20
+lidars_on = "cpu"
 mode = "stepped"
 [sensor.front]
 kind = "camera"
