@@ -673,7 +673,9 @@ impl Wait {
             progress,
             since_nanos: now_nanos,
         };
-        let wait = before.filter(|wait| wait.progress == progress).unwrap_or(begun);
+        let wait = before
+            .filter(|wait| wait.progress == progress)
+            .unwrap_or(begun);
         (wait, now_nanos.saturating_sub(wait.since_nanos))
     }
 }

@@ -67,7 +67,8 @@ const MORE_TOPICS: [&str; 9] = [
 
 /// Workers cast lidars on the processor, so the simulator does, too: a GPU rounds otherwise.
 fn rig() -> String {
-    format!("{SMALL_RIG}{MORE_CAMERAS}").replace("tick_hz = 20", "tick_hz = 20\nlidars_on = \"cpu\"")
+    format!("{SMALL_RIG}{MORE_CAMERAS}")
+        .replace("tick_hz = 20", "tick_hz = 20\nlidars_on = \"cpu\"")
 }
 
 fn stepped() -> String {
