@@ -5,6 +5,7 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use launch_cli::files::{open_plain, read_plain};
 
 /// Folder inside the export that holds its state while it runs.
 pub const STATE_FOLDER: &str = ".gantry-export";
@@ -93,7 +94,9 @@ impl Tree {
         if fs::hard_link(&from, &to).is_ok() {
             return Ok(());
         }
-        self.write(relative, || fs::read(&from).with_context(|| cannot(&from)))
+        self.write(relative, || {
+            read_plain(&from, u64::MAX).with_context(|| cannot(&from))
+        })
     }
 
     /// Calls `each` with every line of a file of the tree; one line is in memory at a time.
@@ -108,7 +111,7 @@ impl Tree {
         use std::io::BufRead as _;
         let path = self.path(relative);
         let cannot = || format!("cannot read {}", path.display());
-        let file = File::open(&path).with_context(cannot)?;
+        let (file, _) = open_plain(&path).with_context(cannot)?;
         for line in std::io::BufReader::new(file).lines() {
             each(&line.with_context(cannot)?)?;
         }

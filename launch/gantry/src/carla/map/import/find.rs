@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use launch_cli::wrong_usage;
+use schema_roads::MAX_TEXT_BYTES;
 
 use crate::carla::map::refusal::{MAX_NAME_BYTES, Refusal};
 
@@ -146,7 +147,7 @@ fn chosen(name: String, files: Vec<(bool, PathBuf)>) -> Found {
         .split_first()
         .map(|((_, first), rest)| (first.clone(), rest))
         .expect("a name has a file");
-    let bytes = |path: &Path| std::fs::read(path).ok();
+    let bytes = |path: &Path| launch_cli::files::read_plain(path, MAX_TEXT_BYTES as u64).ok();
     let first = if others.is_empty() && left.is_empty() {
         None
     } else {
