@@ -57,9 +57,11 @@ impl EventFile {
                 micros / 1_000_000
             );
             // Each millisecond begins at the first event that is not before it.
-            let n_started = self.ms_to_idx.n_items() + (starts.len() / 8) as u64;
-            for _ in n_started..micros / 1000 + 1 {
-                starts.extend((self.n_events() + at as u64).to_le_bytes());
+            let n_begun = (starts.len() / 8) as u64;
+            let n_started = self.ms_to_idx.n_items().saturating_add(n_begun);
+            let first = self.n_events().saturating_add(at as u64);
+            for _ in n_started..(micros / 1000).saturating_add(1) {
+                starts.extend(first.to_le_bytes());
             }
             bytes[0].push(event.polarity.min(1));
             bytes[1].extend(short.unwrap_or_default().to_le_bytes());

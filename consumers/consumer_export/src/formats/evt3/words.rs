@@ -15,6 +15,9 @@ const TIME_LOW: u16 = 0x6000;
 const TIME_HIGH: u16 = 0x8000;
 /// The bit of the polarity beside a column.
 const BRIGHTER: u16 = 1 << 11;
+/// Longest stretch of time that is written, in units of 4.096 ms: some three days, whose words take
+/// 128 MiB. Every such unit is sent, so a time near 2^64 would have no end.
+const MAX_SILENCE: u64 = 1 << 26;
 /// Of that many columns a group of twelve takes fewer words than single ones.
 const WORTH_A_GROUP: usize = 3;
 
@@ -67,7 +70,7 @@ impl Encoder {
                 first.x_px,
                 first.y_px
             );
-            self.put_time(first.micros, out);
+            self.put_time(first.micros, out)?;
             if self.row != Some(first.y_px) {
                 self.row = Some(first.y_px);
                 put(out, ADDR_Y | first.y_px);
@@ -80,17 +83,27 @@ impl Encoder {
     }
 
     /// Sends the time up to `micros` without an event, so that a reader knows how far it is.
-    pub fn pass_time(&mut self, micros: u64, out: &mut Vec<u8>) {
-        if micros > self.micros {
-            self.put_time(micros, out);
+    ///
+    /// # Errors
+    /// If that is days later.
+    pub fn pass_time(&mut self, micros: u64, out: &mut Vec<u8>) -> anyhow::Result<()> {
+        match micros > self.micros {
+            true => self.put_time(micros, out),
+            false => Ok(()),
         }
     }
 
-    fn put_time(&mut self, micros: u64, out: &mut Vec<u8>) {
-        self.micros = micros;
+    fn put_time(&mut self, micros: u64, out: &mut Vec<u8>) -> anyhow::Result<()> {
         let (high, low) = (micros >> 12, (micros & 0xfff) as u16);
-        while self.high != Some(high) {
-            let next = self.high.map_or(0, |sent| sent + 1);
+        let first = self.high.map_or(0, |sent| sent.saturating_add(1));
+        ensure!(
+            high.saturating_sub(first) < MAX_SILENCE,
+            "EVT 3.0 counts all time from 0 on in steps of 4 ms, and {micros} µs come {} s after what was written, at most {} s are; export a recording whose times begin earlier",
+            micros.saturating_sub(self.micros) / 1_000_000,
+            MAX_SILENCE * 4096 / 1_000_000
+        );
+        self.micros = micros;
+        for next in first..=high {
             put(out, TIME_HIGH | (next & 0xfff) as u16);
             (self.high, self.low) = (Some(next), None);
         }
@@ -98,6 +111,7 @@ impl Encoder {
             self.low = Some(low);
             put(out, TIME_LOW | low);
         }
+        Ok(())
     }
 }
 
@@ -270,7 +284,11 @@ mod tests {
         let mut whole = Vec::new();
         Encoder::new().encode(&events, &mut whole).unwrap();
         assert_eq!(out, whole);
-        encoder.pass_time(500_000, &mut out);
+        encoder.pass_time(500_000, &mut out).unwrap();
+        assert!(
+            encoder.pass_time(u64::MAX, &mut out).is_err(),
+            "no end of time"
+        );
         assert!(out.len() > whole.len());
         assert!(
             encoder.encode(&events[..1], &mut out).is_err(),
