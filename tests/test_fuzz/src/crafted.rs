@@ -43,7 +43,7 @@ fn record_of(opcode: u8, len: u64, body: &[u8]) -> Vec<u8> {
 fn message(channel: u16, nanos: u64, data: &[u8]) -> Vec<u8> {
     let times = [nanos.to_le_bytes(), nanos.to_le_bytes()].concat();
     let head = [&channel.to_le_bytes()[..], &1u32.to_le_bytes(), &times];
-    record(MESSAGE, &[&head.concat(), data].concat())
+    record(MESSAGE, &[&head.concat()[..], data].concat())
 }
 
 /// Fields of protocol buffers that hold bytes.

@@ -56,8 +56,8 @@ fn run(sandbox: &Sandbox, it: &Use, file: &str, n: usize) -> Ended {
         .collect();
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     match it.program {
-        "gantry" | "gantry-dataset" => sandbox.spawn(it.program, &words).wait(),
-        _ => spawn_consumer(sandbox, it.program, &words).wait(),
+        "gantry-replay" | "gantry-rerun" => spawn_consumer(sandbox, it.program, &words).wait(),
+        _ => sandbox.spawn(it.program, &words).wait(),
     }
 }
 

@@ -46,10 +46,13 @@ pub(super) fn maps(what: &[PathBuf]) -> anyhow::Result<Vec<Found>> {
         } else if path.is_file() {
             files.push(path.clone());
         } else {
-            return Err(wrong_usage(format!(
-                "there is no file or folder {}",
-                path.display()
-            )));
+            let shown = path.display();
+            return Err(wrong_usage(match launch_cli::files::open_plain(path) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                    format!("cannot import {shown}: {error}")
+                }
+                _ => format!("there is no file or folder {shown}"),
+            }));
         }
     }
     Ok(by_name(files))
