@@ -9,8 +9,6 @@
 //! whole recording.
 
 #![forbid(unsafe_code)]
-// Numbers of files may be any: sums of them are checked, or cannot overflow.
-#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 #![warn(missing_docs)]
 
 pub mod classes;

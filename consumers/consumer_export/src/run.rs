@@ -1,5 +1,7 @@
 //! An export from its recordings to the finished folder.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use std::collections::HashSet;
 use std::fs;
 use std::path::PathBuf;

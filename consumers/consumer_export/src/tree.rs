@@ -1,5 +1,7 @@
 //! The folder that an export writes: whole files only, so that a killed export can go on.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};

@@ -14,6 +14,10 @@
 #![warn(missing_docs)]
 
 pub mod bag;
+#[allow(
+    clippy::arithmetic_side_effects,
+    reason = "the shape of a payload is checked once, before loops over every byte of it"
+)]
 pub mod codec;
 pub mod journal;
 pub mod messages;

@@ -40,6 +40,8 @@ const MAGIC: u32 = u32::from_le_bytes(*b"GCKP");
 const VERSION: u32 = 2;
 /// Bytes before the body.
 const HEAD_BYTES: usize = 48;
+/// Bytes of the head that are under the checksum, which is its last word.
+const SUMMED_HEAD_BYTES: usize = HEAD_BYTES - 8;
 /// Steps that a checkpoint from bytes must survive before it is restored.
 const TRIAL_STEPS: usize = 2;
 /// Length of such a step.
@@ -135,7 +137,7 @@ impl Checkpoint {
         };
         let body = postcard::to_allocvec(&body)
             .map_err(|error| CheckpointError::Body(error.to_string()))?;
-        let mut bytes = Vec::with_capacity(HEAD_BYTES + body.len());
+        let mut bytes = Vec::with_capacity(body.len().saturating_add(HEAD_BYTES));
         bytes.extend(MAGIC.to_le_bytes());
         bytes.extend(VERSION.to_le_bytes());
         for word in [
@@ -172,13 +174,9 @@ impl Checkpoint {
                 said: HEAD_BYTES as u64,
             });
         };
-        let word = |idx: usize| {
-            u64::from_le_bytes(
-                head[8 + 8 * idx..16 + 8 * idx]
-                    .try_into()
-                    .expect("eight bytes"),
-            )
-        };
+        // The words behind magic and version.
+        let (words, _) = head[8..].as_chunks::<8>();
+        let word = |idx: usize| words.get(idx).map_or(0, |word| u64::from_le_bytes(*word));
         if word(0) != layout() {
             return Err(CheckpointError::Layout);
         }
@@ -188,7 +186,7 @@ impl Checkpoint {
                 said: word(3),
             });
         }
-        if checksum(&head[..HEAD_BYTES - 8], body) != word(4) {
+        if checksum(&head[..SUMMED_HEAD_BYTES], body) != word(4) {
             return Err(CheckpointError::Checksum);
         }
         checks::check_elapsed(word(2))?;

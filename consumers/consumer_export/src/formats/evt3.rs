@@ -1,6 +1,8 @@
 //! Prophesee RAW files with EVT 3.0 events: one per event camera, `<part>/<scenario>/<camera>.raw`,
 //! with its calibration and poses beside it.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 pub mod words;
 
 use std::collections::BTreeMap;

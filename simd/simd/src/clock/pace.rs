@@ -43,7 +43,7 @@ impl Pace {
             self.n_late = self.n_late.saturating_add(1);
         }
         if late_nanos > self.period_nanos.saturating_mul(GIVE_UP_PERIODS) {
-            let n_periods = late_nanos / self.period_nanos.max(1);
+            let n_periods = late_nanos.checked_div(self.period_nanos).unwrap_or(0);
             self.n_given_up = self.n_given_up.saturating_add(n_periods);
             self.next_nanos = now_nanos;
         }

@@ -4,8 +4,6 @@
 //! for 2 s, then the junction's next controller is green. Each controller's three times can be set.
 //! Time is counted in whole nanoseconds, so a stage ends in exactly the tick that completes it.
 
-#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
-
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 

@@ -1,5 +1,7 @@
 //! `events.h5` of a camera: events in columns, and where each millisecond begins.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use anyhow::ensure;
 use schema_frames::DvsEvent;
 
@@ -115,7 +117,7 @@ impl EventFile {
 /// If the disk refuses.
 pub fn write_rectify_map(part: PartFile, (width, height): (u32, u32)) -> anyhow::Result<()> {
     let mut file = Hdf5File::create(part)?;
-    let mut map = Vec::with_capacity(width as usize * height as usize * 8);
+    let mut map = Vec::new();
     for y in 0..height {
         for x in 0..width {
             map.extend((x as f32).to_le_bytes());
