@@ -1,6 +1,6 @@
 //! Opens files that somebody else named or wrote. A pipe or a device in the place of a file waits
-//! for ever or has no end, so only regular files are read, and each no further than its reader says.
-//! `tests/test_tidy` holds all programs to this module; writing is `launch_cli::files`.
+//! for ever or has no end, so only regular files are read, and each no further than its reader
+//! says. `tests/test_tidy` holds all programs to this module; writing is `launch_cli::files`.
 
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
@@ -14,8 +14,8 @@ pub const MAX_SETTINGS_BYTES: u64 = 16 << 20;
 /// Longest file of notes that a program writes for itself or another one: a manifest, a report.
 pub const MAX_NOTES_BYTES: u64 = 1 << 30;
 
-/// Opens a file for reading, and tells its length. Pipes, devices, sockets and folders are no files;
-/// opening one neither waits nor does anything to it.
+/// Opens a file for reading, and tells its length. Pipes, devices, sockets and folders are no
+/// files; opening one neither waits nor does anything to it.
 ///
 /// # Errors
 /// If there is no such file, or it cannot be read, or it is something else, which the error names.

@@ -1,6 +1,6 @@
 //! MCAP files made byte by byte from the format's specification, each with one thing in it that no
-//! writer writes: a length of 2^64 − 1, a chunk that ends before it begins, times at the end of what
-//! 64 bits hold.
+//! writer writes: a length of 2^64 − 1, a chunk that ends before it begins, times at the end of
+//! what 64 bits hold.
 
 use schema_frames::snapshot::SNAPSHOT_MAGIC;
 use schema_frames::{FrameHeader, Modality, SCHEMA_VERSION, SnapshotHeader};
