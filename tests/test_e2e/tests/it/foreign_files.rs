@@ -26,7 +26,7 @@ const READERS: [Use; 9] = [
     of("gantry-record", &["recover", "{}", "{out}"]),
     of("gantry-record", &["trim", "{}", "{out}", "--to", "20s"]),
     of("gantry-record", &["merge", "{}", "{}", "{out}"]),
-    of("gantry-record", &["convert", "{}", "{out}"]),
+    of("gantry-record", &["convert", "{}", "{out}.rrd"]),
     of(
         "gantry-export",
         &["{}", "--format", "coco", "--out", "{out}"],
