@@ -68,6 +68,11 @@ impl World {
             .check()
             .map_err(|ways| refuse("the number of ways of a walker", ways, "less than 2^62"))?;
         // These follow from the actors and the program, so they need not be believed.
+        let spectator = living.actors.by_id.get(&living.spectator);
+        let topics = spectator.map(|it| it.topics.clone());
+        if let Some(own) = self.actors.by_id.get_mut(&self.spectator) {
+            own.topics = topics.unwrap_or_default();
+        }
         self.friction.refresh(&self.actors, &self.catalogue);
         engine_state::take_constants(&mut self.physics.engine, &living.physics.engine);
         Ok(())
@@ -176,7 +181,9 @@ impl World {
             .map(|(k, v)| (k.as_str(), v.as_str()));
         check_actor_texts(&actor.role, texts)
             .map_err(|limit| CheckpointError::Body(format!("actor {id}: {limit}")))?;
-        if actor.kind != ActorKind::Sensor && !actor.topics.is_empty() {
+        // The spectator's topics are those of the living one, as a sensor's are.
+        let has_topics = matches!(actor.kind, ActorKind::Sensor | ActorKind::Spectator);
+        if !has_topics && !actor.topics.is_empty() {
             let n = actor.topics.len();
             return Err(refuse(
                 of("the number of topics"),
