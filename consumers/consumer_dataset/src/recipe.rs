@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use consumer_export::formats::Format;
 use consumer_export::options::parse_split;
+use launch_cli::files::MAX_SETTINGS_BYTES;
 use launch_cli::wrong_usage;
 use launch_run::matrix::Seeds;
 use launch_spec::presets;
@@ -279,7 +280,7 @@ impl Recipe {
     /// [`wrong_usage`] with the file, what is wrong, and what is allowed.
     pub fn read(file: &Path) -> anyhow::Result<Recipe> {
         let shown = file.display();
-        let text = std::fs::read_to_string(file)
+        let text = launch_cli::files::read_text(file, MAX_SETTINGS_BYTES)
             .map_err(|error| wrong_usage(format!("cannot read the recipe {shown}: {error}")))?;
         let mut recipe: Recipe = toml::from_str(&text)
             .map_err(|error| wrong_usage(format!("{shown} is no recipe: {error}")))?;

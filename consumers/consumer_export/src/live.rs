@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use indicatif::{ProgressBar, ProgressStyle};
+use launch_cli::files::{MAX_NOTES_BYTES, read_text};
 use launch_cli::wrong_usage;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -98,7 +99,7 @@ impl Live {
             None => Ok(None),
             Some(_) if recording.exists() => Ok(Some(recording)),
             Some(status) => {
-                let text = fs::read_to_string(&log_path).unwrap_or_default();
+                let text = read_text(&log_path, MAX_NOTES_BYTES).unwrap_or_default();
                 let lines: Vec<_> = text.lines().collect();
                 let last = lines[lines.len().saturating_sub(12)..].join("\n  ");
                 anyhow::bail!(
@@ -197,7 +198,7 @@ impl Plan {
             .to_nanos
             .map_or(secs, |to| secs.min(to as f64 * 1e-9));
         // Sensors fire in one of the first ticks, and one more is there at the end.
-        let n_ticks = (secs * tick_hz).ceil() as u64 + 4;
+        let n_ticks = ((secs * tick_hz).ceil() as u64).saturating_add(4);
         let processes = file
             .get("process")
             .and_then(|processes| processes.as_table());

@@ -14,6 +14,7 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use launch_cli::files::{MAX_NOTES_BYTES, open_plain, read_plain, read_text};
 use schema_frames::Modality;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
@@ -123,8 +124,8 @@ pub fn build() -> anyhow::Result<String> {
     let mut hash = Sha256::new();
     for name in ["simd", "gantry-drive", "gantry-record"] {
         let path = launch_cli::programs::find(name)?;
-        let mut file =
-            fs::File::open(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let (mut file, _) =
+            open_plain(&path).with_context(|| format!("cannot read {}", path.display()))?;
         let mut piece = vec![0; 1 << 20];
         loop {
             match file.read(&mut piece)? {
@@ -279,7 +280,7 @@ impl Description {
 
 /// What is kept under a key, if it is whole.
 fn kept(path: &Path, described: &Path, key: &str) -> Option<Description> {
-    let text = fs::read_to_string(described).ok()?;
+    let text = read_text(described, MAX_NOTES_BYTES).ok()?;
     let description: Description = serde_json::from_str(&text).ok()?;
     let n_bytes = fs::metadata(path).ok()?.len();
     (description.key == key && description.n_bytes == n_bytes).then_some(description)
@@ -302,7 +303,7 @@ fn key(suite: &Suite, launch: &str, options: &Options) -> String {
     for program in &suite.input_programs {
         let folder = program.cwd.as_deref().unwrap_or(Path::new(""));
         for word in &program.cmd {
-            if let Ok(bytes) = fs::read(folder.join(word)) {
+            if let Ok(bytes) = read_plain(&folder.join(word), MAX_NOTES_BYTES) {
                 hash.update((bytes.len() as u64).to_le_bytes());
                 hash.update(bytes);
             }

@@ -111,7 +111,7 @@ fn is_early(session: &mut Session) -> anyhow::Result<bool> {
         if session
             .ports
             .wake
-            .wait((wait - LAST_STRETCH).min(LOOK_AROUND))?
+            .wait(wait.saturating_sub(LAST_STRETCH).min(LOOK_AROUND))?
         {
             commands::serve(session)?;
         }

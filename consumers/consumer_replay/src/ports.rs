@@ -59,7 +59,7 @@ impl FramePort {
                 limit: self.slot_bytes,
             });
         }
-        let grown = len.next_power_of_two();
+        let grown = len.checked_next_power_of_two().unwrap_or(len);
         let mut spec = self.planned.spec;
         spec.max_payload_bytes = grown;
         let need_bytes = spec.segment_bytes(self.planned.modality);
@@ -111,7 +111,7 @@ impl Ports {
                 None => {
                     let event = bus.notifier(&names::rig_tick(rig_name))?;
                     rigs.push((rig_name.to_owned(), event));
-                    rigs.len() - 1
+                    rigs.len().saturating_sub(1)
                 }
             };
             let service = bus.frame_service(&planned.name, planned.spec)?;

@@ -90,7 +90,7 @@ impl Tape {
         let feed = Feed::new(&file, plan, options);
         let (first, last) = file.span().unwrap_or((0, 0));
         let (first, last) = match feed.is_foreign() {
-            true => (0, last - first),
+            true => (0, last.saturating_sub(first)),
             false => (first, last),
         };
         let start_nanos = options.from_nanos.unwrap_or(first).max(first);
@@ -103,7 +103,7 @@ impl Tape {
             sent_ahead: BTreeSet::new(),
             is_at_end: false,
             ticks_late: plan.ticks_late,
-            most_ticks_late: plan.ticks_late.max(1) + 1,
+            most_ticks_late: plan.ticks_late.max(1).saturating_add(1),
             result_bytes: 0,
             result_epochs: names
                 .map(|(idx, of)| (of.source.to_string(), idx))
@@ -204,7 +204,7 @@ impl Tape {
     /// If the disk cannot be read.
     pub fn load(&mut self, ports: &mut Ports) -> anyhow::Result<bool> {
         while !self.is_at_end
-            && self.groups.len() < 2 + self.ticks_late
+            && self.groups.len() < self.ticks_late.saturating_add(2)
             && (self.groups.is_empty() || self.result_bytes < MAX_RESULT_BYTES)
         {
             self.read(ports)?;
@@ -301,7 +301,7 @@ impl Tape {
                 let group = shelf.group_of(header.tick, header.sim_nanos, true);
                 match is_sound {
                     true => group.snapshot = Some((header, records.to_vec())),
-                    false => self.counts.n_dropped += 1,
+                    false => count(&mut self.counts.n_dropped),
                 }
             }
             FedWhat::Document(topic, header, text) => {
@@ -329,8 +329,8 @@ impl Tape {
                         group.ready.push((place, Ready::Frame(topic, loan)));
                     }
                     Err(why) => {
-                        port.n_dropped += 1;
-                        self.counts.n_dropped += 1;
+                        count(&mut port.n_dropped);
+                        count(&mut self.counts.n_dropped);
                         if self.said.insert(topic) {
                             tracing::warn!(
                                 "a frame of {} is left out: {why}; further ones are only counted",
@@ -347,10 +347,10 @@ impl Tape {
                     false => return Ok(()),
                 };
                 let Ok(body) = bytes else {
-                    self.counts.n_dropped += 1;
+                    count(&mut self.counts.n_dropped);
                     return Ok(());
                 };
-                self.result_bytes += body.len();
+                self.result_bytes = self.result_bytes.saturating_add(body.len());
                 let result = WaitingResult {
                     topic,
                     header,
@@ -390,7 +390,9 @@ impl Tape {
             true => drop(ports.snapshot_wake.notify()),
             false => drop(group.send_snapshot(ports, epoch)?),
         }
-        self.counts.n_ticks += u64::from(group.tick > 0);
+        if group.tick > 0 {
+            count(&mut self.counts.n_ticks);
+        }
         let mut documents = Vec::new();
         let mut rigs = BTreeSet::new();
         for (_, ready) in group.ready {
@@ -419,13 +421,14 @@ impl Tape {
         let header = loan.header_mut();
         header.epoch = epoch;
         if self.feed.is_foreign() {
-            self.numbers[topic] += 1;
+            count(&mut self.numbers[topic]);
             header.seq = self.numbers[topic];
         }
-        self.counts.payload_bytes += header.payload_bytes;
+        let sent_bytes = &mut self.counts.payload_bytes;
+        *sent_bytes = sent_bytes.saturating_add(header.payload_bytes);
         loan.send()?;
         let port = &mut ports.frames[topic];
-        port.n_sent += 1;
+        count(&mut port.n_sent);
         port.notify();
         Ok(())
     }
@@ -461,8 +464,8 @@ impl Tape {
         let mut loan = match publisher.loan(body.len()) {
             Ok(loan) => loan,
             Err(error) => {
-                self.counts.n_dropped += 1;
-                if self.said.insert(self.numbers.len() + topic) {
+                count(&mut self.counts.n_dropped);
+                if self.said.insert(self.numbers.len().saturating_add(topic)) {
                     tracing::warn!("a result is left out: {error}; further ones are only counted");
                 }
                 return Ok(());
@@ -481,14 +484,19 @@ impl Tape {
             loan.add_input(input);
         }
         loan.send_again()?;
-        self.counts.n_results += 1;
+        count(&mut self.counts.n_results);
         Ok(())
     }
 }
 
+/// One more.
+fn count(counter: &mut u64) {
+    *counter = counter.saturating_add(1);
+}
+
 /// Tells the writers of results apart, and those of one epoch from those of another.
 fn writer_epoch(epoch: u64, topic: usize) -> u64 {
-    mix(epoch ^ mix(topic as u64 + 1)).max(1)
+    mix(epoch ^ mix((topic as u64).saturating_add(1))).max(1)
 }
 
 /// Where things are put while they are read.
@@ -511,7 +519,7 @@ impl<'a> Shelf<'a> {
             None if is_snapshot || tick >= newest => None,
             // Late: as many ticks are kept open from here on.
             None => {
-                let late = usize::try_from(newest - tick).unwrap_or(usize::MAX);
+                let late = usize::try_from(newest.saturating_sub(tick)).unwrap_or(usize::MAX);
                 *self.ticks_late = late.max(*self.ticks_late).min(self.most_ticks_late);
                 self.groups.iter().position(|group| group.tick > tick)
             }
@@ -526,7 +534,7 @@ impl<'a> Shelf<'a> {
                 unread: BTreeSet::new(),
                 begins_run: tick < newest,
             });
-            self.groups.len() - 1
+            self.groups.len().saturating_sub(1)
         });
         &mut self.groups[place]
     }

@@ -32,11 +32,11 @@ const NANOS_PER_MS: u64 = 1_000_000;
 /// # Errors
 /// If it cannot be run again, or the new run ends early.
 pub fn run(args: &Args, shutdown: &Shutdown) -> anyhow::Result<Exit> {
+    let sensors = added_sensors(&args.sensor)?;
     let file = RecordingFile::open(&args.file)?;
     let folder =
         launch_run::domain::temporary_folder(FOLDER).context("cannot make a folder for the run")?;
     let script = script::read(&file, folder.path(), &args.command)?;
-    let sensors = added_sensors(&args.sensor)?;
     let bus = Bus::open(&args.common.domain, "gantry-rerun")?;
     if bus.daemon_alive()? {
         return Err(wrong_usage(format!(

@@ -128,7 +128,7 @@ pub fn draw(
 /// Whether the window was drawn with a recording, which has a time line along its lower edge. Rerun
 /// draws after some time, whether it has read the recording by then or not.
 fn has_time_line(picture: &Path) -> anyhow::Result<bool> {
-    let file = std::io::BufReader::new(std::fs::File::open(picture)?);
+    let file = std::io::BufReader::new(launch_cli::files::open_plain(picture)?.0);
     let mut reader = png::Decoder::new(file).read_info()?;
     let n_bytes = reader
         .output_buffer_size()

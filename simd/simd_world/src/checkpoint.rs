@@ -12,6 +12,11 @@
 //! checkpoint come back only if they still exist. Ids go on counting, so no id ever names two
 //! actors.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
+mod checks;
+mod stack;
+
 use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -26,6 +31,8 @@ use crate::map_data::MapData;
 use crate::physics::engine_state;
 use crate::world::World;
 
+pub use checks::MAX_EPISODE_NANOS;
+
 /// "GCKP" read as a little-endian `u32`.
 const MAGIC: u32 = u32::from_le_bytes(*b"GCKP");
 /// Version of the head; the body's version is [`LAYOUT`]. The checksum of version 1 was the body's
@@ -33,6 +40,8 @@ const MAGIC: u32 = u32::from_le_bytes(*b"GCKP");
 const VERSION: u32 = 2;
 /// Bytes before the body.
 const HEAD_BYTES: usize = 48;
+/// Bytes of the head that are under the checksum, which is its last word.
+const SUMMED_HEAD_BYTES: usize = HEAD_BYTES - 8;
 /// Steps that a checkpoint from bytes must survive before it is restored.
 const TRIAL_STEPS: usize = 2;
 /// Length of such a step.
@@ -80,6 +89,18 @@ pub enum CheckpointError {
     /// The body cannot be read.
     #[error("the checkpoint's body cannot be read ({0}); the file is damaged")]
     Body(String),
+    /// A value that no world has.
+    #[error(
+        "the checkpoint says that {what} is {value}, but it must be {allowed}; the file is damaged"
+    )]
+    Value {
+        /// Which value.
+        what: String,
+        /// The value.
+        value: String,
+        /// What is allowed.
+        allowed: String,
+    },
     /// It belongs to another map.
     #[error("the checkpoint is of map {of:?}, but {loaded:?} is loaded; load that map first")]
     OtherMap {
@@ -116,7 +137,7 @@ impl Checkpoint {
         };
         let body = postcard::to_allocvec(&body)
             .map_err(|error| CheckpointError::Body(error.to_string()))?;
-        let mut bytes = Vec::with_capacity(HEAD_BYTES + body.len());
+        let mut bytes = Vec::with_capacity(body.len().saturating_add(HEAD_BYTES));
         bytes.extend(MAGIC.to_le_bytes());
         bytes.extend(VERSION.to_le_bytes());
         for word in [
@@ -153,13 +174,9 @@ impl Checkpoint {
                 said: HEAD_BYTES as u64,
             });
         };
-        let word = |idx: usize| {
-            u64::from_le_bytes(
-                head[8 + 8 * idx..16 + 8 * idx]
-                    .try_into()
-                    .expect("eight bytes"),
-            )
-        };
+        // The words behind magic and version.
+        let (words, _) = head[8..].as_chunks::<8>();
+        let word = |idx: usize| words.get(idx).map_or(0, |word| u64::from_le_bytes(*word));
         if word(0) != layout() {
             return Err(CheckpointError::Layout);
         }
@@ -169,10 +186,10 @@ impl Checkpoint {
                 said: word(3),
             });
         }
-        if checksum(&head[..HEAD_BYTES - 8], body) != word(4) {
+        if checksum(&head[..SUMMED_HEAD_BYTES], body) != word(4) {
             return Err(CheckpointError::Checksum);
         }
-        let broken = |error: postcard::Error| CheckpointError::Body(error.to_string());
+        checks::check_elapsed(word(2))?;
         let (map, rest): (String, &[u8]) = postcard::take_from_bytes(body).map_err(broken)?;
         if map != living.map.name {
             return Err(CheckpointError::OtherMap {
@@ -183,38 +200,57 @@ impl Checkpoint {
         if word(1) != map_hash(&living.map) {
             return Err(CheckpointError::ChangedMap(map));
         }
-        let mut world: World = postcard::from_bytes(rest).map_err(broken)?;
-        engine_state::take_geometry(&mut world.physics.engine, &living.physics.engine)
-            .map_err(|error| CheckpointError::Body(error.to_string()))?;
-        world.take_constants(living);
-        world.actors.recount();
-        world
-            .actors
-            .check()
-            .map_err(|error| CheckpointError::Body(error.to_string()))?;
-        let checkpoint = Checkpoint {
-            world,
-            elapsed_nanos: word(2),
-        };
-        checkpoint.try_in(living)?;
+        let checkpoint = unless_it_panics(|| {
+            let checkpoint = Checkpoint {
+                world: read_world(rest, living)?,
+                elapsed_nanos: word(2),
+            };
+            checkpoint.try_in(living)?;
+            Ok(checkpoint)
+        })?;
         Ok(checkpoint)
     }
 
-    /// Restores it in a copy of the world that runs, and steps there. Bytes with a right checksum
-    /// may still be nobody's: an actor without its body, a contact of what does not exist. The
-    /// engine takes such numbers on trust and panics, which must happen here and not to the world.
+    /// Restores it in a copy of the world that runs, and steps there: whatever the checks before
+    /// have not seen must come to light here and not in the world.
     fn try_in(&self, living: &World) -> Result<(), CheckpointError> {
         let mut copy = living.clone();
-        let tried = catch_unwind(AssertUnwindSafe(|| {
-            copy.restore(self)?;
-            (0..TRIAL_STEPS).for_each(|_| copy.step(TRIAL_STEP_NANOS));
-            Ok(())
-        }));
-        tried.unwrap_or_else(|_| {
-            let what = "its parts do not fit together";
-            Err(CheckpointError::Body(what.to_owned()))
-        })
+        copy.restore(self)?;
+        (0..TRIAL_STEPS).for_each(|_| copy.step(TRIAL_STEP_NANOS));
+        copy.physics.try_to_grow();
+        copy.step(TRIAL_STEP_NANOS);
+        Ok(())
     }
+}
+
+/// The world of a body, checked.
+fn read_world(bytes: &[u8], living: &World) -> Result<World, CheckpointError> {
+    let mut world: World = stack::read(bytes).map_err(broken)?;
+    engine_state::take_geometry(&mut world.physics.engine, &living.physics.engine)
+        .map_err(|error| CheckpointError::Body(error.to_string()))?;
+    world.take_constants(living);
+    world.actors.recount();
+    world
+        .actors
+        .check()
+        .map_err(|error| CheckpointError::Body(error.to_string()))?;
+    world.check_values(living)?;
+    Ok(world)
+}
+
+fn broken(error: postcard::Error) -> CheckpointError {
+    CheckpointError::Body(error.to_string())
+}
+
+/// Runs the reading of bytes that may be anybody's. The engine takes the numbers of its own state
+/// on trust and panics where they do not fit together.
+fn unless_it_panics<T>(
+    read: impl FnOnce() -> Result<T, CheckpointError>,
+) -> Result<T, CheckpointError> {
+    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
+        let what = "its parts do not fit together";
+        Err(CheckpointError::Body(what.to_owned()))
+    })
 }
 
 /// What follows the head.

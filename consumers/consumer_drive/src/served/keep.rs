@@ -6,6 +6,8 @@ use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use launch_cli::files::{MAX_NOTES_BYTES, read_plain};
+
 use crate::desk::{Desk, Memory};
 
 /// Time between two writes of settings, so that scripts that set something in every tick cost little.
@@ -27,7 +29,9 @@ impl Record {
     /// The record of `port` on `domain`, with what a killed process left.
     pub fn new(domain: &str, port: u16) -> Record {
         let path = folder().map(|folder| folder.join(format!("{domain}-{port}.json")));
-        let text = path.as_ref().and_then(|path| std::fs::read(path).ok());
+        let text = path
+            .as_ref()
+            .and_then(|path| read_plain(path, MAX_NOTES_BYTES).ok());
         Record {
             left: text.and_then(|text| serde_json::from_slice(&text).ok()),
             path,

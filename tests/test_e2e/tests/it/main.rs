@@ -19,6 +19,7 @@ mod export_events;
 mod faults;
 mod faults_of_users;
 mod flow;
+mod foreign_files;
 mod full_memory;
 mod kills;
 mod laboratory;

@@ -428,7 +428,7 @@ fn clients_and_foreign_files_name_nothing_outside_the_data_folder() {
         )
         .unwrap()
     };
-    assert!(info(&mut client, "pipe").contains("it is not a file"));
+    assert!(info(&mut client, "pipe").contains("it is a named pipe, not a file"));
     let replay = |client: &mut TcpStream, name: &str| {
         let args = [
             name.into(),
@@ -477,7 +477,7 @@ fn clients_and_foreign_files_name_nothing_outside_the_data_folder() {
         from: schema_frames::command::CheckpointPlace::File("pipe".into()),
     };
     let said = format!("{:?}", ask(&mut commands, restore));
-    assert!(said.contains("it is not a file"), "{said}");
+    assert!(said.contains("it is a named pipe, not a file"), "{said}");
     assert!(began.elapsed() < Duration::from_secs(300));
     drop((commands, bus));
     gateway.stop().expect_code(0);
