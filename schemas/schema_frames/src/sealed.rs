@@ -98,20 +98,20 @@ impl Seal {
     }
 }
 
-/// Steps of a mount's position, metres, and of its quaternion. Both are far above what rounding
-/// leaves of a pose in the world, so that nothing of that is left in a mount.
-const MOUNT_STEP_M: f64 = 1e-6;
-const MOUNT_STEP_XYZW: f64 = 1e-9;
+/// Steps of a mount in a metre, and in 1 of its quaternion. Both are far above what rounding leaves
+/// of a pose in the world, so that nothing of that is left in a mount.
+const STEPS_PER_M: f64 = 1e6;
+const STEPS_PER_XYZW: f64 = 1e9;
 
 /// The mount that a sealed header has in place of a pose in the world.
 pub fn mount(vehicle_from_sensor: &Pose) -> Pose {
     // Adding 0 makes the zero of a small negative number the usual one.
-    let stepped = |value: f64, step: f64| (value / step).round() * step + 0.0;
+    let stepped = |value: f64, per_unit: f64| (value * per_unit).round() / per_unit + 0.0;
     let [x, y, z, w] = vehicle_from_sensor.rotation_xyzw;
     // q and −q are one rotation; the first number that is not 0 decides, from w on.
     let first = [w, z, y, x]
         .into_iter()
-        .find(|value| value.abs() > MOUNT_STEP_XYZW);
+        .find(|value| value.abs() > 1.0 / STEPS_PER_XYZW);
     let sign = if first.is_some_and(|value| value < 0.0) {
         -1.0
     } else {
@@ -120,8 +120,8 @@ pub fn mount(vehicle_from_sensor: &Pose) -> Pose {
     Pose {
         translation_m: vehicle_from_sensor
             .translation_m
-            .map(|value| stepped(value, MOUNT_STEP_M)),
-        rotation_xyzw: [x, y, z, w].map(|value| stepped(sign * value, MOUNT_STEP_XYZW)),
+            .map(|value| stepped(value, STEPS_PER_M)),
+        rotation_xyzw: [x, y, z, w].map(|value| stepped(sign * value, STEPS_PER_XYZW)),
     }
 }
 
@@ -303,6 +303,8 @@ mod tests {
             let found = mount_between(&world_from_vehicle, &sensor.into());
             assert_eq!(found, mount(&on_vehicle), "at {x_m}, {y_m}");
         }
+        // As the suite says it, to the last digit.
+        assert_eq!(mount(&on_vehicle).translation_m, [0.6, -0.25, 1.6]);
         let turned = Pose {
             rotation_xyzw: on_vehicle.rotation_xyzw.map(|value| -value),
             ..on_vehicle

@@ -65,6 +65,14 @@ def documents():
     return {"documents": found, "info": {key: info[key] for key in ("map", "seed", "adapter")}}
 
 
+def snapshot_of(tick):
+    """The snapshot of a tick, or the newest one where the world did not wait before it counts."""
+    try:
+        return gantry.snapshot_at(tick, timeout=1)
+    except gantry.GantryError:
+        return gantry.snapshot(timeout=30)
+
+
 def files():
     """Files with the truth in them, or that say where it is, in folders that this process is led to."""
     begun = pathlib.Path("suite.toml").stat().st_mtime
@@ -95,7 +103,7 @@ if KIND == "numbers":
     events = gantry.open("ego/events/dvs", timeout=120)
     found = {"events": 0, "numbered": 0}
 topic, kind = ("cheat/pose", "odometry") if KIND in ("header", "still", "table") else ("cheat/boxes", "boxes2d")
-with gantry.open(CAMERA, timeout=120) as camera, gantry.publish(topic, kind, classes=["car"] if kind == "boxes2d" else None) as results:
+with gantry.open(CAMERA, timeout=120) as camera, gantry.publish(topic, kind, classes=["car"] if kind == "boxes2d" else []) as results:
     while True:
         frame = camera.next(timeout=60)
         if frame is None:
@@ -112,7 +120,7 @@ with gantry.open(CAMERA, timeout=120) as camera, gantry.publish(topic, kind, cla
             results.send(gantry.odometry([at]), answers=frame)
         else:
             if KIND == "snapshot":
-                found.append(len(gantry.snapshot_at(frame.tick, timeout=30).actors))
+                found.append(len(snapshot_of(frame.tick).actors))
             if KIND == "topics":
                 for spy in spied:
                     found[spy.name] += spy.latest(timeout=0) is not None

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use bytemuck::Zeroable as _;
+use schema_frames::result::MAX_INPUTS;
 use schema_frames::{About, InputRecord, ResultHeader};
 use serde::{Deserialize, Serialize};
 
@@ -20,9 +21,7 @@ use super::{
 /// How the file begins.
 const MAGIC: &[u8; 8] = b"GCAPTUR1";
 /// Most bytes of what is said once.
-const MAX_HEAD_BYTES: u64 = 4 << 30;
-/// Most inputs of a result, as the bus has them.
-const MAX_INPUTS: u32 = 1 << 16;
+const MAX_HEAD_BYTES: u64 = 1 << 30;
 /// In place of a body's length: the body was not kept.
 const DROPPED: u64 = u64::MAX;
 
@@ -202,7 +201,7 @@ fn read(from: &mut impl Read) -> io::Result<Capture> {
         let held_mono_nanos = u64::from_le_bytes(array(from)?);
         let mut header = ResultHeader::zeroed();
         from.read_exact(bytemuck::bytes_of_mut(&mut header))?;
-        if n_inputs > MAX_INPUTS {
+        if n_inputs as usize > MAX_INPUTS {
             return Err(damaged("a result has more inputs than results have"));
         }
         let mut inputs = vec![InputRecord::zeroed(); n_inputs as usize];
