@@ -26,6 +26,12 @@ const DELAYS_MS: [f64; 12] = [
 
 /// Places by which a drawn seed may move the beginning of a drive; maps count theirs in a circle.
 const MAX_DRAWN_PLACE: u32 = 1000;
+/// By how much longer a drawn drive may go on before it is recorded: 0 to 3 s.
+const DRAWN_SETTLE_STEPS: u32 = 31;
+const DRAWN_SETTLE_STEP_S: f64 = 0.1;
+/// Shares of the speed limit of drawn drives: 0.6 to 1, in steps.
+const DRAWN_SPEED_STEPS: u32 = 41;
+const DRAWN_SPEED_STEP: f64 = 0.01;
 
 /// A suite.
 #[derive(Clone, Debug, Deserialize)]
@@ -116,6 +122,9 @@ pub struct Suite {
     /// Whether the seed is another than the file's, see [`Suite::draw`].
     #[serde(skip)]
     pub is_drawn: bool,
+    /// Share of the speed limit that gantry-drive drives; `None`: its own.
+    #[serde(skip)]
+    pub speed_factor: Option<f64>,
 }
 
 /// The matrix: every combination is a scenario.
@@ -208,14 +217,19 @@ impl Suite {
         Ok(suite)
     }
 
-    /// Takes another seed than the one that everybody knows. The egos begin elsewhere, too: in an
-    /// empty street little else depends on the seed.
+    /// Takes another seed than the one that everybody knows. The egos also begin elsewhere, have
+    /// driven for longer when the recording begins, and drive at another speed: along a straight
+    /// street little else depends on the seed, and straight paths are alike once they are aligned.
     pub fn draw(&mut self, seed: u64) {
         (self.seed, self.is_drawn) = (seed, true);
-        let by = (mix(seed) % u64::from(MAX_DRAWN_PLACE)) as u32;
+        let drawn = |which: u64, n: u32| (mix(mix(seed) ^ which) % u64::from(n)) as u32;
+        let by = drawn(1, MAX_DRAWN_PLACE);
         for place in &mut self.matrix.spawn_points {
             *place = place.saturating_add(by);
         }
+        self.settle_s += f64::from(drawn(2, DRAWN_SETTLE_STEPS)) * DRAWN_SETTLE_STEP_S;
+        let slower = f64::from(drawn(3, DRAWN_SPEED_STEPS)) * DRAWN_SPEED_STEP;
+        self.speed_factor = Some(1.0 - slower);
     }
 
     /// The task of this name.
@@ -391,7 +405,10 @@ cmd = ["./free"]
         let drawn = |seed| {
             let mut suite = read(SMALL).unwrap();
             suite.draw(seed);
-            (suite.seed, suite.matrix.spawn_points)
+            let speed = suite.speed_factor.unwrap();
+            assert!((0.599..=1.0).contains(&speed), "{speed}");
+            assert!((2.0..=5.001).contains(&suite.settle_s));
+            (suite.seed, suite.matrix.spawn_points, suite.settle_s)
         };
         assert_eq!(drawn(5).0, 5);
         assert_eq!(drawn(5), drawn(5));
