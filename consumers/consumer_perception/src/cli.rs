@@ -28,7 +28,7 @@ use stopped::{FinishedRuns, Makings};
 /// Frames of a stream, if nothing else is asked for: what MLPerf Automotive asks of a constant one.
 const STRESS_FRAMES: u64 = 100_000;
 
-/// Most GiB of recordings, if nothing else is asked for: some fifty scenarios of the standard suite.
+/// Most GiB of recordings, if nothing else is asked for.
 const CACHE_GIB: f64 = 64.0;
 
 const EXAMPLES: &str = "Examples:
