@@ -1,6 +1,8 @@
 //! What a program did in one run of one scenario: every result with its times, which frames there
 //! were, and what the processes used.
 
+mod kept;
+
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io;
@@ -10,6 +12,8 @@ use std::sync::Arc;
 
 use schema_frames::{About, InputRecord, ResultHeader};
 use serde::{Deserialize, Serialize};
+
+pub use kept::KeptError;
 
 /// How a program is run.
 #[derive(
@@ -65,6 +69,8 @@ pub struct Capture {
     pub usage: Vec<Usage>,
     /// What went wrong, a sentence each: a crash, a restart, a result that cannot be read.
     pub faults: Vec<String>,
+    /// Whether one of its processes ended by itself with something else than exit code 0.
+    pub has_crashed: bool,
     /// The recording of this very run, if the program drove.
     pub drive_recording: Option<PathBuf>,
 }

@@ -13,6 +13,7 @@
 pub mod capture;
 pub mod cli;
 pub mod evidence;
+mod hidden;
 pub mod picture;
 pub mod reaction;
 pub mod report;

@@ -59,6 +59,10 @@ fn refused(error: String) -> CommandReply {
 }
 
 fn run(session: &mut Session, command: &Command, asker: &Origin) -> anyhow::Result<CommandReply> {
+    if let Some(seal) = &session.options.seal {
+        let gate = &session.gate;
+        seal.admit(command, asker.pid, |number| gate.name_of(number))?;
+    }
     match command {
         Command::Ping => Ok(CommandReply::Pong {
             version: env!("CARGO_PKG_VERSION").into(),

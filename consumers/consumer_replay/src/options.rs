@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use schema_bus::BusOptions;
+use schema_frames::Seal;
 use schema_recording::pattern::matches;
 
 /// What is replayed, how fast, and for whom.
@@ -40,6 +41,8 @@ pub struct Options {
     pub hold: bool,
     /// Whether keys of the terminal are read.
     pub keys: bool,
+    /// What is shown of the recorded world, if programs are scored against it.
+    pub seal: Option<Seal>,
 }
 
 impl Options {
@@ -62,12 +65,17 @@ impl Options {
             paused: false,
             hold: false,
             keys: false,
+            seal: None,
         }
     }
 
     /// Whether a topic of frames is replayed.
     pub fn has_frames_of(&self, topic: &str) -> bool {
-        self.topics.is_empty() || any(&self.topics, topic)
+        let is_sealed = self
+            .seal
+            .as_ref()
+            .is_some_and(|seal| !seal.shows(&self.name_of(topic)));
+        !is_sealed && (self.topics.is_empty() || any(&self.topics, topic))
     }
 
     /// Whether a topic of results is replayed.
@@ -208,6 +216,17 @@ mod tests {
         assert_eq!(options.name_of("ego/roof/lidar"), "car/roof/lidar");
         assert_eq!(options.name_of("egon/a/rgb"), "egon/a/rgb");
         assert!(renaming("ego").is_err() && renaming("=b").is_err() && renaming("a=").is_err());
+    }
+
+    #[test]
+    fn a_seal_leaves_out_what_it_does_not_name() {
+        let mut options = Options::new("d", "a.mcap".into());
+        options.seal = Some(Seal {
+            topics: vec!["ego/front/rgb".into()],
+            ..Seal::default()
+        });
+        assert!(options.has_frames_of("ego/front/rgb"));
+        assert!(!options.has_frames_of("ego/front_truth/depth"));
     }
 
     #[test]

@@ -92,6 +92,8 @@ pub struct Ports {
     pub acks: AckReader,
     pub wake: Listener,
     pub documents: Documents,
+    /// Whether snapshots have no actors.
+    pub is_sealed: bool,
 }
 
 impl Ports {
@@ -99,7 +101,7 @@ impl Ports {
     ///
     /// # Errors
     /// [`schema_bus::BusError`].
-    pub fn open(bus: &Bus, plan: &Plan) -> anyhow::Result<Ports> {
+    pub fn open(bus: &Bus, plan: &Plan, is_sealed: bool) -> anyhow::Result<Ports> {
         // Commands come first: whoever finds a topic may join the lockstep at once.
         let (commands, wake) = (bus.command_server()?, bus.listener(names::CONTROL_WAKE)?);
         let mut rigs: Vec<(String, Notifier)> = Vec::new();
@@ -150,7 +152,8 @@ impl Ports {
             commands,
             acks: bus.ack_reader()?,
             wake,
-            documents: Documents::open(bus)?,
+            documents: Documents::open(bus, is_sealed)?,
+            is_sealed,
         })
     }
 

@@ -8,6 +8,7 @@ use crate::options::{Options, Rate, Results, idle_nanos, rate, renaming, time};
 use crate::{Report, replay};
 use clap::Parser;
 use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
+use schema_frames::Seal;
 
 /// Publishes a recording into a domain, so that every consumer works on it as on the simulator: the
 /// same frames with their ticks and times, the world, and results of users' programs. It can stand
@@ -76,6 +77,11 @@ struct Args {
     #[arg(long, conflicts_with = "again")]
     hold: bool,
 
+    /// Show what sensors measure and nothing else of the world, and obey one process: a seal as
+    /// JSON, see the chapter on sealed worlds in the frame contract
+    #[arg(long, value_name = "JSON", value_parser = Seal::from_json, hide = true)]
+    sealed: Option<Seal>,
+
     #[command(flatten)]
     common: CommonArgs,
 }
@@ -131,6 +137,7 @@ fn options(args: &Args) -> anyhow::Result<Options> {
         paused: args.paused,
         hold: args.hold,
         keys: std::io::stdin().is_terminal() && std::io::stderr().is_terminal(),
+        seal: args.sealed.clone(),
         ..Options::new(&args.common.domain, args.file.clone())
     })
 }

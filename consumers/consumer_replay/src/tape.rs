@@ -9,14 +9,18 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use schema_bus::{FrameLoan, LoanError, mono_now};
 use schema_frames::limits::MAX_ACTORS;
-use schema_frames::{ActorRecord, FrameHeader, InputRecord, ResultHeader, SnapshotHeader};
+use schema_frames::sealed::mount_between;
+use schema_frames::{
+    ActorRecord, FrameHeader, InputRecord, Modality, ResultHeader, SnapshotHeader,
+};
 use schema_recording::read::{Damage, Place, RecordedDocument, RecordingFile};
+use schema_types::Pose;
 use schema_types::noise::mix;
 
 use crate::feed::{Bytes, Fed, FedWhat, Feed, FeedMark};
 use crate::foreign::FOREIGN_TICK_NANOS;
 use crate::options::Options;
-use crate::plan::Plan;
+use crate::plan::{Plan, PlannedFrames};
 use crate::ports::Ports;
 
 /// Most bytes of results that wait for their tick; beyond that a tick counts as read.
@@ -62,6 +66,15 @@ pub struct Group {
     begins_run: bool,
 }
 
+/// How a topic's frames are sealed.
+#[derive(Clone, Copy, Debug)]
+struct TopicSeal {
+    /// Whose numbers and classes are blanked; `None` of a topic that keeps them.
+    blanked: Option<Modality>,
+    /// The sensor's mount as the newest snapshot with its vehicle has it.
+    mount: Pose,
+}
+
 /// The recording.
 #[derive(Debug)]
 pub struct Tape {
@@ -78,6 +91,8 @@ pub struct Tape {
     result_bytes: usize,
     result_epochs: BTreeMap<String, usize>,
     numbers: Vec<u64>,
+    /// By topic of frames; none in a world that is not sealed.
+    seals: Vec<TopicSeal>,
     said: BTreeSet<usize>,
     counts: Counts,
     start_nanos: u64,
@@ -109,6 +124,7 @@ impl Tape {
                 .map(|(idx, of)| (of.source.to_string(), idx))
                 .collect(),
             numbers: vec![0; plan.frames.len()],
+            seals: seals(plan, options),
             said: BTreeSet::new(),
             counts: Counts::default(),
             start_nanos,
@@ -323,7 +339,11 @@ impl Tape {
                     group.unread.insert(topic);
                     return Ok(());
                 }
-                match fill(port.loan(&header), &header, bytes) {
+                let seal = self.seals.get_mut(topic).map(|seal| {
+                    seal.note(&header, group.snapshot.as_ref());
+                    *seal
+                });
+                match fill(port.loan(&header), &header, bytes, seal) {
                     Ok(loan) => {
                         group.unread.remove(&topic);
                         group.ready.push((place, Ready::Frame(topic, loan)));
@@ -555,21 +575,60 @@ impl Group {
             return Ok(false);
         };
         let header = SnapshotHeader { epoch, ..*header };
-        ports.snapshot.send(header, records)?;
+        match ports.is_sealed {
+            true => ports.snapshot.send(header.sealed(), &[])?,
+            false => ports.snapshot.send(header, records)?,
+        }
         ports.snapshot_wake.notify();
         Ok(true)
     }
 }
 
-/// Reads a frame into its slot.
+/// How each topic of frames is sealed; none in a world that is not.
+fn seals(plan: &Plan, options: &Options) -> Vec<TopicSeal> {
+    let Some(seal) = &options.seal else {
+        return Vec::new();
+    };
+    let of_topic = |planned: &PlannedFrames| TopicSeal {
+        blanked: (!seal.is_exact(&planned.name)).then_some(planned.modality),
+        mount: Pose::IDENTITY,
+    };
+    plan.frames.iter().map(of_topic).collect()
+}
+
+impl TopicSeal {
+    /// Learns the mount from the snapshot of the frame's tick. Without that the last one holds.
+    fn note(
+        &mut self,
+        header: &FrameHeader,
+        snapshot: Option<&(SnapshotHeader, Vec<ActorRecord>)>,
+    ) {
+        let vehicle = snapshot.and_then(|(_, records)| {
+            let found = records.binary_search_by_key(&header.parent_id, |record| record.id);
+            found.ok().map(|idx| &records[idx])
+        });
+        if let Some(vehicle) = vehicle {
+            self.mount = mount_between(&vehicle.world_from_actor, &header.world_from_sensor);
+        }
+    }
+}
+
+/// Reads a frame into its slot, and seals it there.
 fn fill(
     loan: Result<FrameLoan, LoanError>,
     header: &FrameHeader,
     bytes: Bytes<'_>,
+    seal: Option<TopicSeal>,
 ) -> anyhow::Result<FrameLoan> {
     let mut loan = loan?;
     let len = header.payload_bytes as usize;
     bytes.read_into(&mut loan.payload_mut()[..len])?;
+    if let Some(seal) = seal {
+        if let Some(modality) = seal.blanked {
+            modality.blank(&mut loan.payload_mut()[..len]);
+        }
+        loan.header_mut().seal(seal.mount);
+    }
     let now = mono_now().0;
     let header = loan.header_mut();
     header.flags |= FrameHeader::REPLAYED;

@@ -42,6 +42,7 @@ pub mod limits;
 // What the world publishes.
 pub mod document;
 pub mod scene;
+pub mod sealed;
 pub mod snapshot;
 
 // What the world is asked.
@@ -96,6 +97,7 @@ pub use result_records::{
 };
 pub use result_type::{ElementType, PixelFormat, ResultType, Space};
 pub use scene::{RenderedRecord, SceneFiring, SceneHeader, SceneInstance, SceneStroke};
+pub use sealed::{Seal, SealError, SealedError};
 pub use skeleton::{BoneReading, HeldBone, SkeletonAction};
 pub use snapshot::{
     ActorKind, ActorRecord, LightState, SnapshotHeader, TrafficLightPart, TrafficSignPart,

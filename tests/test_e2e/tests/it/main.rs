@@ -39,6 +39,7 @@ mod perception_faults;
 mod perception_programs;
 mod perception_report;
 mod perception_scores;
+mod perception_sealed;
 mod pipelines;
 mod python;
 mod reaction;

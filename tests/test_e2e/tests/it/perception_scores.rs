@@ -300,6 +300,7 @@ fn empty(truth: &TruthRecording, program: &str, mode: Mode) -> Capture {
         n_refused: 0,
         usage: Vec::new(),
         faults: Vec::new(),
+        has_crashed: false,
         drive_recording: None,
     }
 }
@@ -394,6 +395,7 @@ fn the_truth_itself_is_perfect_and_late_it_is_not() {
     record_drive(&sandbox, &toml::to_string(&launch).unwrap(), 70);
     let path = sandbox.path("drive.mcap");
     let options = truth_pass::Options {
+        cache_limit_bytes: u64::MAX,
         cache: sandbox.path("cache"),
         adapter: None,
         stall: Duration::from_secs(60),

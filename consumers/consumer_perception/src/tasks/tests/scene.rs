@@ -181,6 +181,7 @@ pub fn capture(mode: Mode, frames_nanos: impl IntoIterator<Item = u64>) -> Captu
         n_refused: 0,
         usage: Vec::new(),
         faults: Vec::new(),
+        has_crashed: false,
         drive_recording: None,
     }
 }
