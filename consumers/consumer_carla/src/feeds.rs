@@ -22,6 +22,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
+use consumer_rpc::budget::{Account, Holding, OverBudget};
 use schema_bus::Bus;
 
 use crate::lock::lock;
@@ -35,6 +36,9 @@ use world_stream::WorldStream;
 
 /// Longest queue of each further listener of a sensor, messages.
 const BACKLOG: usize = 4;
+/// What a stream costs the connection that asked for it until its client connects, bytes: about what
+/// the frames of a camera take.
+const EXPECTED_COST: usize = 8 << 20;
 /// How long a relay continues without listeners.
 const IDLE: Duration = Duration::from_secs(2);
 
@@ -45,7 +49,7 @@ pub struct Feeds {
     /// By stream, for all clients of a sensor but the first.
     relays: Mutex<BTreeMap<u32, Arc<Relay>>>,
     stations: Stations,
-    expected: Expected<Source>,
+    expected: Expected<(Source, Holding)>,
 }
 
 /// What serves one client's stream.
@@ -93,18 +97,24 @@ impl Feeds {
         self.shared.bus.get()
     }
 
-    /// A client is about to connect to this stream: opens its source now.
-    pub fn expect(self: &Arc<Self>, stream: u32) {
+    /// The client with this RPC connection is about to connect to this stream: opens its source now.
+    /// Only that client's own steps wait for it.
+    ///
+    /// # Errors
+    /// If the client asks for very many streams and connects to none.
+    pub fn expect(self: &Arc<Self>, stream: u32, account: &Account) -> Result<(), OverBudget> {
         self.sweep();
-        let Some(source) = self.source(stream) else {
-            return;
+        let cost = account.hold(EXPECTED_COST)?;
+        let Some(source) = self.source(stream, Some(account.number())) else {
+            return Ok(());
         };
-        if let Some((stream, _)) = self.expected.add(stream, source) {
+        if let Some((stream, _)) = self.expected.add(stream, (source, cost)) {
             tracing::debug!(
                 stream,
                 "{MAX_EXPECTED} streams were asked for and nobody came for them; the oldest of this one starts when its client connects"
             );
         }
+        Ok(())
     }
 
     /// Drops the sources of clients that did not connect in time, and readers that have ended.
@@ -113,13 +123,14 @@ impl Feeds {
         self.shared.readers.sweep();
     }
 
-    /// Opens a source for one more client of a stream; `None` if there is no such stream.
-    fn source(self: &Arc<Self>, stream: u32) -> Option<Source> {
+    /// Opens a source for one more client of a stream; `None` if there is no such stream. `owner` is
+    /// the RPC connection of the client if it has asked for the stream and not connected to it yet.
+    fn source(self: &Arc<Self>, stream: u32, owner: Option<u64>) -> Option<Source> {
         if let Some(station) = self.station(stream) {
             return Some(Source::Listener(self.stations.join(station)));
         }
-        let beside = self.beside(stream).map(Source::Listener);
-        beside.or_else(|| Feed::open(stream, &self.shared).map(Source::Feed))
+        let beside = self.beside(stream, owner).map(Source::Listener);
+        beside.or_else(|| Feed::open(stream, owner, &self.shared).map(Source::Feed))
     }
 
     /// The radio station that a stream belongs to, if it is one's.
@@ -132,7 +143,7 @@ impl Feeds {
 
     /// Joins the relay of a stream that has a reader already, and starts the relay if need be;
     /// `None` if nobody reads the stream.
-    fn beside(self: &Arc<Self>, stream: u32) -> Option<Arc<Listener>> {
+    fn beside(self: &Arc<Self>, stream: u32, owner: Option<u64>) -> Option<Arc<Listener>> {
         let mut relays = lock(&self.relays);
         let relay = match relays.get(&stream) {
             Some(relay) => relay.clone(),
@@ -140,7 +151,7 @@ impl Feeds {
                 if !self.shared.readers.has_reader(stream) {
                     return None;
                 }
-                let feed = Feed::open(stream, &self.shared)?;
+                let feed = Feed::open(stream, None, &self.shared)?;
                 feed.connect();
                 let relay = Arc::new(Relay::new(BACKLOG));
                 let (feeds, to) = (self.clone(), relay.clone());
@@ -157,7 +168,7 @@ impl Feeds {
         };
         // The map of relays stays locked until the listener has joined, because a relay without
         // listeners ends.
-        let progress = self.shared.readers.add_listener(stream)?;
+        let progress = self.shared.readers.add_listener(stream, owner)?;
         Some(relay.join(Some(progress)))
     }
 
@@ -190,8 +201,8 @@ impl Feeds {
 
     /// Sends a stream's messages to a client until it disconnects.
     pub(crate) fn serve(self: &Arc<Self>, stream: u32, client: &Recipient) -> std::io::Result<()> {
-        let expected = self.expected.take(stream);
-        match expected.or_else(|| self.source(stream)) {
+        let expected = self.expected.take(stream).map(|(source, _)| source);
+        match expected.or_else(|| self.source(stream, None)) {
             Some(Source::Feed(feed)) => self.serve_feed(feed, client),
             Some(Source::Listener(listener)) => {
                 listener.serve(client, self.world_stream(), &|| {
@@ -217,10 +228,10 @@ impl Feeds {
         client.wait_for_end()
     }
 
-    /// Waits until every reader has taken everything published before `since_nanos`; see
-    /// [`Readers::settle`].
-    pub fn settle(&self, since_nanos: u64) {
-        self.shared.readers.settle(since_nanos);
+    /// Before a step of the client with this RPC connection: waits until every reader has taken
+    /// everything published before `since_nanos`; see [`Readers::settle`].
+    pub fn settle(&self, since_nanos: u64, connection: u64) {
+        self.shared.readers.settle(since_nanos, connection);
     }
 
     /// Switches CARLA's no-rendering mode, in which no camera is read and nothing is rendered for
@@ -229,7 +240,7 @@ impl Feeds {
         if self.shared.no_rendering.swap(on, Ordering::AcqRel) == on {
             return;
         }
-        self.expected.for_each(|source| {
+        self.expected.for_each(|(source, _)| {
             if let Source::Feed(feed) = source {
                 feed.shut_or_open(&self.shared);
             }

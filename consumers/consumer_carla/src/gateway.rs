@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use consumer_rpc::budget::Account;
 use schema_frames::WorldInfo;
 
 use crate::feeds::Feeds;
@@ -41,6 +42,8 @@ pub struct Gateway {
     pub(crate) layered_map: Mutex<Option<String>>,
     pub(crate) navigation: NavigationFiles,
     pub(crate) traffic_managers: TrafficManagers,
+    /// Memory for what clients said about the actors that they spawned, which outlive connections.
+    pub(crate) descriptions: Account,
     pub(crate) stream_port: u16,
     /// Connections whose clients step the world.
     drivers: Mutex<BTreeSet<u64>>,
@@ -66,6 +69,7 @@ impl Gateway {
             layered_map: Mutex::default(),
             navigation: NavigationFiles::default(),
             traffic_managers: TrafficManagers::default(),
+            descriptions: Account::of(0),
             stream_port,
             drivers: Mutex::default(),
             said: Mutex::default(),

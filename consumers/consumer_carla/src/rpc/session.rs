@@ -30,7 +30,7 @@ pub(crate) const CALLS: Calls = &[
     ("get_sensor_token", |gateway, call| {
         let stream = call.u32()?;
         if !is_world(stream) {
-            gateway.feeds.expect(stream);
+            gateway.feeds.expect(stream, call.account)?;
         }
         Ok(Answer::Value(gateway.token(stream)))
     }),
@@ -165,7 +165,7 @@ pub(crate) fn tick_cue(gateway: &Gateway, connection: u64) -> Outcome {
     // The simulator answers a step once the previous tick is fully published. A reader holds two
     // ticks before it loses one, so it is enough to wait for readers here.
     let mut last_step_nanos = lock(&gateway.last_step_nanos);
-    gateway.feeds.settle(*last_step_nanos);
+    gateway.feeds.settle(*last_step_nanos, connection);
     let stepped = gateway.commander.ask_one(Command::Step { n: 1 });
     *last_step_nanos = mono_now().0;
     match stepped? {

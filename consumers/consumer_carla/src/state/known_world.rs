@@ -6,6 +6,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use consumer_kit::WorldAt;
+use consumer_rpc::budget::Holding;
 use schema_frames::{ActorInfo, Catalogue, CatalogueEntry, SpawnPoints, WorldInfo};
 
 use crate::lock::lock;
@@ -49,6 +50,8 @@ pub struct Own {
     pub parent: u32,
     /// Its topics, if it is a sensor.
     pub topics: Vec<String>,
+    /// What it costs of the memory for all descriptions.
+    pub cost: Option<Arc<Holding>>,
 }
 
 impl Known {
@@ -82,6 +85,17 @@ impl Known {
             self.own.remove(id);
         }
         self.actors = actors;
+    }
+
+    /// A copy of the actors, the catalogue and the snapshot, for work that takes longer than the lock
+    /// may be held.
+    pub fn excerpt(&self) -> Known {
+        Known {
+            catalogue: self.catalogue.clone(),
+            actors: self.actors.clone(),
+            snapshot: self.snapshot.clone(),
+            ..Known::default()
+        }
     }
 
     /// CARLA's id of the running episode, once a simulator was seen.

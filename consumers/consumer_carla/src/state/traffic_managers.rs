@@ -3,14 +3,45 @@
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
+use consumer_rpc::budget::{Account, Holding, OverBudget};
+
 use crate::lock::lock;
 
+/// Longest name of a host, bytes (RFC 1035).
+pub const MAX_HOST_BYTES: usize = 253;
+/// Most Traffic Managers that are registered.
+pub const MAX_TRAFFIC_MANAGERS: usize = 1024;
+/// What a registration costs its connection, bytes: clients run one or two.
+const COST: usize = 1 << 20;
+
+/// Why a Traffic Manager is not registered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ManagerError {
+    /// The host's name is too long for one.
+    #[error(
+        "the host of a Traffic Manager has {n_bytes} bytes, but may have 1 to {MAX_HOST_BYTES}"
+    )]
+    Host {
+        /// Its length.
+        n_bytes: usize,
+    },
+    /// There are too many.
+    #[error(
+        "{MAX_TRAFFIC_MANAGERS} Traffic Managers are registered, and no more are taken; end some of their clients"
+    )]
+    Full,
+    /// The connection has registered too many.
+    #[error(transparent)]
+    OverBudget(#[from] OverBudget),
+}
+
 /// A Traffic Manager that a client runs.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct TrafficManager {
     host: String,
     /// Connection that registered it.
     connection: u64,
+    _cost: Holding,
 }
 
 /// All registered Traffic Managers, by their ports.
@@ -29,14 +60,28 @@ impl TrafficManagers {
     }
 
     /// Registers a Traffic Manager for as long as its connection lasts; false if the port is taken.
-    pub fn add(&self, port: u16, host: &str, connection: u64) -> bool {
+    ///
+    /// # Errors
+    /// [`ManagerError`].
+    pub fn add(&self, port: u16, host: &str, account: &Account) -> Result<bool, ManagerError> {
+        let n_bytes = host.len();
+        if !(1..=MAX_HOST_BYTES).contains(&n_bytes) {
+            return Err(ManagerError::Host { n_bytes });
+        }
         let mut managers = lock(&self.0);
         if managers.contains_key(&port) {
-            return false;
+            return Ok(false);
         }
-        let host = host.to_owned();
-        managers.insert(port, TrafficManager { host, connection });
-        true
+        if managers.len() >= MAX_TRAFFIC_MANAGERS {
+            return Err(ManagerError::Full);
+        }
+        let manager = TrafficManager {
+            host: host.to_owned(),
+            connection: account.number(),
+            _cost: account.hold(COST)?,
+        };
+        managers.insert(port, manager);
+        Ok(true)
     }
 
     /// How many Traffic Managers this connection registered.
@@ -46,9 +91,12 @@ impl TrafficManagers {
         managers.values().filter(own).count()
     }
 
-    /// Removes the Traffic Manager at this port; false if there is none.
-    pub fn remove(&self, port: u16) -> bool {
-        lock(&self.0).remove(&port).is_some()
+    /// Removes the Traffic Manager at this port; false if this connection has registered none there.
+    /// Those of a connection that has ended are gone already.
+    pub fn remove(&self, port: u16, connection: u64) -> bool {
+        let mut managers = lock(&self.0);
+        let is_own = |manager: &TrafficManager| manager.connection == connection;
+        managers.get(&port).is_some_and(is_own) && managers.remove(&port).is_some()
     }
 
     /// Removes the Traffic Managers of a connection that has ended.
