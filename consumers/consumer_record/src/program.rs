@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::amounts::{parse_nanos, parse_size};
+use crate::amounts::{BadAmount, parse_nanos, parse_size};
 use crate::cat::cat;
 use crate::convert::convert;
 use crate::dump::{Server, ask_all};
@@ -452,7 +452,7 @@ fn ended(outcome: std::io::Result<()>) -> anyhow::Result<Exit> {
 }
 
 /// A time that may be zero.
-fn parse_nanos_or_0(text: &str) -> Result<u64, String> {
+fn parse_nanos_or_0(text: &str) -> Result<u64, BadAmount> {
     match text.trim().trim_end_matches(char::is_alphabetic) {
         "0" => Ok(0),
         _ => parse_nanos(text),
