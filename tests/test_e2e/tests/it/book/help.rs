@@ -33,6 +33,8 @@ fn run(program: &str, words: &[&str]) -> Output {
         .env_remove("RUST_LOG")
         .env_remove("NO_COLOR")
         .env_remove("GANTRY_DOMAIN")
+        // Programs of this machine's that are none of the repository's stay out of the list.
+        .env("PATH", "/usr/bin:/bin")
         .stdin(Stdio::null())
         .output()
         .unwrap_or_else(|error| panic!("cannot start {program}: {error}"));
@@ -108,6 +110,51 @@ fn common_options_are_the_same_everywhere() {
     for program in PROGRAMS {
         assert_eq!(common(program), common("gantry"), "{program}");
     }
+}
+
+/// The words and lines of the list of programs in a help text.
+fn listed(help: &str) -> Vec<(&str, &str)> {
+    let heading = "\nPrograms, which gantry WORD starts as gantry-WORD:\n";
+    let (_, rest) = help.split_once(heading).expect("the list");
+    let list = rest.split("\n\n").next().unwrap_or_default();
+    list.lines()
+        .map(|line| line.trim().split_once("  ").expect("a word and a line"))
+        .map(|(word, line)| (word, line.trim()))
+        .collect()
+}
+
+/// As cargo lists its own subcommands and those of others.
+#[test]
+fn the_launcher_lists_the_programs_that_are_installed() {
+    let help = printed("gantry", &["--help"]);
+    let listed_here = listed(&help);
+    let mut ours: Vec<&str> = PROGRAMS
+        .iter()
+        .filter_map(|program| program.strip_prefix("gantry-"))
+        .collect();
+    ours.sort_unstable();
+    let words: Vec<&str> = listed_here.iter().map(|(word, _)| *word).collect();
+    assert_eq!(words, ours);
+    for (word, line) in listed_here {
+        assert!(line.contains(' ') && !line.contains('/'), "{word}: {line}");
+    }
+    let sandbox = Sandbox::new("listed");
+    let own = sandbox.write("gantry-probe", "#!/bin/sh\n");
+    sandbox.write("gantry-no_program", "");
+    let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+    std::fs::set_permissions(&own, mode).expect("it is ours");
+    let output = Command::new(binary_path("gantry"))
+        .env("PATH", sandbox.dir())
+        .arg("-h")
+        .output()
+        .expect("it starts");
+    let help = String::from_utf8(output.stdout).expect("help is UTF-8");
+    let listed_there = listed(&help);
+    assert!(
+        listed_there.contains(&("probe", own.to_str().expect("UTF-8"))),
+        "{help}"
+    );
+    assert!(!help.contains("no_program") && listed_there.len() == ours.len() + 1);
 }
 
 /// What is typed first is shown by an example.
