@@ -51,6 +51,10 @@ pub struct CommonArgs {
     /// End when the process with this id ends, which started this one
     #[arg(long, global = true, value_name = "PID", hide = true)]
     pub parent: Option<i32>,
+
+    /// Do nothing, but refuse wrong arguments as ever: for tests of what help texts and pages show
+    #[arg(long, global = true, hide = true)]
+    pub check_arguments: bool,
 }
 
 impl CommonArgs {
@@ -84,6 +88,7 @@ impl Default for CommonArgs {
             color: ColorWhen::Auto,
             log_format: LogFormat::Text,
             parent: None,
+            check_arguments: false,
         }
     }
 }
@@ -197,7 +202,7 @@ fn wrong_variable(variable: &DomainVariable, matches: &ArgMatches) -> Option<Str
 }
 
 /// Parses the command line. Ends the process by itself for `--help`, `--version` (with `--verbose`
-/// also commit and build), `completions`, `man` and wrong usage (exit code 2).
+/// also commit and build), `completions`, `man`, `--check-arguments` and wrong usage (exit code 2).
 pub fn parse<T: Parser>() -> T {
     let variable = DomainVariable::read(std::env::var_os(DOMAIN_VARIABLE));
     let mut command = command_in::<T>(&variable);
@@ -238,8 +243,18 @@ pub fn parse<T: Parser>() -> T {
                 }
             },
         },
-        _ => T::from_arg_matches_mut(&mut matches)
-            .unwrap_or_else(|error| error.format(&mut command).exit()),
+        _ => {
+            let only_check = matches!(
+                matches.try_get_one::<bool>("check_arguments"),
+                Ok(Some(true))
+            );
+            let args = T::from_arg_matches_mut(&mut matches)
+                .unwrap_or_else(|error| error.format(&mut command).exit());
+            match only_check {
+                true => print_and_exit(b""),
+                false => args,
+            }
+        }
     }
 }
 

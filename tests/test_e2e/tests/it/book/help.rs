@@ -7,7 +7,7 @@ use test_kit::Sandbox;
 use test_kit::sandbox::binary_path;
 
 /// All programs that users start.
-const PROGRAMS: [&str; 14] = [
+pub(super) const PROGRAMS: [&str; 14] = [
     "gantry",
     "simd",
     "gantry-render",
@@ -64,7 +64,7 @@ fn subcommands(help: &str) -> Vec<String> {
 }
 
 /// Help texts by the words that lead to them, parents first.
-fn helps() -> Vec<(Vec<String>, String)> {
+pub(super) fn helps() -> Vec<(Vec<String>, String)> {
     let mut found = Vec::new();
     let mut todo: Vec<Vec<String>> = PROGRAMS.map(|name| vec![name.to_owned()]).to_vec();
     todo.reverse();
