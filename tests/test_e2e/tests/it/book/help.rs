@@ -100,15 +100,63 @@ fn help_texts_are_those_of_the_page() {
 
 /// The page tells these once for all, so that an option of one program among them would be nowhere.
 #[test]
-fn common_options_are_the_same_everywhere() {
+fn common_options_are_the_same_everywhere_but_for_the_domain() {
     let common = |program: &str| {
         let help = printed(program, &["--help"]);
         let (_, rest) = help.split_once("\nCommon options:\n").expect(program);
         let (options, _) = rest.split_once("\nEnvironment:\n").expect(program);
-        options.to_owned()
+        let verbose = options.find("  -v, --verbose").expect(program);
+        options[verbose..].to_owned()
     };
     for program in PROGRAMS {
         assert_eq!(common(program), common("gantry"), "{program}");
+    }
+}
+
+/// Whether these words meet other programs on the bus; all others read and write files, or have a
+/// domain of their own for each run.
+fn is_on_a_domain(path: &[String]) -> bool {
+    let words: Vec<&str> = path.iter().map(String::as_str).collect();
+    match words[..] {
+        ["gantry-export" | "gantry-dataset", ..] => false,
+        ["gantry-bench", ref words @ ..] => matches!(words, ["ages" | "topics" | "tick"]),
+        ["gantry-record", ref words @ ..] => matches!(words, [] | ["dump"]),
+        _ => true,
+    }
+}
+
+/// An option that does nothing is none.
+#[test]
+fn only_what_meets_others_on_the_bus_takes_a_domain() {
+    for (path, help) in helps() {
+        let has = help.contains("--domain <NAME>");
+        assert_eq!(has, is_on_a_domain(&path), "{path:?}\n{help}");
+    }
+    for words in [
+        &["gantry-bench", "perception", "launch/bench/smoke.toml"][..],
+        &["gantry-bench", "reaction", "launch/bench/reaction.toml"],
+        &["gantry-bench", "compare", "a.json", "b.json"],
+        &["gantry-bench", "show", "a.json"],
+        &["gantry-dataset", "verify", "set"],
+        &[
+            "gantry-export",
+            "a.mcap",
+            "--format",
+            "kitti",
+            "--out",
+            "set",
+        ],
+        &["gantry-record", "info", "a.mcap"],
+        &["gantry-record", "cat", "a.mcap"],
+    ] {
+        let mut command = Command::new(binary_path(words[0]));
+        command
+            .args(&words[1..])
+            .args(["--check-arguments", "--domain", "lab"]);
+        let output = command.output().expect("it starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {said}");
+        assert!(said.contains("unexpected argument '--domain'"), "{said}");
     }
 }
 
