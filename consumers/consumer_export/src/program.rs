@@ -9,7 +9,7 @@ use crate::live::Live;
 use crate::options::{ImageForm, MaskForm, Options, parse_split};
 use crate::run::{Input, Report, export};
 use clap::{Parser, ValueEnum};
-use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
+use launch_cli::{BasicArgs, Exit, Shutdown, run, wrong_usage};
 
 /// Writes images, clouds, poses, calibrations and labels of recordings as training sets that the
 /// formats' own tools open.
@@ -95,7 +95,7 @@ struct Args {
     json: bool,
 
     #[command(flatten)]
-    common: CommonArgs,
+    basic: BasicArgs,
 }
 
 /// Parts of the set and their shares.
@@ -129,7 +129,7 @@ fn nanos(text: &str) -> Result<u64, String> {
 /// The program `gantry-export`, from its arguments to its exit code.
 pub fn main() -> ExitCode {
     run(|args: Args| {
-        args.common.init_logging();
+        args.basic.init_logging();
         start(&args)
     })
 }

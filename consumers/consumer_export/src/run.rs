@@ -84,14 +84,14 @@ pub fn export(
     match manifest.look(&options.out, options.resume)? {
         Found::Fresh => {}
         Found::Unfinished(found) => manifest.done = found.done,
-        Found::Complete(found) => return Ok(report(options, found.done, true, (0, Vec::new()))),
+        Found::Complete(found) => return Ok(report(options, found.done, true, Losses::default())),
     }
     let out = &options.out;
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let tree = Tree::new(out.clone());
     manifest.save(out)?;
     let bar = progress_bar(&scenarios, options);
-    let mut losses = (0, Vec::new());
+    let mut losses = Losses::default();
     for (file, scenario) in files.iter().zip(&scenarios) {
         if (scenario.index as usize) < manifest.done.len() {
             bar.inc(span_ms(scenario, options));
@@ -121,19 +121,27 @@ pub fn export(
     Ok(report(options, manifest.done, true, losses))
 }
 
+/// What of the recordings could not be read.
+#[derive(Default)]
+struct Losses {
+    n: u64,
+    /// A sentence for each of the first few.
+    sentences: Vec<String>,
+}
+
 fn report(
     options: &Options,
     scenarios: Vec<DoneScenario>,
     complete: bool,
-    (n_lost, lost): (u64, Vec<String>),
+    losses: Losses,
 ) -> Report {
     Report {
         format: options.format.name(),
         out: options.out.clone(),
         scenarios,
         complete,
-        n_lost,
-        lost,
+        n_lost: losses.n,
+        lost: losses.sentences,
     }
 }
 
@@ -229,7 +237,7 @@ fn one(
     tree: &Tree,
     bar: &ProgressBar,
     stop: &dyn Fn() -> bool,
-    losses: &mut (u64, Vec<String>),
+    losses: &mut Losses,
 ) -> anyhow::Result<Option<DoneScenario>> {
     bar.set_message(scenario.name.clone());
     let topics = scenario.sensors.iter().flat_map(|sensor| &sensor.topics);
@@ -268,8 +276,8 @@ fn one(
         n_lost = u64::saturating_add(n_lost, 1);
         sentences.push("the file was cut off; what its end held is missing".into());
     }
-    losses.0 = losses.0.saturating_add(n_lost);
-    losses.1.extend(
+    losses.n = losses.n.saturating_add(n_lost);
+    losses.sentences.extend(
         sentences
             .into_iter()
             .map(|sentence| format!("{}: {sentence}", scenario.name)),

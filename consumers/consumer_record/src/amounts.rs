@@ -1,10 +1,21 @@
 //! Sizes and times as people write them: `1GB`, `500MB`, `60s`, `1.5m`.
 
+/// A text that is no amount, and what is one.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum BadAmount {
+    /// No size.
+    #[error("{0:?} is no size; write e.g. 500MB, 1GB or 2GiB")]
+    Size(String),
+    /// No time.
+    #[error("{0:?} is no time; write e.g. 30s, 1.5m or 250ms")]
+    Time(String),
+}
+
 /// Bytes of `1GB`, `500MB`, `2GiB`, `4096`.
 ///
 /// # Errors
-/// A sentence that says what is allowed.
-pub fn parse_size(text: &str) -> Result<u64, String> {
+/// [`BadAmount::Size`].
+pub fn parse_size(text: &str) -> Result<u64, BadAmount> {
     let units = [
         ("GiB", 1u64 << 30),
         ("MiB", 1 << 20),
@@ -15,15 +26,14 @@ pub fn parse_size(text: &str) -> Result<u64, String> {
         ("B", 1),
         ("", 1),
     ];
-    let wrong = || format!("{text:?} is no size; write e.g. 500MB, 1GB or 2GiB");
-    scaled(text, &units).map_or_else(|| Err(wrong()), Ok)
+    scaled(text, &units).ok_or_else(|| BadAmount::Size(text.into()))
 }
 
 /// Nanoseconds of `60s`, `2m`, `1h`, `250ms`, `1.5s`; without a unit seconds.
 ///
 /// # Errors
-/// A sentence that says what is allowed.
-pub fn parse_nanos(text: &str) -> Result<u64, String> {
+/// [`BadAmount::Time`].
+pub fn parse_nanos(text: &str) -> Result<u64, BadAmount> {
     let units = [
         ("ms", 1_000_000),
         ("s", 1_000_000_000),
@@ -31,8 +41,7 @@ pub fn parse_nanos(text: &str) -> Result<u64, String> {
         ("h", 3_600_000_000_000),
         ("", 1_000_000_000),
     ];
-    let wrong = || format!("{text:?} is no time; write e.g. 30s, 1.5m or 250ms");
-    scaled(text, &units).map_or_else(|| Err(wrong()), Ok)
+    scaled(text, &units).ok_or_else(|| BadAmount::Time(text.into()))
 }
 
 /// The number in front of the first unit that `text` ends with, times the unit; more than nothing.

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::amounts::{parse_nanos, parse_size};
+use crate::amounts::{BadAmount, parse_nanos, parse_size};
 use crate::cat::cat;
 use crate::convert::convert;
 use crate::dump::{Server, ask_all};
@@ -19,7 +19,7 @@ use crate::session::{Report, record};
 use crate::{info::file_info, recover::recover_file};
 use anyhow::Context as _;
 use clap::{Parser, Subcommand, ValueEnum};
-use launch_cli::{CommonArgs, Exit, Progress, Shutdown, run, wrong_usage};
+use launch_cli::{BasicArgs, DomainArgs, Exit, Progress, Shutdown, run, wrong_usage};
 use schema_recording::write::ChunkCompression;
 
 /// Records every sensor, every result of users' programs, every snapshot and the map into one MCAP
@@ -110,7 +110,10 @@ struct Args {
     action: Option<Action>,
 
     #[command(flatten)]
-    common: CommonArgs,
+    on: DomainArgs,
+
+    #[command(flatten)]
+    basic: BasicArgs,
 }
 
 #[derive(Debug, Subcommand)]
@@ -132,6 +135,8 @@ enum Action {
         /// One JSON object a file
         #[arg(long)]
         json: bool,
+        #[command(flatten)]
+        on: DomainArgs,
     },
     /// Write the messages of a recording as text, one a line
     Cat {
@@ -241,7 +246,7 @@ enum PreviewsArg {
 /// The program `gantry-record`, from its arguments to its exit code.
 pub fn main() -> ExitCode {
     run(|args: Args| {
-        args.common.init_logging();
+        args.basic.init_logging();
         match &args.action {
             Some(Action::Info { files, json }) => print_info(files, *json),
             Some(Action::Cat { file, cut, json }) => {
@@ -250,23 +255,23 @@ pub fn main() -> ExitCode {
                 ended(out.flush())
             }
             Some(Action::Trim { input, output, cut }) => {
-                let _sign = sign_of_life(&args.common, "trimming", std::slice::from_ref(input));
+                let _sign = sign_of_life(&args.basic, "trimming", std::slice::from_ref(input));
                 told(output, trim(input, output, &cut.cut())?)
             }
             Some(Action::Merge { files }) => match files.split_last() {
                 Some((output, inputs)) => {
-                    let _sign = sign_of_life(&args.common, "merging", inputs);
+                    let _sign = sign_of_life(&args.basic, "merging", inputs);
                     told(output, merge(inputs, output)?)
                 }
                 None => Err(wrong_usage("name the recordings and the new file")),
             },
             Some(Action::Convert { input, output }) => {
-                let _sign = sign_of_life(&args.common, "converting", std::slice::from_ref(input));
+                let _sign = sign_of_life(&args.basic, "converting", std::slice::from_ref(input));
                 convert(input, output).map(|()| Exit::Done)
             }
-            Some(Action::Dump { note, json }) => dump(&args.common.domain, note, *json),
+            Some(Action::Dump { note, json, on }) => dump(&on.domain, note, *json),
             Some(Action::Recover { input, output }) => {
-                let _sign = sign_of_life(&args.common, "rescuing", std::slice::from_ref(input));
+                let _sign = sign_of_life(&args.basic, "rescuing", std::slice::from_ref(input));
                 rescue(input, output)
             }
             None => start(&args),
@@ -282,14 +287,14 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
     let shutdown = Shutdown::install()?;
     launch_cli::raise_file_limit()?;
     let server = match args.keep {
-        Some(_) => Some(Server::start(&args.common.domain)?),
+        Some(_) => Some(Server::start(&args.on.domain)?),
         None => None,
     };
     let signalled = Arc::new(AtomicBool::new(false));
     signal_hook::flag::register(signal_hook::consts::SIGUSR1, signalled.clone())
         .context("cannot wait for SIGUSR1")?;
     let options = Options {
-        domain: args.common.domain.clone(),
+        domain: args.on.domain.clone(),
         bus: Default::default(),
         select: Select {
             topics: args.topics.clone(),
@@ -376,14 +381,14 @@ fn print_report(report: &Report) -> anyhow::Result<Exit> {
 }
 
 /// What terminals show while files are copied: their number, size, and the time that has passed.
-fn sign_of_life(common: &CommonArgs, verb: &str, files: &[PathBuf]) -> Progress {
+fn sign_of_life(basic: &BasicArgs, verb: &str, files: &[PathBuf]) -> Progress {
     let sizes = files.iter().filter_map(|file| file.metadata().ok());
     let megabytes = sizes.map(|it| it.len()).sum::<u64>() as f64 / 1e6;
     let what = match files {
         [only] => only.display().to_string(),
         _ => format!("{} recordings", files.len()),
     };
-    Progress::endless(common, &format!("{verb} {what} ({megabytes:.1} MB)"))
+    Progress::endless(basic, &format!("{verb} {what} ({megabytes:.1} MB)"))
 }
 
 fn dump(domain: &str, note: &str, json: bool) -> anyhow::Result<Exit> {
@@ -452,7 +457,7 @@ fn ended(outcome: std::io::Result<()>) -> anyhow::Result<Exit> {
 }
 
 /// A time that may be zero.
-fn parse_nanos_or_0(text: &str) -> Result<u64, String> {
+fn parse_nanos_or_0(text: &str) -> Result<u64, BadAmount> {
     match text.trim().trim_end_matches(char::is_alphabetic) {
         "0" => Ok(0),
         _ => parse_nanos(text),

@@ -129,7 +129,7 @@ const EXAMPLES: &str =
 Examples:
   gantry rerun drive.mcap
   gantry rerun drive.mcap --until 12s --then live
-  gantry rerun drive.mcap --set scenario.weather.fog_percent=60
+  gantry rerun drive.mcap --set scenario.weather.fog_density=60
   gantry rerun drive.mcap --sensor roof='{kind=\"lidar\", channels=64}' --record with_lidar.mcap";
 
 #[cfg(test)]

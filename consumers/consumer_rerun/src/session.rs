@@ -12,7 +12,7 @@ use schema_recording::read::RecordingFile;
 
 use crate::children;
 use crate::cli::{Args, Then};
-use crate::compare::{self, Difference};
+use crate::compare::{self, Difference, Sample};
 use crate::live::Live;
 use crate::plan::{added_sensors, simulator_args};
 use crate::recorded::{Reader, Recorded};
@@ -198,8 +198,15 @@ impl Pair<'_> {
                     let Some(now) = live.snapshot(header.tick) else {
                         return Ok(());
                     };
-                    let now = (now.header(), now.records());
-                    let found = compare::snapshots((header, records), now, has_added);
+                    let before = Sample {
+                        header: *header,
+                        content: *records,
+                    };
+                    let now = Sample {
+                        header: now.header(),
+                        content: now.records(),
+                    };
+                    let found = compare::snapshots(before, now, has_added);
                     report.saw(header.tick);
                     report
                         .topic(WORLD)
@@ -227,7 +234,15 @@ impl Pair<'_> {
                         }
                     };
                     let found = live.with_frame(topic, header.tick, |now, bytes| {
-                        compare::frames((header, payload), (now, bytes))
+                        let before = Sample {
+                            header: *header,
+                            content: *payload,
+                        };
+                        let now = Sample {
+                            header: now,
+                            content: bytes,
+                        };
+                        compare::frames(before, now)
                     });
                     match found {
                         Some(difference) => {

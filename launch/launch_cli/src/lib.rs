@@ -60,7 +60,7 @@ pub mod programs;
 pub mod progress;
 pub mod signals;
 
-pub use args::{CommonArgs, command, parse};
+pub use args::{BasicArgs, CommonArgs, DomainArgs, command, parse};
 pub use data::{BadFileName, data_dir, file_in};
 pub use exit::{Exit, GpuLost, WrongUsage, run, run_main, wrong_usage};
 pub use limits::raise_file_limit;

@@ -172,9 +172,9 @@ impl<'r> Texts<'r> {
     pub fn add_set(&mut self, set: &str, folder: &Path) {
         let text = match set_as_toml(set) {
             Ok(text) => text,
-            Err(message) => {
+            Err(error) => {
                 return self.outside.push(LaunchError {
-                    message,
+                    message: error.to_string(),
                     place: "the command line".into(),
                 });
             }

@@ -66,7 +66,7 @@ pub mod result_type;
 // All layouts as data.
 pub mod layout;
 
-pub use about::{About, BytesSchema, PointField};
+pub use about::{About, AboutError, BytesSchema, PointField};
 pub use attachment::Attachment;
 pub use command::{Command, CommandBatch, CommandReply, MAX_HIDDEN, ReplyBatch};
 pub use control::{AckRecord, VehicleControl, VehicleControlRecord, WalkerControl};

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
 
 use anyhow::Context as _;
-use launch_cli::{CommonArgs, LogFormat};
+use launch_cli::{BasicArgs, LogFormat};
 
 use super::run_dir::utc;
 
@@ -97,7 +97,7 @@ impl Log {
 }
 
 impl Output {
-    pub fn new(names: &[&str], common: &CommonArgs) -> Self {
+    pub fn new(names: &[&str], basic: &BasicArgs) -> Self {
         Output {
             width: names
                 .iter()
@@ -105,9 +105,9 @@ impl Output {
                 .chain([OWN_NAME.len()])
                 .max()
                 .unwrap_or(0),
-            coloured: common.color.on_stderr(),
-            json: common.log_format == LogFormat::Json,
-            quiet: common.quiet > 0,
+            coloured: basic.color.on_stderr(),
+            json: basic.log_format == LogFormat::Json,
+            quiet: basic.quiet > 0,
             gate: Arc::default(),
         }
     }
@@ -250,11 +250,11 @@ mod tests {
     #[test]
     fn a_pipe_is_cut_into_lines_that_survive_any_bytes() {
         let folder = tempfile::tempdir().unwrap();
-        let common = CommonArgs {
+        let basic = BasicArgs {
             log_format: LogFormat::Json,
             ..Default::default()
         };
-        let sink = Output::new(&["a"], &common)
+        let sink = Output::new(&["a"], &basic)
             .sink(0, "a", folder.path())
             .unwrap();
         let mut lines = Vec::new();

@@ -354,7 +354,8 @@ fn other_users_are_refused_unless_they_are_let_in() {
     daemon.stop().expect_code(0);
 }
 
-/// Two users on one machine, and two containers that share `/dev/shm`: each has a simulator.
+/// Two users on one machine, and two containers that share `/dev/shm`: each has a simulator, although
+/// the first user also took the name of the second one's folder.
 #[test]
 fn another_users_folder_of_iceoryx2_is_no_obstacle() {
     if !nix::unistd::geteuid().is_root() {
@@ -373,6 +374,7 @@ export HOME=/run/one
 cd /run/one
 {simd} --launch /run/launch.toml --domain two > /run/one/log 2>&1 & first=$!
 until grep -q ready /run/one/log; do sleep 0.1; kill -0 $first; done
+mkdir -m 0700 /tmp/iceoryx2-{NOBODY}
 cd /run/two
 HOME=/run/two setpriv --reuid {NOBODY} --regid {NOBODY} --clear-groups {simd} --launch /run/launch.toml --domain two > /run/two/log 2>&1 & second=$!
 for n in $(seq 600); do grep -q ready /run/two/log && break; kill -0 $second 2>/dev/null || break; sleep 0.1; done
@@ -394,8 +396,8 @@ kill -INT $first $second; wait $first; wait $second; echo "both ended well"
         .wait();
     let said = ended.lines.join("\n");
     for expected in [
-        "belongs to user 0, so the shared-memory bus of user 65534 is in /tmp/iceoryx2-65534",
-        "/tmp/iceoryx2-65534",
+        "belongs to user 0, so the shared-memory bus of user 65534 is in /tmp/iceoryx2-65534-1",
+        "/tmp/iceoryx2-65534-1",
         "both ended well",
     ] {
         assert!(said.contains(expected), "{expected:?} is missing:\n{said}");

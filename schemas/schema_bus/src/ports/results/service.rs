@@ -2,7 +2,9 @@
 
 use iceoryx2::prelude::*;
 
-use schema_frames::{RESULT_ATTRIBUTE, ResultHeader, ResultType, SCHEMA_ATTRIBUTE, SCHEMA_VERSION};
+use schema_frames::{
+    AboutError, RESULT_ATTRIBUTE, ResultHeader, ResultType, SCHEMA_ATTRIBUTE, SCHEMA_VERSION,
+};
 
 use crate::contract::error::BusError;
 use crate::contract::names;
@@ -35,9 +37,9 @@ impl ResultService {
                 topic: topic.into(),
             });
         }
-        let fault = |fault| BusError::Description {
+        let fault = |fault: AboutError| BusError::Description {
             topic: full.clone(),
-            fault,
+            fault: fault.to_string(),
         };
         spec.about.check(spec.kind).map_err(fault)?;
         let slices = make_or_join(node, &full, &name, spec.kind, &spec.qos)?;
