@@ -121,12 +121,23 @@ pub struct Commander {
     jobs: Sender<Job>,
     backlog: Arc<Backlog>,
     is_lost: Arc<AtomicBool>,
+    has_ended: Arc<AtomicBool>,
 }
 
-/// The thread's side of the queue.
+/// The thread's side of the queue. When it is dropped, nobody waits for what was queued.
 pub struct Work {
     jobs: Receiver<Job>,
     is_lost: Arc<AtomicBool>,
+    has_ended: Arc<AtomicBool>,
+}
+
+impl Drop for Work {
+    fn drop(&mut self) {
+        // The queue keeps its jobs, and with them the ends of their answers, as long as anybody may
+        // still send. Whoever sends behind the last look sees the flag.
+        self.has_ended.store(true, Ordering::SeqCst);
+        while self.jobs.try_recv().is_ok() {}
+    }
 }
 
 #[cfg(test)]
@@ -141,15 +152,18 @@ impl Work {
 pub fn commander() -> (Commander, Work) {
     let (sender, receiver) = bounded(QUEUE);
     let is_lost = Arc::new(AtomicBool::new(false));
+    let has_ended = Arc::new(AtomicBool::new(false));
     (
         Commander {
             jobs: sender,
             backlog: Arc::default(),
             is_lost: is_lost.clone(),
+            has_ended: has_ended.clone(),
         },
         Work {
             jobs: receiver,
             is_lost,
+            has_ended,
         },
     )
 }
@@ -165,7 +179,15 @@ impl Commander {
         self.jobs
             .send(Job::Ask(ask))
             .map_err(|_| CommandError::ShuttingDown)?;
-        Pending(Ok(answer)).wait()
+        self.pending(answer).wait()
+    }
+
+    /// The answer to a job that was queued.
+    fn pending(&self, answer: Receiver<Result<Answer, CommandError>>) -> Pending {
+        match self.has_ended.load(Ordering::SeqCst) {
+            true => Pending(Err(CommandError::ShuttingDown)),
+            false => Pending(Ok(answer)),
+        }
     }
 
     /// Commands with all that is to be known of them, and room for them in the queue.
@@ -191,13 +213,17 @@ impl Commander {
     pub fn begin(&self, commands: Vec<Command>) -> Pending {
         let (reply, answer) = bounded(1);
         let queued = self.question(commands, Some(reply), false).and_then(|ask| {
-            match self.jobs.try_send(Job::Ask(ask)) {
-                Ok(()) => Ok(answer),
-                Err(TrySendError::Full(_)) => Err(CommandError::QueueFull),
-                Err(TrySendError::Disconnected(_)) => Err(CommandError::ShuttingDown),
-            }
+            self.jobs
+                .try_send(Job::Ask(ask))
+                .map_err(|error| match error {
+                    TrySendError::Full(_) => CommandError::QueueFull,
+                    TrySendError::Disconnected(_) => CommandError::ShuttingDown,
+                })
         });
-        Pending(queued)
+        match queued {
+            Ok(()) => self.pending(answer),
+            Err(error) => Pending(Err(error)),
+        }
     }
 
     /// Runs one command and waits; a refusal is an error.
