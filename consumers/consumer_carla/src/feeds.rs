@@ -19,13 +19,13 @@ pub mod world_stream;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use consumer_rpc::budget::{Account, Holding, OverBudget};
+use parking_lot::Mutex;
 use schema_bus::Bus;
 
-use crate::lock::lock;
 use crate::state::known_world::World;
 use crate::wire::streams::{Recipient, actor_of};
 use expected::{Expected, MAX_EXPECTED};
@@ -144,7 +144,7 @@ impl Feeds {
     /// Joins the relay of a stream that has a reader already, and starts the relay if need be;
     /// `None` if nobody reads the stream.
     fn beside(self: &Arc<Self>, stream: u32, owner: Option<u64>) -> Option<Arc<Listener>> {
-        let mut relays = lock(&self.relays);
+        let mut relays = self.relays.lock();
         let relay = match relays.get(&stream) {
             Some(relay) => relay.clone(),
             None => {
@@ -179,7 +179,7 @@ impl Feeds {
             if relay.has_listeners() {
                 last_heard = Instant::now();
             } else if last_heard.elapsed() > IDLE {
-                let mut relays = lock(&self.relays);
+                let mut relays = self.relays.lock();
                 if !relay.has_listeners() {
                     relays.remove(&stream);
                     return;
@@ -195,7 +195,7 @@ impl Feeds {
                 break;
             }
         }
-        lock(&self.relays).remove(&stream);
+        self.relays.lock().remove(&stream);
         relay.close();
     }
 

@@ -54,7 +54,6 @@
 /// A list of msgpack values: `list![1u32, "text", 0.5f32]`.
 pub use consumer_rpc::list;
 
-mod lock;
 mod stages;
 pub mod wire;
 

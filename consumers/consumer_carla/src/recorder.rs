@@ -27,13 +27,13 @@ pub mod writer;
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, OnceLock};
 
 use consumer_kit::WorldAt;
 use launch_cli::{BadFileName, data_dir, file_in};
+use parking_lot::Mutex;
 use schema_frames::scenery::LampChange;
 
-use crate::lock::lock;
 use crate::state::commander::Commander;
 use crate::state::known_world::World;
 use replay::{Replay, Settings};
@@ -147,28 +147,28 @@ impl Recorder {
     pub fn start(&self, path: &Path, map: String, with_motion: bool) -> Result<(), WriteError> {
         self.stop();
         let writer = Writer::create(path, map, with_motion)?;
-        let before = lock(&self.state).writer.replace(writer);
+        let before = self.state.lock().writer.replace(writer);
         finish(before);
         Ok(())
     }
 
     /// Notes that a vehicle's physics control was set.
     pub fn note_physics(&self, actor_id: u32) {
-        if let Some(writer) = &mut lock(&self.state).writer {
+        if let Some(writer) = &mut self.state.lock().writer {
             writer.note_physics(actor_id);
         }
     }
 
     /// Notes that street lights were set.
     pub fn note_street_lights(&self, changes: &[LampChange]) {
-        if let Some(writer) = &mut lock(&self.state).writer {
+        if let Some(writer) = &mut self.state.lock().writer {
             writer.note_street_lights(changes);
         }
     }
 
     /// Ends the recording, and waits until it is written.
     pub fn stop(&self) {
-        let mut state = lock(&self.state);
+        let mut state = self.state.lock();
         let (writer, ended) = (state.writer.take(), std::mem::take(&mut state.ended));
         drop(state);
         finish(ended.into_iter().chain(writer));
@@ -177,7 +177,7 @@ impl Recorder {
     /// Waits until what was recorded so far is written, for who reads the file of a recording that
     /// goes on.
     fn catch_up(&self) {
-        let state = lock(&self.state);
+        let state = self.state.lock();
         let all: Vec<_> = state
             .ended
             .iter()
@@ -193,20 +193,20 @@ impl Recorder {
 
     /// Changes the settings of replays, including the running one.
     pub fn set(&self, change: impl FnOnce(&mut Settings)) {
-        change(&mut lock(&self.state).settings);
+        change(&mut self.state.lock().settings);
     }
 
     /// The settings for a replay that begins.
     pub fn settings(&self) -> Settings {
-        lock(&self.state).settings
+        self.state.lock().settings
     }
 
     /// Starts a replay in place of a running one. The next tick shows its first moment. Its actors
     /// are spawned without a lock that the world's thread needs.
     pub fn play(&self, mut replay: Replay, world: &World, commander: &Commander) {
-        let _one_by_one = lock(&self.changes);
+        let _one_by_one = self.changes.lock();
         // The old replay ends first; otherwise it would release actors that the new one holds.
-        let before = lock(&self.replay).take();
+        let before = self.replay.lock().take();
         if let Some(before) = before {
             before.end(commander, true);
         }
@@ -214,13 +214,13 @@ impl Recorder {
         if let Some(snapshot) = snapshot {
             replay.step(&snapshot, commander);
         }
-        *lock(&self.replay) = Some(replay);
+        *self.replay.lock() = Some(replay);
     }
 
     /// Ends the replay.
     pub fn stop_replay(&self, keep_actors: bool, commander: &Commander) {
-        let _one_by_one = lock(&self.changes);
-        let replay = lock(&self.replay).take();
+        let _one_by_one = self.changes.lock();
+        let replay = self.replay.lock().take();
         if let Some(replay) = replay {
             replay.end(commander, keep_actors);
         }
@@ -232,11 +232,11 @@ impl Recorder {
         let snapshot = world.known().snapshot.clone();
         let Some(snapshot) = snapshot else { return };
         let settings = {
-            let mut state = lock(&self.state);
+            let mut state = self.state.lock();
             state.record(&snapshot, world, commander);
             state.settings
         };
-        let mut running = lock(&self.replay);
+        let mut running = self.replay.lock();
         if let Some(replay) = &mut *running {
             replay.settings = settings;
             if !replay.step(&snapshot, commander)

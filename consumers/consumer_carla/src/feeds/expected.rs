@@ -5,10 +5,9 @@
 //! from then on, so that the client misses none.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use crate::lock::lock;
+use parking_lot::Mutex;
 
 /// How long a source waits for its client.
 const CONNECT: Duration = Duration::from_secs(10);
@@ -37,7 +36,7 @@ impl<T> Expected<T> {
     /// its stream: who asks very often and never comes delays nobody else.
     pub fn add(&self, stream: u32, source: T) -> Option<(u32, T)> {
         let since = Instant::now();
-        let mut expected = lock(&self.0);
+        let mut expected = self.0.lock();
         let mut given_up = None;
         if expected.values().map(VecDeque::len).sum::<usize>() >= MAX_EXPECTED
             && let Some((most, waiting)) = expected.iter_mut().max_by_key(|(_, all)| all.len())
@@ -54,13 +53,13 @@ impl<T> Expected<T> {
 
     /// Hands out the source that has waited longest for a client of `stream`.
     pub fn take(&self, stream: u32) -> Option<T> {
-        let waiting = lock(&self.0).get_mut(&stream)?.pop_front()?;
+        let waiting = self.0.lock().get_mut(&stream)?.pop_front()?;
         Some(waiting.source)
     }
 
     /// Drops the sources of clients that did not connect in time.
     pub fn sweep(&self) {
-        let mut expected = lock(&self.0);
+        let mut expected = self.0.lock();
         for waiting in expected.values_mut() {
             while waiting
                 .front()
@@ -74,7 +73,7 @@ impl<T> Expected<T> {
 
     /// Runs `change` on every waiting source.
     pub fn for_each(&self, mut change: impl FnMut(&mut T)) {
-        for waiting in lock(&self.0).values_mut().flatten() {
+        for waiting in self.0.lock().values_mut().flatten() {
             change(&mut waiting.source);
         }
     }

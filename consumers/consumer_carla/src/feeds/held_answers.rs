@@ -27,13 +27,11 @@
 //! one that ends by itself is the last until the manager is seen to run freely.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use consumer_rpc::budget::{Account, Holding};
 use consumer_rpc::server::Later;
-
-use crate::lock::lock;
+use parking_lot::{Mutex, MutexGuard};
 
 /// Longest wait for the first pass of a new Traffic Manager.
 const FIRST_PASS: Duration = Duration::from_secs(1);
@@ -265,7 +263,7 @@ pub struct HeldAnswers(Mutex<BTreeMap<u64, Client>>);
 
 impl HeldAnswers {
     fn clients(&self) -> MutexGuard<'_, BTreeMap<u64, Client>> {
-        lock(&self.0)
+        self.0.lock()
     }
 
     /// Takes the answer to a call and returns what is to be sent now: nothing, or the answer, or
@@ -486,7 +484,9 @@ mod tests {
     fn a_manager_that_works_while_the_script_cues_runs_freely() {
         let case = Case::new();
         case.call(Did::Settings, "s");
-        lock(&case.held.0)
+        case.held
+            .0
+            .lock()
             .values_mut()
             .for_each(|client| client.is_free = false);
         case.call(Did::Cue, "c");

@@ -6,13 +6,12 @@
 
 use std::io::Write as _;
 use std::os::unix::net::UnixStream;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use parking_lot::{Condvar, Mutex};
 use schema_bus::mono_now;
-
-use crate::lock::lock;
 
 /// How long a step waits for a reader whose client has not connected yet.
 const CONNECT_STEP: Duration = Duration::from_secs(1);
@@ -115,18 +114,19 @@ pub struct Readers {
 impl Readers {
     /// Adds a reader, which keeps the other reference to its progress.
     pub fn add(&self, progress: Arc<Progress>) {
-        lock(&self.active).push(progress);
+        self.active.lock().push(progress);
     }
 
     /// Forgets readers that have ended. Each keeps a socket, and in a world that runs freely no step
     /// looks at them.
     pub fn sweep(&self) {
-        lock(&self.active).retain(|progress| progress.is_alive());
+        self.active.lock().retain(|progress| progress.is_alive());
     }
 
     /// Whether this stream has a reader.
     pub fn has_reader(&self, stream: u32) -> bool {
-        lock(&self.active)
+        self.active
+            .lock()
             .iter()
             .any(|progress| progress.stream == stream && progress.is_alive())
     }
@@ -134,7 +134,7 @@ impl Readers {
     /// Adds the progress of one more listener of a stream that has a reader. A listener gets its
     /// messages from the stream's newest reader, so waiting for it wakes that reader.
     pub fn add_listener(&self, stream: u32, owner: Option<u64>) -> Option<Arc<Progress>> {
-        let mut active = lock(&self.active);
+        let mut active = self.active.lock();
         let poke = active
             .iter()
             .rev()
@@ -150,7 +150,7 @@ impl Readers {
     /// Wakes everyone who waits for readers: some progress has changed.
     pub fn ring(&self) {
         // Taking the lock closes the gap between a waiter's check and its wait.
-        drop(lock(&self.active));
+        drop(self.active.lock());
         self.taken.notify_all();
     }
 
@@ -165,7 +165,7 @@ impl Readers {
                 && progress.delays(connection)
                 && !progress.lags.load(Ordering::Acquire)
         };
-        let mut active = lock(&self.active);
+        let mut active = self.active.lock();
         active
             .iter()
             .filter(is_behind)
@@ -191,11 +191,7 @@ impl Readers {
                 behind.lags.store(true, Ordering::Release);
                 continue;
             }
-            active = self
-                .taken
-                .wait_timeout(active, LOOK)
-                .unwrap_or_else(PoisonError::into_inner)
-                .0;
+            self.taken.wait_for(&mut active, LOOK);
         }
         active.retain(|progress| progress.is_alive());
     }
@@ -208,14 +204,10 @@ impl Readers {
                 && progress.is_alive()
         };
         let began = Instant::now();
-        let mut active = lock(&self.active);
+        let mut active = self.active.lock();
         while active.iter().any(|progress| is_late(&progress)) && began.elapsed() < SWITCH {
             active.iter().filter(is_late).for_each(|late| late.wake());
-            active = self
-                .taken
-                .wait_timeout(active, LOOK)
-                .unwrap_or_else(PoisonError::into_inner)
-                .0;
+            self.taken.wait_for(&mut active, LOOK);
         }
     }
 }

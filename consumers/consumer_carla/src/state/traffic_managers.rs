@@ -1,11 +1,9 @@
 //! Traffic Managers: they run in clients, and this registry tells other clients their hosts.
 
 use std::collections::BTreeMap;
-use std::sync::Mutex;
 
 use consumer_rpc::budget::{Account, Holding, OverBudget};
-
-use crate::lock::lock;
+use parking_lot::Mutex;
 
 /// Longest name of a host, bytes (RFC 1035).
 pub const MAX_HOST_BYTES: usize = 253;
@@ -51,12 +49,12 @@ pub struct TrafficManagers(Mutex<BTreeMap<u16, TrafficManager>>);
 impl TrafficManagers {
     /// Whether no Traffic Manager is registered.
     pub fn is_empty(&self) -> bool {
-        lock(&self.0).is_empty()
+        self.0.lock().is_empty()
     }
 
     /// The host of the Traffic Manager at this port.
     pub fn host(&self, port: u16) -> Option<String> {
-        lock(&self.0).get(&port).map(|manager| manager.host.clone())
+        self.0.lock().get(&port).map(|manager| manager.host.clone())
     }
 
     /// Registers a Traffic Manager for as long as its connection lasts; false if the port is taken.
@@ -68,7 +66,7 @@ impl TrafficManagers {
         if !(1..=MAX_HOST_BYTES).contains(&n_bytes) {
             return Err(ManagerError::Host { n_bytes });
         }
-        let mut managers = lock(&self.0);
+        let mut managers = self.0.lock();
         if managers.contains_key(&port) {
             return Ok(false);
         }
@@ -86,7 +84,7 @@ impl TrafficManagers {
 
     /// How many Traffic Managers this connection registered.
     pub fn count(&self, connection: u64) -> usize {
-        let managers = lock(&self.0);
+        let managers = self.0.lock();
         let own = |manager: &&TrafficManager| manager.connection == connection;
         managers.values().filter(own).count()
     }
@@ -94,13 +92,15 @@ impl TrafficManagers {
     /// Removes the Traffic Manager at this port; false if this connection has registered none there.
     /// Those of a connection that has ended are gone already.
     pub fn remove(&self, port: u16, connection: u64) -> bool {
-        let mut managers = lock(&self.0);
+        let mut managers = self.0.lock();
         let is_own = |manager: &TrafficManager| manager.connection == connection;
         managers.get(&port).is_some_and(is_own) && managers.remove(&port).is_some()
     }
 
     /// Removes the Traffic Managers of a connection that has ended.
     pub fn forget(&self, connection: u64) {
-        lock(&self.0).retain(|_, manager| manager.connection != connection);
+        self.0
+            .lock()
+            .retain(|_, manager| manager.connection != connection);
     }
 }

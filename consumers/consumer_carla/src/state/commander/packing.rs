@@ -3,14 +3,14 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::Arc;
 
 use crossbeam_channel::Sender;
+use parking_lot::{Condvar, Mutex};
 use schema_bus::qos;
 use schema_frames::{Command, CommandReply};
 
 use super::{Answer, CommandError};
-use crate::lock::lock;
 
 /// Most bytes of commands that may queue up before connections have to wait; one list of commands
 /// may always.
@@ -32,13 +32,12 @@ pub(super) struct Backlog {
 impl Backlog {
     /// Takes room for so many bytes; without `wait` only if there is room now.
     pub fn enter(self: &Arc<Self>, n_bytes: usize, wait: bool) -> Option<Room> {
-        let mut taken = lock(&self.n_bytes);
+        let mut taken = self.n_bytes.lock();
         while *taken > 0 && *taken + n_bytes > MAX_QUEUED_BYTES {
             if !wait {
                 return None;
             }
-            let waited = self.freed.wait(taken);
-            taken = waited.unwrap_or_else(PoisonError::into_inner);
+            self.freed.wait(&mut taken);
         }
         *taken += n_bytes;
         Some(Room {
@@ -57,7 +56,7 @@ pub(super) struct Room {
 
 impl Drop for Room {
     fn drop(&mut self) {
-        *lock(&self.backlog.n_bytes) -= self.n_bytes;
+        *self.backlog.n_bytes.lock() -= self.n_bytes;
         self.backlog.freed.notify_all();
     }
 }
