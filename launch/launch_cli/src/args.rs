@@ -474,7 +474,7 @@ mod tests {
         let mut command = command::<Words>();
         let help = command.render_long_help().to_string();
         assert!(
-            !help.contains("--domain") && help.contains("GANTRY_DOMAIN"),
+            !help.contains("--domain <NAME>") && help.contains("GANTRY_DOMAIN"),
             "{help}"
         );
         let mut command = command.find_subcommand("watch").expect("it is one").clone();
