@@ -22,13 +22,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use consumer_rpc::budget::{Account, Holding, OverBudget};
 use parking_lot::Mutex;
 use schema_bus::Bus;
 
 use crate::state::known_world::World;
 use crate::wire::streams::{Recipient, actor_of};
-use expected::{Expected, MAX_EXPECTED};
+use expected::Expected;
 use feed::{Feed, Outlet, Shared};
 use progress::Readers;
 use relay::{Listener, Relay, Stations};
@@ -36,9 +35,6 @@ use world_stream::WorldStream;
 
 /// Longest queue of each further listener of a sensor, messages.
 const BACKLOG: usize = 4;
-/// What a stream costs the connection that asked for it until its client connects, bytes: about what
-/// the frames of a camera take.
-const EXPECTED_COST: usize = 8 << 20;
 /// How long a relay continues without listeners.
 const IDLE: Duration = Duration::from_secs(2);
 
@@ -49,7 +45,7 @@ pub struct Feeds {
     /// By stream, for all clients of a sensor but the first.
     relays: Mutex<BTreeMap<u32, Arc<Relay>>>,
     stations: Stations,
-    expected: Expected<(Source, Holding)>,
+    expected: Expected<Source>,
 }
 
 /// What serves one client's stream.
@@ -97,24 +93,19 @@ impl Feeds {
         self.shared.bus.get()
     }
 
-    /// The client with this RPC connection is about to connect to this stream: opens its source now.
-    /// Only that client's own steps wait for it.
-    ///
-    /// # Errors
-    /// If the client asks for very many streams and connects to none.
-    pub fn expect(self: &Arc<Self>, stream: u32, account: &Account) -> Result<(), OverBudget> {
+    /// The client with the RPC connection `owner` is about to connect to this stream: opens its
+    /// source now. Only that client's own steps wait for it.
+    pub fn expect(self: &Arc<Self>, stream: u32, owner: u64) {
         self.sweep();
-        let cost = account.hold(EXPECTED_COST)?;
-        let Some(source) = self.source(stream, Some(account.number())) else {
-            return Ok(());
+        let Some(source) = self.source(stream, Some(owner)) else {
+            return;
         };
-        if let Some((stream, _)) = self.expected.add(stream, (source, cost)) {
+        if let Some((stream, _)) = self.expected.add(stream, owner, source) {
             tracing::debug!(
                 stream,
-                "{MAX_EXPECTED} streams were asked for and nobody came for them; the oldest of this one starts when its client connects"
+                "a client asks for very many streams and connects to none; this one starts when it connects"
             );
         }
-        Ok(())
     }
 
     /// Drops the sources of clients that did not connect in time, and readers that have ended.
@@ -201,7 +192,7 @@ impl Feeds {
 
     /// Sends a stream's messages to a client until it disconnects.
     pub(crate) fn serve(self: &Arc<Self>, stream: u32, client: &Recipient) -> std::io::Result<()> {
-        let expected = self.expected.take(stream).map(|(source, _)| source);
+        let expected = self.expected.take(stream);
         match expected.or_else(|| self.source(stream, None)) {
             Some(Source::Feed(feed)) => self.serve_feed(feed, client),
             Some(Source::Listener(listener)) => {
@@ -240,7 +231,7 @@ impl Feeds {
         if self.shared.no_rendering.swap(on, Ordering::AcqRel) == on {
             return;
         }
-        self.expected.for_each(|(source, _)| {
+        self.expected.for_each(|source| {
             if let Source::Feed(feed) = source {
                 feed.shut_or_open(&self.shared);
             }

@@ -29,7 +29,7 @@ pub(crate) const CALLS: Calls = &[
     ("get_sensor_token", |gateway, call| {
         let stream = call.u32()?;
         if !is_world(stream) {
-            gateway.feeds.expect(stream, call.account)?;
+            gateway.feeds.expect(stream, call.connection);
         }
         Ok(Answer::Value(gateway.token(stream)))
     }),
