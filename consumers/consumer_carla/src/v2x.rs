@@ -21,7 +21,8 @@ use schema_frames::{Command, CommandReply, SnapshotHeader};
 use schema_types::{Class, Pose};
 
 use crate::feeds::relay::Stations;
-use crate::state::commander::{Answer, CommandError, Commander, Pending};
+use crate::state::commander::answer::{Answer, CommandError};
+use crate::state::commander::{Commander, Pending};
 use crate::state::known_world::{Known, Own, World};
 use crate::wire::axes;
 use crate::wire::description::{Attributes, Description};

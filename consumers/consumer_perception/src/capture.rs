@@ -1,7 +1,7 @@
 //! What a program did in one run of one scenario: every result with its times, which frames there
 //! were, and what the processes used.
 
-mod kept;
+pub mod kept;
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -12,8 +12,6 @@ use std::sync::Arc;
 
 use schema_frames::{About, InputRecord, ResultHeader};
 use serde::{Deserialize, Serialize};
-
-pub use kept::KeptError;
 
 /// How a program is run.
 #[derive(

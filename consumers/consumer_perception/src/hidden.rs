@@ -10,7 +10,9 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 use crate::suite::Suite;
-use crate::truth_pass::MAKING;
+
+/// In the names of folders of the cache that are of a benchmark under way.
+pub(crate) const MAKING: &str = "-making-";
 
 /// Such a folder; what is in it moves to where it is kept when no program runs any more.
 #[derive(Debug)]

@@ -22,15 +22,13 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use crate::capture::SentFrame;
-use crate::hidden::private_folder;
+use crate::hidden::{MAKING, private_folder};
 use crate::scenario::{InputTopic, Scenario};
 use crate::suite::{Suite, Task};
 
 use found::Found;
 pub use found::{Options, RecordedFrame};
 
-/// In the names of folders of the cache that are of a benchmark under way.
-pub(crate) const MAKING: &str = "-making-";
 /// Number of the way in which recordings are made; it rises when they change.
 const WAY: u32 = 1;
 

@@ -211,13 +211,19 @@ impl Checkpoint {
         Ok(checkpoint)
     }
 
-    /// Restores it in a copy of the world that runs, and steps there: whatever the checks before
-    /// have not seen must come to light here and not in the world.
+    /// Restores it in a copy of the world that runs, steps there, and ends every actor: whatever the
+    /// checks before have not seen must come to light here and not in the world.
     fn try_in(&self, living: &World) -> Result<(), CheckpointError> {
         let mut copy = living.clone();
         copy.restore(self)?;
         (0..TRIAL_STEPS).for_each(|_| copy.step(TRIAL_STEP_NANOS));
         copy.physics.try_to_grow();
+        copy.step(TRIAL_STEP_NANOS);
+        let all: Vec<ActorId> = copy.actors.by_id.keys().copied().collect();
+        for id in all {
+            // A part goes with its whole, and is not there any more when its turn comes.
+            let _ = copy.destroy(id);
+        }
         copy.step(TRIAL_STEP_NANOS);
         Ok(())
     }

@@ -5,10 +5,9 @@ use consumer_rpc::msgpack::{self, Value};
 use schema_frames::result::RESULT_MAGIC;
 use schema_frames::{ResultHeader, ResultType, SCHEMA_VERSION};
 use schema_types::{ActorId, Pose};
-use simd_world::Checkpoint;
+use simd_world::{Checkpoint, MapData, World, WorldOptions};
 
 use crate::crafted;
-use crate::targets::signalled_world;
 
 fn message(value: &Value) -> Vec<u8> {
     let mut bytes = Vec::new();
@@ -275,4 +274,16 @@ pub fn results() -> Vec<Vec<u8>> {
     header.n_inputs = 1;
     let body = vec![1u8; header.payload_bytes as usize];
     vec![[bytemuck::bytes_of(&header), &body].concat()]
+}
+
+/// A world on a plane that also has a road with a traffic light.
+pub fn signalled_world() -> World {
+    let mut world = World::new(WorldOptions::default());
+    let road = opendrive().swap_remove(0);
+    let map = MapData {
+        open_drive: String::from_utf8(road).expect("it is a text"),
+        ..MapData::flat(100.0)
+    };
+    world.load(&map).expect("a plane can be loaded");
+    world
 }

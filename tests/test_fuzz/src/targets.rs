@@ -17,9 +17,9 @@ use schema_recording::read::{RecordingFile, Selection, What};
 use schema_roads::{LanePosition, RoadMap, SurfaceSteps};
 use schema_types::noise::mix;
 use schema_types::{ActorId, Pose};
-use simd_world::{Checkpoint, MapData, World, WorldOptions};
+use simd_world::{Checkpoint, World};
 
-use crate::seeds;
+use crate::seeds::signalled_world;
 
 /// What one message may cost here: small, so that many fit into a second.
 const LIMITS: Limits = Limits {
@@ -237,18 +237,6 @@ pub fn mend_checkpoint(bytes: &mut [u8]) {
     bytes[32..40].copy_from_slice(&(body_bytes as u64).to_le_bytes());
     let sum = mix(hash(&bytes[..40]) ^ mix(hash(&bytes[HEAD_BYTES..])));
     bytes[40..HEAD_BYTES].copy_from_slice(&sum.to_le_bytes());
-}
-
-/// A world on a plane that also has a road with a traffic light.
-pub fn signalled_world() -> World {
-    let mut world = World::new(WorldOptions::default());
-    let road = seeds::opendrive().swap_remove(0);
-    let map = MapData {
-        open_drive: String::from_utf8(road).expect("it is a text"),
-        ..MapData::flat(100.0)
-    };
-    world.load(&map).expect("a plane can be loaded");
-    world
 }
 
 /// Headers of frames, snapshots and results, and what stands behind a result's.

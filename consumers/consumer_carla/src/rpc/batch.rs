@@ -10,7 +10,7 @@ use crate::rpc::call::{Call, Calls};
 use crate::rpc::session::tick_cue;
 use crate::rpc::spawning::{remember, wait_until_seen};
 use crate::spawn::spawn_command;
-use crate::state::commander::CommandError;
+use crate::state::commander::answer::CommandError;
 use crate::wire::fields::{Fields, Structures as _, Wrong};
 use crate::wire::msgpack::Value;
 use crate::wire::requests::{Answer, Failure, Outcome};

@@ -10,7 +10,7 @@ use crate::list;
 use crate::rpc::call::{Call, Calls};
 use crate::rpc::maps::{LAYERED, carla_map, is_layered, own_map};
 use crate::state::blueprints;
-use crate::state::commander::CommandError;
+use crate::state::commander::answer::CommandError;
 use crate::state::settings::Settings;
 use crate::wire::axes;
 use crate::wire::msgpack::Value;

@@ -6,6 +6,7 @@
 //! threads of their connections, so that a request of several clients is one that the simulator
 //! reads: what is too large goes alone, and what cannot be read goes nowhere.
 
+pub mod answer;
 pub mod packing;
 
 use std::collections::BTreeMap;
@@ -21,7 +22,8 @@ use schema_frames::{Command, CommandBatch, CommandReply, VehicleControlRecord};
 
 use crate::state::known_world::World;
 use crate::wire::requests::Failure;
-use packing::{Ask, Backlog, COMMAND_BYTES, Outcome, measure, requests};
+use answer::{Answer, CommandError};
+use packing::{Ask, Backlog, Outcome, measure, requests};
 
 /// Jobs that may queue up before connections have to wait.
 const QUEUE: usize = 4096;
@@ -37,51 +39,10 @@ const STEP_BACK: Duration = Duration::from_secs(1);
 /// the newest sample.
 const RESEND_TICKS: u64 = 2;
 
-/// Why commands were not run.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum CommandError {
-    /// The simulator refused the command, with this sentence.
-    #[error("{0}")]
-    Refused(String),
-    /// The simulator did not answer, for this reason.
-    #[error("{0}")]
-    NoAnswer(String),
-    /// The simulator answered another number of commands than it was asked.
-    #[error("the simulator's answer has another length than the question")]
-    OtherLength,
-    /// A command is so long that the simulator would not read it.
-    #[error("a command has {n_bytes} bytes, but may have {COMMAND_BYTES}; send less at a time")]
-    TooLong {
-        /// Its length.
-        n_bytes: usize,
-    },
-    /// A command would not be understood.
-    #[error("a command cannot be written for the simulator ({cause})")]
-    Unwritable {
-        /// What serde says.
-        cause: String,
-    },
-    /// Too much waits for the simulator already.
-    #[error("too many commands wait for the simulator")]
-    QueueFull,
-    /// The commander's thread has ended.
-    #[error("the gateway is shutting down")]
-    ShuttingDown,
-}
-
 impl From<CommandError> for Failure {
     fn from(error: CommandError) -> Self {
         Failure::Refused(error.to_string())
     }
-}
-
-/// Answers to a list of commands.
-#[derive(Clone, Debug)]
-pub struct Answer {
-    /// One reply per command.
-    pub replies: Vec<CommandReply>,
-    /// The last finished tick.
-    pub tick: u64,
 }
 
 /// An answer that has not come yet.

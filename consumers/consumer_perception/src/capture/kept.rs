@@ -12,6 +12,7 @@ use std::sync::Arc;
 use bytemuck::Zeroable as _;
 use schema_frames::result::MAX_INPUTS;
 use schema_frames::{About, InputRecord, ResultHeader};
+use schema_types::files::open_plain;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -94,11 +95,11 @@ impl Capture {
     /// # Errors
     /// [`KeptError`] if it is damaged.
     pub fn kept(path: &Path) -> Result<Option<Capture>, KeptError> {
-        let opened = match File::open(path) {
+        let opened = match open_plain(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             other => other,
         };
-        let read = opened.and_then(|file| read(&mut BufReader::new(file)));
+        let read = opened.and_then(|(file, _)| read(&mut BufReader::new(file)));
         read.map(Some).map_err(|source| KeptError {
             path: path.to_owned(),
             done: "taken up again",

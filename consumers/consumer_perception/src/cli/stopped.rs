@@ -5,10 +5,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use launch_cli::wrong_usage;
+use schema_types::files::read_text;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use crate::capture::{Capture, KeptError};
+use crate::capture::Capture;
+use crate::capture::kept::KeptError;
 use crate::hidden::Hidden;
 use crate::run::Source;
 use crate::suite::Suite;
@@ -16,6 +18,8 @@ use crate::truth_pass::TruthRecording;
 
 /// What was run, beside the runs.
 const STATE: &str = "stopped.json";
+/// Most bytes of it.
+const MAX_STATE_BYTES: u64 = 1 << 20;
 /// The folder of the finished runs.
 const RUNS: &str = "finished";
 
@@ -113,10 +117,11 @@ pub fn drawn_seed(folder: &Path) -> anyhow::Result<Option<u64>> {
 
 fn state(folder: &Path) -> Result<State, ResumeError> {
     let owned = || folder.to_owned();
-    let text = fs::read_to_string(folder.join(STATE)).map_err(|source| ResumeError::Nothing {
-        folder: owned(),
-        source,
-    })?;
+    let text =
+        read_text(&folder.join(STATE), MAX_STATE_BYTES).map_err(|source| ResumeError::Nothing {
+            folder: owned(),
+            source,
+        })?;
     serde_json::from_str(&text).map_err(|source| ResumeError::Damaged {
         folder: owned(),
         source,

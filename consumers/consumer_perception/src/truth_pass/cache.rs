@@ -4,6 +4,8 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
+use crate::hidden::MAKING;
+
 /// Age after which a recording that was never finished is rubbish of a benchmark that was killed.
 const UNFINISHED_AGE: Duration = Duration::from_secs(24 * 3600);
 
@@ -43,7 +45,7 @@ pub(super) fn keep_below(cache: &Path, limit_bytes: u64) -> u64 {
         let used = about.modified().unwrap_or(SystemTime::UNIX_EPOCH);
         if about.is_dir() {
             let is_old = used.elapsed().is_ok_and(|age| age > UNFINISHED_AGE);
-            if name.to_string_lossy().contains(super::MAKING) && is_old {
+            if name.to_string_lossy().contains(MAKING) && is_old {
                 let _ = fs::remove_dir_all(&path);
             }
             continue;

@@ -10,7 +10,7 @@ use parking_lot::{Condvar, Mutex};
 use schema_bus::qos;
 use schema_frames::{Command, CommandReply};
 
-use super::{Answer, CommandError};
+use super::answer::{Answer, COMMAND_BYTES, CommandError};
 
 /// Most bytes of commands that may queue up before connections have to wait; one list of commands
 /// may always.
@@ -19,8 +19,6 @@ pub const MAX_QUEUED_BYTES: usize = 64 << 20;
 const BATCH: usize = 512;
 /// Most bytes of several commands in one request to the simulator; a larger command goes alone.
 const BATCH_BYTES: usize = 1 << 20;
-/// Most bytes of one command: what a request may have, without what is around the command.
-pub const COMMAND_BYTES: usize = qos::MAX_COMMAND_BYTES - 1024;
 
 /// Bytes of the commands that wait.
 #[derive(Debug, Default)]
