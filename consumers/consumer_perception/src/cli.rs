@@ -10,6 +10,7 @@ use std::time::{Duration, SystemTime};
 use anyhow::Context as _;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
+use launch_cli::values::{WrongValue, number};
 use launch_cli::{CommonArgs, Exit, Shutdown, wrong_usage};
 use launch_run::is_stopped;
 use schema_recording::pattern;
@@ -78,7 +79,7 @@ pub struct PerceptionArgs {
     speed: Vec<f64>,
 
     /// Count every result of streaming as later by this many milliseconds
-    #[arg(long, value_name = "MS", default_value_t = 0.0, value_parser = delay)]
+    #[arg(long, value_name = "MS", default_value_t = 0.0, value_parser = number("delay in milliseconds", 0.0..=10_000.0))]
     added_delay: f64,
 
     /// Frames of a constant or single stream
@@ -86,7 +87,7 @@ pub struct PerceptionArgs {
     frames: u64,
 
     /// Frames per second of a constant stream [default: the sensor's rate]
-    #[arg(long, value_name = "HZ", value_parser = rate)]
+    #[arg(long, value_name = "HZ", value_parser = number("rate in frames per second", 0.01..=10_000.0))]
     fps: Option<f64>,
 
     /// Run these programs of the suite only, with * and ?
@@ -126,7 +127,7 @@ pub struct PerceptionArgs {
 
     /// Most GiB of recordings in that folder: the one that was not used for longest goes first, and
     /// none that is in use
-    #[arg(long, value_name = "GIB", default_value_t = CACHE_GIB, value_parser = gibibytes)]
+    #[arg(long, value_name = "GIB", default_value_t = CACHE_GIB, value_parser = number("size in GiB", 0.0..=1_000_000.0))]
     cache_limit: f64,
 
     /// Longest time without a finished tick before a simulator counts as hanging
@@ -163,28 +164,9 @@ pub enum ModeArg {
     Single,
 }
 
-fn number(text: &str, least: f64, most: f64, what: &str) -> Result<f64, String> {
-    let value = text.parse::<f64>().ok();
-    value
-        .filter(|value| (least..=most).contains(value))
-        .ok_or_else(|| format!("{text:?} is no {what}; say {least} to {most}"))
-}
-
-fn speed(text: &str) -> Result<f64, String> {
+fn speed(text: &str) -> Result<f64, WrongValue> {
     let (least, most) = schema_frames::command::SPEED_RATIO;
-    number(text.trim_end_matches('x'), least, most, "speed")
-}
-
-fn delay(text: &str) -> Result<f64, String> {
-    number(text, 0.0, 10_000.0, "delay in milliseconds")
-}
-
-fn gibibytes(text: &str) -> Result<f64, String> {
-    number(text, 0.0, 1_000_000.0, "size in GiB")
-}
-
-fn rate(text: &str) -> Result<f64, String> {
-    number(text, 0.01, 10_000.0, "rate in frames per second")
+    number("speed", least..=most)(text.trim_end_matches('x'))
 }
 
 /// Runs the benchmark.

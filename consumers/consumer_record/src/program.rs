@@ -8,7 +8,6 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::amounts::{BadAmount, parse_nanos, parse_size};
 use crate::cat::cat;
 use crate::convert::convert;
 use crate::dump::{Server, ask_all};
@@ -19,6 +18,7 @@ use crate::session::{Report, record};
 use crate::{info::file_info, recover::recover_file};
 use anyhow::Context as _;
 use clap::{Parser, Subcommand, ValueEnum};
+use launch_cli::values::{bytes, some_span_nanos, span_nanos};
 use launch_cli::{BasicArgs, DomainArgs, Exit, Progress, Shutdown, run, wrong_usage};
 use schema_recording::write::ChunkCompression;
 
@@ -81,16 +81,16 @@ struct Args {
     threads: Option<u16>,
 
     /// Begin a new file, FILE_0002 and so on, once one has this size, e.g. 500MB or 1GB
-    #[arg(long, value_name = "SIZE", value_parser = parse_size)]
+    #[arg(long, value_name = "SIZE", value_parser = bytes)]
     split_size: Option<u64>,
 
     /// Begin a new file once one covers this much simulated time, e.g. 60s or 5m
-    #[arg(long, value_name = "TIME", value_parser = parse_nanos)]
+    #[arg(long, value_name = "TIME", value_parser = some_span_nanos)]
     split_duration: Option<u64>,
 
     /// Keep the newest TIME of simulated time in memory and write it to FILE_0001, FILE_0002 and so
     /// on whenever `gantry-record dump` or SIGUSR1 asks for it
-    #[arg(long, value_name = "TIME", value_parser = parse_nanos, conflicts_with_all = ["split_size", "split_duration"])]
+    #[arg(long, value_name = "TIME", value_parser = some_span_nanos, conflicts_with_all = ["split_size", "split_duration"])]
     keep: Option<u64>,
 
     /// Most memory that --keep may take, MiB; what does not fit is forgotten, oldest first
@@ -182,11 +182,11 @@ enum Action {
 #[derive(Debug, clap::Args)]
 struct CutArgs {
     /// First simulated time, as `info` tells it, e.g. 5s [default: the beginning]
-    #[arg(long, value_name = "TIME", value_parser = parse_nanos_or_0)]
+    #[arg(long, value_name = "TIME", value_parser = span_nanos)]
     from: Option<u64>,
 
     /// First simulated time that is left out [default: none]
-    #[arg(long, value_name = "TIME", value_parser = parse_nanos)]
+    #[arg(long, value_name = "TIME", value_parser = some_span_nanos)]
     to: Option<u64>,
 
     /// Topics of frames and results, with * and ?; default: all. What is of the world stays
@@ -411,7 +411,7 @@ fn dump(domain: &str, note: &str, json: bool) -> anyhow::Result<Exit> {
                 )?;
             }
             Err(error) => {
-                tracing::error!(error, "a recorder could not dump");
+                tracing::error!(%error, "a recorder could not dump");
                 outcome = Exit::Failed;
             }
         }
@@ -453,14 +453,6 @@ fn ended(outcome: std::io::Result<()>) -> anyhow::Result<Exit> {
     match outcome {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error.into()),
         _ => Ok(Exit::Done),
-    }
-}
-
-/// A time that may be zero.
-fn parse_nanos_or_0(text: &str) -> Result<u64, BadAmount> {
-    match text.trim().trim_end_matches(char::is_alphabetic) {
-        "0" => Ok(0),
-        _ => parse_nanos(text),
     }
 }
 

@@ -4,9 +4,10 @@ use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use crate::options::{Options, Rate, Results, idle_nanos, rate, renaming, time};
+use crate::options::{Options, Rate, Results, idle_nanos, rate, renaming};
 use crate::{Report, replay};
 use clap::Parser;
+use launch_cli::values::span_nanos;
 use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
 use schema_frames::Seal;
 
@@ -30,11 +31,11 @@ struct Args {
     again: bool,
 
     /// First simulated time, e.g. 10s [default: the beginning]
-    #[arg(long, value_name = "TIME", value_parser = time)]
+    #[arg(long, value_name = "TIME", value_parser = span_nanos)]
     from: Option<u64>,
 
     /// Simulated time at which to end, e.g. 20s [default: the end]
-    #[arg(long, value_name = "TIME", value_parser = time)]
+    #[arg(long, value_name = "TIME", value_parser = span_nanos)]
     to: Option<u64>,
 
     /// Topics of frames to publish, with * and ?; default: all. Snapshots and documents of the world

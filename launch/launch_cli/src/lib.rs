@@ -8,7 +8,7 @@
 //! In reading order: [`args`] (flags and subcommands), [`logging`], [`signals`] (Ctrl-C), [`exit`]
 //! (exit codes and errors), [`data`] (the data folder), [`limits`] (open files),
 //! [`accept`] (accept loops that do not spin), [`files`] (whole files, and only files),
-//! [`heap`] (freed memory back to the system),
+//! [`heap`] (freed memory back to the system), [`values`] (numbers, sizes and times),
 //! [`programs`] (where other programs are), [`progress`] (bars while users wait), [`man`] (man
 //! pages).
 //!
@@ -59,6 +59,7 @@ pub mod man;
 pub mod programs;
 pub mod progress;
 pub mod signals;
+pub mod values;
 
 pub use args::{BasicArgs, CommonArgs, DomainArgs, command, parse};
 pub use data::{BadFileName, data_dir, file_in};

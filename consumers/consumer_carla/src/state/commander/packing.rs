@@ -7,7 +7,6 @@ use std::sync::Arc;
 
 use crossbeam_channel::Sender;
 use parking_lot::{Condvar, Mutex};
-use schema_bus::qos;
 use schema_frames::{Command, CommandReply};
 
 use super::answer::{Answer, COMMAND_BYTES, CommandError};
@@ -154,6 +153,8 @@ impl Outcome {
 
 #[cfg(test)]
 mod tests {
+    use schema_bus::qos;
+
     use super::*;
 
     fn part(ask: usize, commands: Range<usize>) -> Part {
