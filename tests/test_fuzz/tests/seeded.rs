@@ -112,7 +112,7 @@ fn crafted_recordings_are_what_they_are_meant_to_be() {
 #[test]
 fn seeds_can_be_read() {
     for bytes in test_fuzz::seeds::checkpoints() {
-        let world = test_fuzz::targets::signalled_world();
+        let world = test_fuzz::seeds::signalled_world();
         let read = simd_world::Checkpoint::from_bytes(&bytes, &world);
         read.map(drop).unwrap();
         let mut mended = bytes.clone();
