@@ -355,7 +355,6 @@ mod tests {
     #[test]
     fn sizes_and_rates_outside_the_allowed_are_refused() {
         assert!(size("64").is_ok() && size("23").is_err() && size("x").is_err());
-        assert!(rate("100").is_ok() && rate("0").is_err() && rate("NaN").is_err());
     }
 
     #[test]

@@ -1,8 +1,6 @@
 //! What a program did in one run of one scenario: every result with its times, which frames there
 //! were, and what the processes used.
 
-pub mod kept;
-
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io;
@@ -205,6 +203,16 @@ pub struct Clock {
 }
 
 impl Clock {
+    /// Of pairs of simulated time and the monotonic clock's, nanoseconds, which both rise.
+    pub(crate) fn of(points: Vec<(u64, u64)>) -> Clock {
+        Clock { points }
+    }
+
+    /// Those pairs.
+    pub(crate) fn points(&self) -> &[(u64, u64)] {
+        &self.points
+    }
+
     /// A snapshot of simulated time `sim_nanos` was published at `mono_nanos`. Points that go back
     /// are left out.
     pub fn push(&mut self, sim_nanos: u64, mono_nanos: u64) {

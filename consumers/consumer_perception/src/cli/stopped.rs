@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use crate::capture::Capture;
-use crate::capture::kept::KeptError;
 use crate::hidden::Hidden;
+use crate::kept::KeptError;
 use crate::run::Source;
 use crate::suite::Suite;
 use crate::truth_pass::TruthRecording;

@@ -12,7 +12,7 @@ use schema_frames::journal::FIRST_ADDED_ID;
 use schema_frames::limits::check_actor_texts;
 use schema_types::{ActorId, Pose};
 
-use super::CheckpointError;
+use super::error::CheckpointError;
 use crate::actors::Actor;
 use crate::physics::engine_state;
 use crate::props::prop_models;

@@ -15,7 +15,7 @@ use schema_frames::{About, InputRecord, ResultHeader};
 use schema_types::files::open_plain;
 use serde::{Deserialize, Serialize};
 
-use super::{
+use crate::capture::{
     Body, BodyStore, Capture, CapturedResult, Clock, MAX_BODY_BYTES, Mode, SentFrame, Usage,
 };
 
@@ -134,7 +134,7 @@ impl Capture {
             mode: self.mode,
             speed: self.speed,
             added_delay_nanos: self.added_delay_nanos,
-            clock: self.clock.points.clone(),
+            clock: self.clock.points().to_vec(),
             topics,
             abouts: abouts
                 .map(|(topic, about)| (topic.to_string(), about.clone()))
@@ -230,7 +230,7 @@ fn read(from: &mut impl Read) -> io::Result<Capture> {
         mode: head.mode,
         speed: head.speed,
         added_delay_nanos: head.added_delay_nanos,
-        clock: Clock { points: head.clock },
+        clock: Clock::of(head.clock),
         results,
         abouts: abouts.map(|(topic, about)| (topic.into(), about)).collect(),
         frames: frames?,
@@ -296,9 +296,7 @@ mod tests {
             mode: Mode::Streaming,
             speed: 0.1,
             added_delay_nanos: 5,
-            clock: Clock {
-                points: vec![(1, 2), (3, 4)],
-            },
+            clock: Clock::of(vec![(1, 2), (3, 4)]),
             results,
             abouts: [("a/boxes".into(), About::default())].into(),
             frames: vec![SentFrame {
