@@ -353,7 +353,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_and_rates_outside_the_allowed_are_refused() {
+    fn sizes_outside_the_allowed_are_refused() {
         assert!(size("64").is_ok() && size("23").is_err() && size("x").is_err());
     }
 
