@@ -93,6 +93,7 @@ pub struct Tape {
     numbers: Vec<u64>,
     /// By topic of frames; none in a world that is not sealed.
     seals: Vec<TopicSeal>,
+    is_sealed: bool,
     said: BTreeSet<usize>,
     counts: Counts,
     start_nanos: u64,
@@ -125,6 +126,7 @@ impl Tape {
                 .collect(),
             numbers: vec![0; plan.frames.len()],
             seals: seals(plan, options),
+            is_sealed: options.seal.is_some(),
             said: BTreeSet::new(),
             counts: Counts::default(),
             start_nanos,
@@ -334,15 +336,15 @@ impl Tape {
                 if is_foreign && group.snapshot.is_none() {
                     group.snapshot = Some((empty_snapshot(&header), Vec::new()));
                 }
+                let seal = self.seals.get_mut(topic).map(|seal| {
+                    seal.note(&header, group.snapshot.as_ref());
+                    *seal
+                });
                 let port = &mut ports.frames[topic];
                 if port.n_readers() == 0 {
                     group.unread.insert(topic);
                     return Ok(());
                 }
-                let seal = self.seals.get_mut(topic).map(|seal| {
-                    seal.note(&header, group.snapshot.as_ref());
-                    *seal
-                });
                 match fill(port.loan(&header), &header, bytes, seal) {
                     Ok(loan) => {
                         group.unread.remove(&topic);
@@ -360,7 +362,7 @@ impl Tape {
                     }
                 }
             }
-            FedWhat::Result(topic, header, mut body, inputs) => {
+            FedWhat::Result(topic, mut header, mut body, inputs) => {
                 let has_readers = ports.results[topic].is_some();
                 let bytes = match has_readers {
                     true => body.to_vec(),
@@ -370,6 +372,9 @@ impl Tape {
                     count(&mut self.counts.n_dropped);
                     return Ok(());
                 };
+                if self.is_sealed {
+                    header.world_from_space = mount_of(&self.seals, ports, inputs);
+                }
                 self.result_bytes = self.result_bytes.saturating_add(body.len());
                 let result = WaitingResult {
                     topic,
@@ -611,6 +616,19 @@ impl TopicSeal {
             self.mount = mount_between(&vehicle.world_from_actor, &header.world_from_sensor);
         }
     }
+}
+
+/// What a sealed world says in place of a result's pose: the mount of the sensor that it answers, if
+/// programs see that sensor, else nothing.
+fn mount_of(seals: &[TopicSeal], ports: &Ports, inputs: &[InputRecord]) -> Pose {
+    let answered = inputs.first().map(InputRecord::topic);
+    let is_answered = |name: &str| answered.as_deref() == Some(name);
+    let shown = ports
+        .frames
+        .iter()
+        .position(|port| is_answered(port.name()));
+    let seal = shown.and_then(|topic| seals.get(topic));
+    seal.map_or(Pose::IDENTITY, |seal| seal.mount)
 }
 
 /// Reads a frame into its slot, and seals it there.

@@ -10,6 +10,7 @@ documents  looks for the map, the actors, the seed
 commands   asks for what a program could use: speed, rays, jumps, actors, the journal
 topics     looks for topics that are no input, and waits for their frames
 numbers    looks for numbers and classes of objects in the events of INPUT
+results    looks for poses in the headers of results that are an input
 files      looks for recordings and launch files where its folder, arguments and environment lead
 
 Each answers every frame, and writes what it found to OUT as JSON.
@@ -104,6 +105,8 @@ if KIND == "topics":
 if KIND == "numbers":
     events = gantry.open("ego/events/dvs", timeout=120)
     found = {"events": 0, "numbered": 0}
+if KIND == "results":
+    given = gantry.open("noisy/boxes", timeout=120)
 topic, kind = ("cheat/pose", "odometry") if KIND in ("header", "still", "table") else ("cheat/boxes", "boxes2d")
 with gantry.open(CAMERA, timeout=120) as camera, gantry.publish(topic, kind, classes=["car"] if kind == "boxes2d" else []) as results:
     n = -1
@@ -132,6 +135,9 @@ with gantry.open(CAMERA, timeout=120) as camera, gantry.publish(topic, kind, cla
                 if sample is not None:
                     found["events"] += len(sample.array)
                     found["numbered"] += int((sample.array["object_id"] != 0).sum() + (sample.array["class"] != 0).sum())
+            while KIND == "results" and (result := given.next(timeout=0)) is not None:
+                pose = result.header.world_from_space
+                found.append([*pose.translation_m, *pose.rotation_xyzw])
             results.send(gantry.boxes2d([[10.0, 10.0]], [[30.0, 30.0]], score=[0.5]), answers=frame)
         part = OUT.with_suffix(".part")
         part.write_text(json.dumps(found))

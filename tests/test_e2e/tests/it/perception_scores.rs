@@ -342,6 +342,7 @@ fn perfect(
     let context = Context {
         scenario: about,
         spec: &spec,
+        is_sealed: false,
     };
     lanes.begin(&context).unwrap();
     let topics: HashSet<Arc<str>> = truth

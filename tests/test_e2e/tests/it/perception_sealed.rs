@@ -165,6 +165,33 @@ fn events_keep_numbers_and_classes_where_the_suite_gives_them() {
     assert!(events["numbered"].as_u64() > Some(0), "{events}");
 }
 
+/// What is made for all programs was made from the truth, whose sensors are where they are.
+#[test]
+fn headers_of_results_that_are_inputs_say_no_pose() {
+    let sandbox = Sandbox::new("perception-results");
+    let elsewhere = Sandbox::new("perception-cache");
+    let cache = elsewhere.path("cache");
+    let script = repository().join("launch/bench/programs/noisy_boxes.py");
+    let input = format!(
+        "[input.noisy_boxes]\ncmd = [{:?}, {script:?}]\n\
+         params = {{ truth = \"ego/front_truth\", rate_hz = 20 }}\n\
+         env = {{ PYTHONPATH = {:?}, PYTHONDONTWRITEBYTECODE = \"1\" }}\n",
+        venv_program("python"),
+        python_package(),
+    );
+    let program = cheat(&sandbox, "results", "").replace(
+        "modes =",
+        "inputs = [\"ego/front/rgb\", \"noisy/boxes\"]\nmodes =",
+    );
+    let suite = suite() + &input + &program;
+    bench(&sandbox, &cache, &suite, &["--out", "out"]);
+    let poses = found(&sandbox, "results");
+    let poses = poses.as_array().expect("poses");
+    assert!(poses.len() > 10, "{} results came", poses.len());
+    let identity = json!([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+    assert!(poses.iter().all(|pose| *pose == identity), "{poses:?}");
+}
+
 /// The truth of a drive by tick: where the camera is.
 fn table(cache: &Path) -> serde_json::Map<String, Value> {
     use schema_recording::read::{RecordingFile, TopicKind, What};
