@@ -64,11 +64,11 @@ fn read_from(mut source: impl BufRead) -> io::Result<Request> {
         method: head.method.clone(),
         path: path.to_owned(),
         token: of_header
-            .or_else(|| of_query("token=").last())
+            .or_else(|| of_query("token=").next_back())
             .unwrap_or_default()
             .to_owned(),
         is_deliberate: of_header.is_some(),
-        code: of_query("code=").last().map(str::to_owned),
+        code: of_query("code=").next_back().map(str::to_owned),
         body: vec![0; n_body],
         head,
     };

@@ -200,7 +200,7 @@ impl Pair<'_> {
                     };
                     let before = Sample {
                         header: *header,
-                        content: *records,
+                        content: records,
                     };
                     let now = Sample {
                         header: now.header(),
@@ -236,7 +236,7 @@ impl Pair<'_> {
                     let found = live.with_frame(topic, header.tick, |now, bytes| {
                         let before = Sample {
                             header: *header,
-                            content: *payload,
+                            content: payload,
                         };
                         let now = Sample {
                             header: now,

@@ -127,7 +127,7 @@ pub fn decode(coded: &[u8], out: &mut Vec<u8>) -> Result<[u32; 2], ForeignError>
 
 fn decode_png(coded: &[u8], out: &mut Vec<u8>) -> Result<[u32; 2], ForeignError> {
     let limits = png::Limits {
-        bytes: MAX_PIXELS as usize * 4,
+        bytes: (MAX_PIXELS as usize).saturating_mul(4),
     };
     let mut decoder = png::Decoder::new_with_limits(Cursor::new(coded), limits);
     decoder.set_transformations(png::Transformations::normalize_to_color8());
