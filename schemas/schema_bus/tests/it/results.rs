@@ -347,7 +347,7 @@ fn a_description_that_comes_later_costs_a_reader_nothing_that_was_sent() {
     let place = Place::new("described");
     let (writer, reader) = (place.bus("writer"), place.bus("reader"));
     let publisher = writer
-        .result_publisher("lanes/raw", &ResultTopic::new(ResultType::Bytes))
+        .result_publisher("lanes/raw", &ResultTopic::new(ResultType::Text))
         .unwrap();
     let mut samples = reader.result_reader("lanes/raw").unwrap();
     let send = |byte: u8| {
@@ -359,6 +359,12 @@ fn a_description_that_comes_later_costs_a_reader_nothing_that_was_sent() {
     writer
         .describe_results(&publisher, &About::default())
         .unwrap();
+    let of_bytes = About {
+        schema: Some(BytesSchema::default()),
+        ..About::default()
+    };
+    let wrong = writer.describe_results(&publisher, &of_bytes).unwrap_err();
+    assert!(matches!(wrong, BusError::Description { .. }), "{wrong}");
     let missing = reader.document_reader("lanes/raw/about").unwrap_err();
     assert!(matches!(missing, BusError::NoSuchTopic { .. }), "{missing}");
     let classes = |names: &[&str]| About {

@@ -24,7 +24,7 @@ use crate::place::service::{Slices, capacity};
 use crate::ports::document::DocumentPublisher;
 use crate::ports::results::draft::{Answerable, ResultDraft};
 use crate::ports::results::reader::{bad_result, expect_kind};
-use crate::ports::results::service::ResultService;
+use crate::ports::results::service::{ResultService, check_about};
 use crate::ports::writer::{Loan, Slots, Writer, make_port};
 use crate::time::clock::mono_now;
 
@@ -141,6 +141,7 @@ impl ResultPublisher {
     /// Describes the results otherwise from now on. The port stays: a reader that has not looked yet
     /// loses nothing that was sent.
     pub(crate) fn describe(&self, node: &BusNode, about: &About) -> Result<(), BusError> {
+        check_about(&self.end.full, self.kind(), about)?;
         let mut known = self.end.about.lock();
         match &mut *known {
             Some(document) => drop(document.send_json(about, self.end.writer_epoch, 0)?),
