@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::ensure;
 use consumer_report::numbers::micros;
+use launch_cli::values::some_span;
 use launch_cli::{Exit, Machine, Shutdown, bench};
 use schema_bus::{Bus, FrameTopic, names};
 use schema_frames::{Modality, SensorKind};
@@ -38,7 +39,7 @@ pub struct AgesArgs {
     turns: u32,
 
     /// How long each way is measured in a turn
-    #[arg(long, value_name = "TIME", default_value = "10s", value_parser = output::duration)]
+    #[arg(long, value_name = "TIME", default_value = "10s", value_parser = some_span)]
     each: Duration,
 
     /// Write the table as JSON too

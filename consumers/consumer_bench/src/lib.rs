@@ -21,7 +21,8 @@ mod wakes;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use launch_cli::CommonArgs;
+use launch_cli::args::DEFAULT_DOMAIN;
+use launch_cli::{BasicArgs, DomainArgs};
 
 const EXAMPLES: &str = "Examples:
   gantry-bench latency                                    all sizes, 1 and 8 readers, beside TCP and memcpy
@@ -43,9 +44,18 @@ const EXAMPLES: &str = "Examples:
 #[command(name = "gantry-bench", version, about, after_help = EXAMPLES)]
 struct Args {
     #[command(flatten)]
-    common: CommonArgs,
+    basic: BasicArgs,
     #[command(subcommand)]
     command: Bench,
+}
+
+/// A benchmark that meets others on the bus; all others have a domain of their own, or none.
+#[derive(Debug, clap::Args)]
+struct OnDomain<T: clap::Args> {
+    #[command(flatten)]
+    args: T,
+    #[command(flatten)]
+    on: DomainArgs,
 }
 
 #[derive(Debug, Subcommand)]
@@ -56,15 +66,15 @@ enum Bench {
     /// What it costs a writer to wake its readers, by the rig's event or by each topic's own
     Wakes(wakes::WakesArgs),
     /// Age of quick sensors' frames in a reader's hand while a running simulator renders
-    Ages(ages::AgesArgs),
+    Ages(OnDomain<ages::AgesArgs>),
     /// A pipeline of processes that hand an image on: what each hop adds, asleep and polled
     Chain(chain::ChainArgs),
     /// Ticks per second of a simulator that waits for programs in lockstep
     Lockstep(lockstep::LockstepArgs),
     /// Rate, losses, age and complete sets of every topic of frames and results
-    Topics(topics::TopicsArgs),
+    Topics(OnDomain<topics::TopicsArgs>),
     /// Processor time that a tick of the running simulator takes, by process and stage
-    Tick(tick::TickArgs),
+    Tick(OnDomain<tick::TickArgs>),
     /// How long a chain of programs takes from the first visible pixel of an obstacle to its brake
     Reaction(consumer_perception::reaction::ReactionArgs),
     /// Latency and accuracy of programs that perceive, against exact truth
@@ -79,42 +89,44 @@ enum Bench {
     Report(pages::ReportArgs),
     /// One reader of `latency`, started by it
     #[command(hide = true)]
-    LatencyReader(latency::reader::ReaderArgs),
+    LatencyReader(OnDomain<latency::reader::ReaderArgs>),
     /// One process of `chain`, started by it
     #[command(hide = true)]
-    ChainLink(chain::LinkArgs),
+    ChainLink(OnDomain<chain::LinkArgs>),
     /// One participant of `lockstep`, started by it
     #[command(hide = true)]
-    LockstepParticipant(lockstep::ParticipantArgs),
+    LockstepParticipant(OnDomain<lockstep::ParticipantArgs>),
     /// One reader of `wakes` and `ages`, started by them
     #[command(hide = true)]
-    WakeReader(wakes::reader::WakeReaderArgs),
+    WakeReader(OnDomain<wakes::reader::WakeReaderArgs>),
 }
 
 /// The program `gantry-bench`, from its arguments to its exit code.
 pub fn main() -> ExitCode {
     launch_cli::run(|args: Args| {
-        args.common.init_logging();
+        args.basic.init_logging();
+        // The benchmarks of programs have a domain of their own for every run.
+        let common = args.basic.on(DEFAULT_DOMAIN);
         match &args.command {
             Bench::Latency(latency) => latency::run(latency),
             Bench::Wakes(wakes) => wakes::run(wakes),
-            Bench::Ages(ages) => ages::run(ages, &args.common.domain),
+            Bench::Ages(OnDomain { args, on }) => ages::run(args, &on.domain),
             Bench::Chain(chain) => chain::run(chain),
-            Bench::ChainLink(link) => chain::link(link, &args.common.domain),
+            Bench::ChainLink(OnDomain { args, on }) => chain::link(args, &on.domain),
             Bench::Lockstep(lockstep) => lockstep::run(lockstep),
-            Bench::LockstepParticipant(one) => lockstep::participant(one, &args.common.domain),
-            Bench::WakeReader(reader) => wakes::reader::run(reader, &args.common.domain),
-            Bench::Topics(topics) => topics::run(topics, &args.common.domain),
-            Bench::Tick(tick) => tick::run(tick, &args.common.domain),
-            Bench::Perception(args_of) => consumer_perception::cli::run(args_of, &args.common),
-            Bench::Reaction(reaction) => consumer_perception::reaction::run(reaction, &args.common),
-            Bench::Compare(compare) => {
-                consumer_perception::compare::run(compare, args.common.color)
+            Bench::LockstepParticipant(OnDomain { args, on }) => {
+                lockstep::participant(args, &on.domain)
             }
-            Bench::Show(show) => consumer_perception::show::run(show, args.common.color),
+            Bench::WakeReader(OnDomain { args, on }) => wakes::reader::run(args, &on.domain),
+            Bench::Topics(OnDomain { args, on }) => topics::run(args, &on.domain),
+            Bench::Tick(OnDomain { args, on }) => tick::run(args, &on.domain),
+            Bench::Perception(perception) => consumer_perception::cli::run(perception, &common),
+            Bench::Reaction(reaction) => consumer_perception::reaction::run(reaction, &common),
+            Bench::Compare(compare) => consumer_perception::compare::run(compare, common.color),
+            Bench::Show(show) => consumer_perception::show::run(show, common.color),
             Bench::Memory(memory) => memory::run(memory),
             Bench::Report(report) => pages::run(report),
-            Bench::LatencyReader(reader) => latency::reader::run(reader, &args.common.domain),
+            Bench::LatencyReader(OnDomain { args, on }) => latency::reader::run(args, &on.domain),
         }
     })
 }

@@ -7,6 +7,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use launch_cli::values::some_span;
 use launch_cli::{Exit, Machine, Shutdown, bench};
 use serde::Serialize;
 
@@ -19,11 +20,11 @@ pub struct MemoryArgs {
     pids: Vec<u32>,
 
     /// How long
-    #[arg(long = "for", value_name = "TIME", default_value = "60s", value_parser = output::duration)]
+    #[arg(long = "for", value_name = "TIME", default_value = "60s", value_parser = some_span)]
     length: Duration,
 
     /// Time between two looks
-    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = output::duration)]
+    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = some_span)]
     every: Duration,
 
     /// Write all samples as JSON

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, ensure};
 use launch_cli::Exit;
+use launch_cli::files::{MAX_NOTES_BYTES, read_text};
 
 use figures::Figures;
 
@@ -63,7 +64,7 @@ fn changes(folder: &Path) -> anyhow::Result<Vec<Change>> {
     );
     let figures = Figures::read(&folder.join("raw"))?;
     let description = folder.join("tables.toml");
-    let text = std::fs::read_to_string(&description)
+    let text = read_text(&description, MAX_NOTES_BYTES)
         .with_context(|| format!("cannot read {}", description.display()))?;
     let tables = table::parse(&text)?;
     let mut pages: Vec<PathBuf> = std::fs::read_dir(folder)?
@@ -74,7 +75,7 @@ fn changes(folder: &Path) -> anyhow::Result<Vec<Change>> {
     let mut changes = Vec::new();
     let (mut shown, mut used) = (BTreeSet::new(), BTreeSet::new());
     for path in pages {
-        let page = std::fs::read_to_string(&path)
+        let page = read_text(&path, MAX_NOTES_BYTES)
             .with_context(|| format!("cannot read {}", path.display()))?;
         let text = region::fill(&page, |name| {
             shown.insert(name.to_owned());

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use launch_cli::values::some_span;
 use launch_cli::{Exit, Machine, Shutdown, bench};
 use schema_bus::names::WORLD_SNAPSHOT;
 use schema_bus::{Bus, ServicePorts, Watch};
@@ -22,7 +23,7 @@ const GLANCE: Duration = Duration::from_millis(10);
 #[derive(Debug, clap::Args)]
 pub struct TickArgs {
     /// How long
-    #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = output::duration)]
+    #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = some_span)]
     length: Duration,
 
     /// The stages of each process, too

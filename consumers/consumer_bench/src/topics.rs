@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 
 use consumer_kit::{MAX_WAIT, WakeUps};
 use consumer_report::numbers::micros;
+use launch_cli::values::some_span;
 use launch_cli::{Exit, Machine, Shutdown, bench};
 use schema_bus::{Bus, BusError, Frame, FrameReader, TopicDetails, TopicKind, mono_now};
 use schema_types::MonoTime;
@@ -26,7 +27,7 @@ use results::{ResultRow, ResultWatch, results_text};
 #[derive(Debug, clap::Args)]
 pub struct TopicsArgs {
     /// How long
-    #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = output::duration)]
+    #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = some_span)]
     length: Duration,
 
     /// Only topics of frames and results whose name has this in it

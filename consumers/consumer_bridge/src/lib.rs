@@ -5,7 +5,7 @@
 //! say to each other), `wire` and [`coding`] (what a sample is on the link), `link` (zenoh's
 //! session), `lookout` (what there is here), `export` and `outbox` (from the bus to the link),
 //! `import` (from the link to the bus), `serve` (what other machines ask of the simulator here),
-//! [`ros2`] (the same for nodes of ROS 2), `people` (and for Foxglove), `clock`, [`counts`],
+//! [`ros2`] (the same for nodes of ROS 2), `people` (and for Foxglove, behind a gate), `clock`, [`counts`],
 //! [`bridge`] (the whole).
 
 #![forbid(unsafe_code)]

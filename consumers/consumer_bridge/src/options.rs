@@ -40,6 +40,8 @@ pub struct Options {
     pub ros2: Option<Ros2Options>,
     /// Where Foxglove connects; `None`: nowhere.
     pub foxglove: Option<SocketAddr>,
+    /// Sites and names of this machine that Foxglove may come from and connect to, beside its own.
+    pub foxglove_allow: Vec<String>,
     /// Interval at which counts are logged, seconds; `None` for at the end only.
     pub report_secs: Option<u64>,
 }
@@ -94,6 +96,7 @@ impl Options {
             compress: Rules::default(),
             ros2: None,
             foxglove: None,
+            foxglove_allow: Vec::new(),
             report_secs: None,
         }
     }

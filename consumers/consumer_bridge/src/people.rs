@@ -5,10 +5,11 @@
 //! client is connected.
 
 mod channels;
+pub mod gate;
 mod world;
 
 use std::collections::BTreeMap;
-use std::net::SocketAddr;
+use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -78,9 +79,14 @@ impl People {
         if options.control {
             capabilities.push(Capability::Services);
         }
+        let listener = TcpListener::bind(address).with_context(|| {
+            format!("cannot listen on {address} for Foxglove; is it taken? --foxglove HOST:PORT chooses another")
+        })?;
+        let address = listener.local_addr()?;
+        let hidden = gate::hidden()?;
         let mut server = WebSocketServer::new()
             .name(format!("Gantry, domain {}", options.domain))
-            .bind(address.ip().to_string(), address.port())
+            .bind(hidden.to_string(), 0)
             .capabilities(capabilities)
             .supported_encodings(["json"])
             .parameter_handler(Arc::new(Parameters::start(&world)?))
@@ -89,14 +95,13 @@ impl People {
         if options.control {
             server = server.services(world::services(&world)?);
         }
-        let server = server.start_blocking().with_context(|| {
-            format!("cannot listen on {address} for Foxglove; is it taken? --foxglove HOST:PORT chooses another")
-        })?;
-        tracing::info!(
-            "Foxglove connects to ws://{}:{}",
-            address.ip(),
-            server.port()
-        );
+        let server = server
+            .start_blocking()
+            .context("cannot start the server of Foxglove's library")?;
+        let behind = SocketAddr::new(hidden, server.port());
+        let allowed = gate::Allowed::new(&options.foxglove_allow);
+        gate::open(listener, behind, allowed)?;
+        tracing::info!("Foxglove connects to ws://{address}");
         Ok(People {
             frames: BTreeMap::new(),
             results: BTreeMap::new(),

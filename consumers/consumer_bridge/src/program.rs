@@ -8,6 +8,7 @@ use crate::bridge::bridge;
 use crate::coding::{Rules, Wanted};
 use crate::keys::valid_network;
 use crate::options::{Direction, Options, PORT, Ros2Options, endpoint};
+use crate::people::gate::allowed;
 use clap::{Parser, ValueEnum};
 use launch_cli::{CommonArgs, Exit, Shutdown, run};
 
@@ -72,6 +73,11 @@ struct Args {
     /// Serve Foxglove on this address [without one: 127.0.0.1:8765]
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
     foxglove: Option<SocketAddr>,
+
+    /// Let pages of this site (https://HOST) connect to the Foxglove server, or be called HOST; pages
+    /// of https://app.foxglove.dev and programs that are no browsers always may
+    #[arg(long, value_name = "SITE", num_args = 1.., requires = "foxglove", value_parser = allowed)]
+    foxglove_allow: Vec<String>,
 
     /// Log what crossed every so many seconds; it is always logged at the end
     #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=86_400))]
@@ -140,6 +146,7 @@ fn options(args: Args) -> Options {
             clock: !args.no_ros2_clock,
         }),
         foxglove: args.foxglove,
+        foxglove_allow: args.foxglove_allow,
         report_secs: args.report,
         ..Options::new(&args.common.domain)
     }

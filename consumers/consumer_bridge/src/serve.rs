@@ -72,15 +72,17 @@ struct Waiting {
 }
 
 impl Waiting {
-    /// `Err` hands the request back, because too many bytes wait.
-    fn new(query: Query, of: &Arc<AtomicUsize>) -> Result<Waiting, Query> {
+    /// Whether its part still fits is for whoever makes it to see, by [`Waiting::fits`].
+    fn new(query: Query, of: &Arc<AtomicUsize>) -> Waiting {
         let n_bytes = query.payload().map_or(0, |text| text.len());
-        if of.fetch_add(n_bytes, Relaxed) + n_bytes > MAX_WAITING_BYTES {
-            of.fetch_sub(n_bytes, Relaxed);
-            return Err(query);
-        }
+        of.fetch_add(n_bytes, Relaxed);
         let of = of.clone();
-        Ok(Waiting { query, n_bytes, of })
+        Waiting { query, n_bytes, of }
+    }
+
+    /// Whether no more bytes wait than may.
+    fn fits(&self) -> bool {
+        self.of.load(Relaxed) <= MAX_WAITING_BYTES
     }
 }
 
@@ -285,15 +287,12 @@ impl Desk {
         // The bridge and its client.
         let name = query.attachment().map(|name| name.to_bytes().into_owned());
         let name = String::from_utf8_lossy(&name.unwrap_or_default()).into_owned();
-        let waiting = match Waiting::new(query, &self.waiting_bytes) {
-            Ok(waiting) => waiting,
-            Err(query) => {
-                let limit = MAX_WAITING_BYTES >> 20;
-                let why =
-                    format!("requests of {limit} MiB wait for the simulator already; ask again");
-                return refuse(&query, &why);
-            }
-        };
+        let waiting = Waiting::new(query, &self.waiting_bytes);
+        if !waiting.fits() {
+            let limit = MAX_WAITING_BYTES >> 20;
+            let why = format!("requests of {limit} MiB wait for the simulator already; ask again");
+            return refuse(&waiting.query, &why);
+        }
         let mut clients = self.clients.lock();
         let waiting = match clients.get(&name) {
             Some(client) => match client.try_send(waiting) {

@@ -19,15 +19,15 @@ pub mod world_stream;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
+use parking_lot::Mutex;
 use schema_bus::Bus;
 
-use crate::lock::lock;
 use crate::state::known_world::World;
 use crate::wire::streams::{Recipient, actor_of};
-use expected::{Expected, MAX_EXPECTED};
+use expected::Expected;
 use feed::{Feed, Outlet, Shared};
 use progress::Readers;
 use relay::{Listener, Relay, Stations};
@@ -93,16 +93,17 @@ impl Feeds {
         self.shared.bus.get()
     }
 
-    /// A client is about to connect to this stream: opens its source now.
-    pub fn expect(self: &Arc<Self>, stream: u32) {
+    /// The client with the RPC connection `owner` is about to connect to this stream: opens its
+    /// source now. Only that client's own steps wait for it.
+    pub fn expect(self: &Arc<Self>, stream: u32, owner: u64) {
         self.sweep();
-        let Some(source) = self.source(stream) else {
+        let Some(source) = self.source(stream, Some(owner)) else {
             return;
         };
-        if let Some((stream, _)) = self.expected.add(stream, source) {
+        if let Some((stream, _)) = self.expected.add(stream, owner, source) {
             tracing::debug!(
                 stream,
-                "{MAX_EXPECTED} streams were asked for and nobody came for them; the oldest of this one starts when its client connects"
+                "a client asks for very many streams and connects to none; this one starts when it connects"
             );
         }
     }
@@ -113,13 +114,14 @@ impl Feeds {
         self.shared.readers.sweep();
     }
 
-    /// Opens a source for one more client of a stream; `None` if there is no such stream.
-    fn source(self: &Arc<Self>, stream: u32) -> Option<Source> {
+    /// Opens a source for one more client of a stream; `None` if there is no such stream. `owner` is
+    /// the RPC connection of the client if it has asked for the stream and not connected to it yet.
+    fn source(self: &Arc<Self>, stream: u32, owner: Option<u64>) -> Option<Source> {
         if let Some(station) = self.station(stream) {
             return Some(Source::Listener(self.stations.join(station)));
         }
-        let beside = self.beside(stream).map(Source::Listener);
-        beside.or_else(|| Feed::open(stream, &self.shared).map(Source::Feed))
+        let beside = self.beside(stream, owner).map(Source::Listener);
+        beside.or_else(|| Feed::open(stream, owner, &self.shared).map(Source::Feed))
     }
 
     /// The radio station that a stream belongs to, if it is one's.
@@ -132,15 +134,15 @@ impl Feeds {
 
     /// Joins the relay of a stream that has a reader already, and starts the relay if need be;
     /// `None` if nobody reads the stream.
-    fn beside(self: &Arc<Self>, stream: u32) -> Option<Arc<Listener>> {
-        let mut relays = lock(&self.relays);
+    fn beside(self: &Arc<Self>, stream: u32, owner: Option<u64>) -> Option<Arc<Listener>> {
+        let mut relays = self.relays.lock();
         let relay = match relays.get(&stream) {
             Some(relay) => relay.clone(),
             None => {
                 if !self.shared.readers.has_reader(stream) {
                     return None;
                 }
-                let feed = Feed::open(stream, &self.shared)?;
+                let feed = Feed::open(stream, None, &self.shared)?;
                 feed.connect();
                 let relay = Arc::new(Relay::new(BACKLOG));
                 let (feeds, to) = (self.clone(), relay.clone());
@@ -157,7 +159,7 @@ impl Feeds {
         };
         // The map of relays stays locked until the listener has joined, because a relay without
         // listeners ends.
-        let progress = self.shared.readers.add_listener(stream)?;
+        let progress = self.shared.readers.add_listener(stream, owner)?;
         Some(relay.join(Some(progress)))
     }
 
@@ -168,7 +170,7 @@ impl Feeds {
             if relay.has_listeners() {
                 last_heard = Instant::now();
             } else if last_heard.elapsed() > IDLE {
-                let mut relays = lock(&self.relays);
+                let mut relays = self.relays.lock();
                 if !relay.has_listeners() {
                     relays.remove(&stream);
                     return;
@@ -184,14 +186,14 @@ impl Feeds {
                 break;
             }
         }
-        lock(&self.relays).remove(&stream);
+        self.relays.lock().remove(&stream);
         relay.close();
     }
 
     /// Sends a stream's messages to a client until it disconnects.
     pub(crate) fn serve(self: &Arc<Self>, stream: u32, client: &Recipient) -> std::io::Result<()> {
         let expected = self.expected.take(stream);
-        match expected.or_else(|| self.source(stream)) {
+        match expected.or_else(|| self.source(stream, None)) {
             Some(Source::Feed(feed)) => self.serve_feed(feed, client),
             Some(Source::Listener(listener)) => {
                 listener.serve(client, self.world_stream(), &|| {
@@ -217,10 +219,10 @@ impl Feeds {
         client.wait_for_end()
     }
 
-    /// Waits until every reader has taken everything published before `since_nanos`; see
-    /// [`Readers::settle`].
-    pub fn settle(&self, since_nanos: u64) {
-        self.shared.readers.settle(since_nanos);
+    /// Before a step of the client with this RPC connection: waits until every reader has taken
+    /// everything published before `since_nanos`; see [`Readers::settle`].
+    pub fn settle(&self, since_nanos: u64, connection: u64) {
+        self.shared.readers.settle(since_nanos, connection);
     }
 
     /// Switches CARLA's no-rendering mode, in which no camera is read and nothing is rendered for

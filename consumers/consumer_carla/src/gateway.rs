@@ -2,14 +2,15 @@
 //! simulator does not keep.
 
 use std::collections::BTreeSet;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Duration;
 
+use consumer_rpc::budget::Account;
+use parking_lot::Mutex;
 use schema_frames::WorldInfo;
 
 use crate::feeds::Feeds;
 use crate::list;
-use crate::lock::lock;
 use crate::recorder::Recorder;
 use crate::state::commander::Commander;
 use crate::state::known_world::World;
@@ -41,6 +42,8 @@ pub struct Gateway {
     pub(crate) layered_map: Mutex<Option<String>>,
     pub(crate) navigation: NavigationFiles,
     pub(crate) traffic_managers: TrafficManagers,
+    /// Memory for what clients said about the actors that they spawned, which outlive connections.
+    pub(crate) descriptions: Account,
     pub(crate) stream_port: u16,
     /// Connections whose clients step the world.
     drivers: Mutex<BTreeSet<u64>>,
@@ -66,6 +69,7 @@ impl Gateway {
             layered_map: Mutex::default(),
             navigation: NavigationFiles::default(),
             traffic_managers: TrafficManagers::default(),
+            descriptions: Account::of(0),
             stream_port,
             drivers: Mutex::default(),
             said: Mutex::default(),
@@ -74,7 +78,7 @@ impl Gateway {
 
     /// Begins in CARLA's no-rendering mode, until a client's settings say otherwise.
     pub fn begin_without_rendering(&self) {
-        lock(&self.settings).no_rendering = true;
+        self.settings.lock().no_rendering = true;
         self.feeds.set_no_rendering(true);
     }
 
@@ -96,7 +100,7 @@ impl Gateway {
         streams.take_left(connection);
         streams.held_answers.forget(connection);
         self.traffic_managers.forget(connection);
-        let mut drivers = lock(&self.drivers);
+        let mut drivers = self.drivers.lock();
         if drivers.remove(&connection) && drivers.is_empty() {
             tracing::info!(
                 "the client that stepped the world has gone; the simulator does as its --on-lost-client says"
@@ -107,7 +111,7 @@ impl Gateway {
 
     /// Notes that the client of this connection steps the world.
     pub(crate) fn drives(&self, connection: u64) {
-        if lock(&self.drivers).insert(connection) {
+        if self.drivers.lock().insert(connection) {
             self.commander.set_lost(false);
         }
     }
@@ -124,7 +128,7 @@ impl Gateway {
 
     /// Logs once per run that a call is accepted and has no effect.
     pub(crate) fn no_effect(&self, what: &str) {
-        if lock(&self.said).insert(what.to_owned()) {
+        if self.said.lock().insert(what.to_owned()) {
             tracing::warn!(
                 "{what} is accepted and has no effect; see docs/reference/carla-compatibility.md"
             );

@@ -35,6 +35,7 @@
 //! use consumer_carla::state::{commander::commander, known_world::World};
 //! use consumer_carla::wire::requests::{Answer, parse};
 //! use consumer_carla::{list, rpc};
+//! use consumer_rpc::budget::Account;
 //!
 //! let world = Arc::new(World::default());
 //! let (commander, _work) = commander();
@@ -42,7 +43,7 @@
 //!
 //! // What a client sends for `client.get_server_version()`, decoded from msgpack.
 //! let request = parse(list![0u32, 7u32, "version", list![list![false]]])?;
-//! let outcome = rpc::serve(&gateway, 1, &request);
+//! let outcome = rpc::serve(&gateway, &Account::of(1), &request);
 //! assert_eq!(outcome, Ok(Answer::Value("0.9.16".into())));
 //! # Ok::<(), consumer_carla::wire::fields::Wrong>(())
 //! ```
@@ -53,7 +54,6 @@
 /// A list of msgpack values: `list![1u32, "text", 0.5f32]`.
 pub use consumer_rpc::list;
 
-mod lock;
 mod stages;
 pub mod wire;
 

@@ -12,6 +12,9 @@
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
+use consumer_rpc::budget::Account;
+use consumer_rpc::message;
+
 use crate::gateway::Gateway;
 use crate::rpc::call::{Call, Calls, Run};
 use crate::stages;
@@ -71,11 +74,11 @@ pub fn methods() -> impl Iterator<Item = &'static str> {
     served().keys().copied()
 }
 
-/// Runs one call.
+/// Runs one call of the connection that `account` belongs to.
 ///
 /// # Errors
 /// [`Failure`].
-pub fn serve(gateway: &Gateway, connection: u64, request: &Request) -> Outcome {
+pub fn serve(gateway: &Gateway, account: &Account, request: &Request) -> Outcome {
     let _span = stages::CALLS.span();
     let method = request.method.as_str();
     let Some(run) = served().get(method) else {
@@ -85,13 +88,11 @@ pub fn serve(gateway: &Gateway, connection: u64, request: &Request) -> Outcome {
             )),
             false => {
                 let n_args = request.args.len() + 1;
-                Failure::Unknown(format!(
-                    "rpclib: server could not find function '{method}' with argument count {n_args}."
-                ))
+                Failure::Unknown(message::unknown(method, n_args))
             }
         });
     };
-    let mut call = Call::new(request, connection);
+    let mut call = Call::new(request, account);
     run(gateway, &mut call).map_err(|failure| match failure {
         Failure::Refused(error) => Failure::Refused(format!("{}: {error}", call.method)),
         unknown => unknown,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use consumer_rpc::door::Door;
 use consumer_rpc::message;
 use consumer_rpc::server::{self, Peer, Service};
-
+use launch_cli::logging::cut;
 use schema_frames::StepMode;
 
 use crate::feeds::held_answers::{Did, Moment};
@@ -83,18 +83,27 @@ impl Gateway {
 impl Service for Gateway {
     fn serve(&self, peer: Peer, request: message::Request) -> Result<Vec<u8>, Wrong> {
         let request = requests::call(request)?;
-        let outcome = rpc::serve(self, peer.number, &request);
+        let account = &peer.account;
+        let outcome = rpc::serve(self, account, &request);
         match &outcome {
-            Err(Failure::Unknown(error)) => tracing::warn!(error, "unknown call"),
+            Err(Failure::Unknown(error)) => {
+                if let Some(n_unsaid) = account.may_warn() {
+                    // The name in it has been cut.
+                    tracing::warn!(error, n_unsaid, "unknown call");
+                }
+            }
             Err(Failure::Refused(error)) if request.is_async => {
-                tracing::warn!(
-                    method = request.method,
-                    error,
-                    "refused a call whose answer the client does not read"
-                )
+                if let Some(n_unsaid) = account.may_warn() {
+                    tracing::warn!(
+                        method = %cut(&request.method),
+                        error = %cut(error),
+                        n_unsaid,
+                        "refused a call whose answer the client does not read"
+                    );
+                }
             }
             Err(Failure::Refused(error)) => {
-                tracing::debug!(method = request.method, error, "refused")
+                tracing::debug!(method = %cut(&request.method), error = %cut(error), "refused");
             }
             Ok(_) => {}
         }
@@ -104,9 +113,9 @@ impl Service for Gateway {
             request.is_async || client_methods::is_void(&request.method),
             outcome,
         );
-        let moment = self.moment(peer.number);
+        let moment = self.moment(account.number());
         let held = &self.feeds.world_stream().held_answers;
-        Ok(held.pass(peer.number, &peer.later, did, moment, answer))
+        Ok(held.pass(account, &peer.later, did, moment, answer))
     }
 
     fn refused(&self, id: u32, method: &str, sentence: &str) -> Vec<u8> {

@@ -11,18 +11,18 @@ mod radio;
 mod solids;
 
 use std::collections::BTreeMap;
-use std::sync::Mutex;
 use std::time::Duration;
 
 use consumer_kit::WorldAt;
 use nalgebra::Point3;
+use parking_lot::Mutex;
 use schema_frames::scenery::SceneryObjectInfo;
 use schema_frames::{Command, CommandReply, SnapshotHeader};
 use schema_types::{Class, Pose};
 
 use crate::feeds::relay::Stations;
-use crate::lock::lock;
-use crate::state::commander::{Answer, CommandError, Commander, Pending};
+use crate::state::commander::answer::{Answer, CommandError};
+use crate::state::commander::{Commander, Pending};
 use crate::state::known_world::{Known, Own, World};
 use crate::wire::axes;
 use crate::wire::description::{Attributes, Description};
@@ -189,7 +189,7 @@ impl V2x {
                 "a custom message has {n_bytes} bytes; at most {MAX_TEXT_BYTES} are sent, none of them zero"
             )));
         }
-        let mut state = lock(&self.0);
+        let mut state = self.0.lock();
         if state.outbox.len() >= MAX_OUTBOX {
             return Err(Wrong::Value(format!(
                 "{MAX_OUTBOX} messages wait for the next tick; this one is not sent"
@@ -205,7 +205,7 @@ impl V2x {
             return;
         };
         let asked = {
-            let mut state = lock(&self.0);
+            let mut state = self.0.lock();
             state.keep_up(&world.known(), &snapshot, listeners);
             if state.stations.is_empty() {
                 state.outbox.clear();
@@ -216,9 +216,9 @@ impl V2x {
         // Who sends a message meanwhile is not held up.
         if let Some(asked) = asked {
             let answer = asked.wait_for(SCENERY_PATIENCE);
-            lock(&self.0).note_buildings(asked, answer);
+            self.0.lock().note_buildings(asked, answer);
         }
-        let mut state = lock(&self.0);
+        let mut state = self.0.lock();
         let known = world.known();
         state.go_to(&snapshot);
         let messages = state.messages(&known, &snapshot);

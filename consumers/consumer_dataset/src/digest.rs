@@ -2,11 +2,12 @@
 //! a copy can be checked.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs;
 use std::io::Read as _;
 use std::path::Path;
 
 use anyhow::Context as _;
+use launch_cli::files::{MAX_NOTES_BYTES, open_plain, read_text};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
@@ -85,7 +86,7 @@ pub fn hash_set(folder: &Path) -> anyhow::Result<Manifest> {
 /// If the manifest or a file cannot be read.
 pub fn verify(folder: &Path) -> anyhow::Result<(Manifest, Difference)> {
     let path = folder.join(MANIFEST);
-    let text = fs::read_to_string(&path).map_err(|error| {
+    let text = read_text(&path, MAX_NOTES_BYTES).map_err(|error| {
         launch_cli::wrong_usage(format!(
             "cannot read {}: {error}; a finished set has one",
             path.display()
@@ -134,7 +135,7 @@ fn walk(root: &Path, below: &str, paths: &mut Vec<String>) -> anyhow::Result<()>
 
 fn hash_file(path: &Path) -> anyhow::Result<Entry> {
     let cannot = || format!("cannot read {}", path.display());
-    let mut file = File::open(path).with_context(cannot)?;
+    let (mut file, _) = open_plain(path).with_context(cannot)?;
     let mut hasher = Sha256::new();
     let mut buffer = vec![0; 1 << 18];
     let mut bytes = 0;

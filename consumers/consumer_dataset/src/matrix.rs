@@ -6,7 +6,7 @@ use launch_spec::presets::merge;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-use crate::recipe::{Recipe, When};
+use crate::recipe::{Recipe, RecipeError, When};
 
 /// Longest name of a scenario; exports take 64 characters, and a number may follow.
 const MAX_NAME: usize = 56;
@@ -47,8 +47,8 @@ pub struct Scenario {
 /// All scenarios, in the order of the matrix; the last key varies fastest.
 ///
 /// # Errors
-/// A sentence if rules exclude every one.
-pub fn scenarios(recipe: &Recipe) -> Result<Vec<Scenario>, String> {
+/// [`RecipeError::AllExcluded`].
+pub fn scenarios(recipe: &Recipe) -> Result<Vec<Scenario>, RecipeError> {
     let matrix = &recipe.matrix;
     let (rigs, seeds) = (recipe.rigs(), matrix.seeds.list());
     let lengths = [
@@ -72,7 +72,7 @@ pub fn scenarios(recipe: &Recipe) -> Result<Vec<Scenario>, String> {
         .map(|place| place.scenario(recipe))
         .collect();
     if found.is_empty() {
-        return Err("every scenario of the matrix is excluded".into());
+        return Err(RecipeError::AllExcluded);
     }
     number_doubles(found.iter_mut().map(|scenario| &mut scenario.name));
     Ok(found)
@@ -156,7 +156,7 @@ mod tests {
     use super::*;
     use crate::recipe::tests::SMALL;
 
-    fn all(more: &str) -> Result<Vec<Scenario>, String> {
+    fn all(more: &str) -> Result<Vec<Scenario>, RecipeError> {
         let recipe: Recipe = toml::from_str(&format!("{SMALL}{more}")).unwrap();
         recipe.check()?;
         scenarios(&recipe)
@@ -188,7 +188,8 @@ mod tests {
             rain.launch["scenario"]["weather"]["fog_density"].as_float(),
             Some(9.0)
         );
-        assert!(all("[[exclude]]\n").unwrap_err().contains("excluded"));
+        let error = all("[[exclude]]\n").unwrap_err();
+        assert!(matches!(error, RecipeError::AllExcluded), "{error}");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use crate::digest::verify;
 use crate::estimate::{Room, size};
 use crate::make::{Options, Outcome, Prepared, make, prepare};
 use clap::{Parser, Subcommand};
-use launch_cli::{CommonArgs, Exit, Progress, Shutdown, run};
+use launch_cli::{BasicArgs, Exit, Progress, Shutdown, run};
 
 /// Makes data sets: a matrix of maps, weathers, times of day, rigs and seeds, recorded, labelled and
 /// exported.
@@ -24,7 +24,7 @@ struct Args {
     action: Action,
 
     #[command(flatten)]
-    common: CommonArgs,
+    basic: BasicArgs,
 }
 
 #[derive(Debug, Subcommand)]
@@ -89,10 +89,10 @@ struct MakeArgs {
 /// The program `gantry-dataset`, from its arguments to its exit code.
 pub fn main() -> ExitCode {
     run(|args: Args| {
-        args.common.init_logging();
+        args.basic.init_logging();
         match &args.action {
             Action::Make(make) => start(make),
-            Action::Verify { set, json } => check(&args.common, set, *json),
+            Action::Verify { set, json } => check(&args.basic, set, *json),
         }
     })
 }
@@ -209,8 +209,8 @@ fn fits(
     Ok(Exit::Done)
 }
 
-fn check(common: &CommonArgs, set: &Path, json: bool) -> anyhow::Result<Exit> {
-    let progress = Progress::endless(common, &format!("reading {}", set.display()));
+fn check(basic: &BasicArgs, set: &Path, json: bool) -> anyhow::Result<Exit> {
+    let progress = Progress::endless(basic, &format!("reading {}", set.display()));
     let (manifest, difference) = verify(set)?;
     drop(progress);
     let outcome = match difference.is_empty() {

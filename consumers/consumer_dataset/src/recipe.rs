@@ -5,11 +5,16 @@ use std::path::{Path, PathBuf};
 
 use consumer_export::formats::Format;
 use consumer_export::options::parse_split;
+use launch_cli::files::MAX_SETTINGS_BYTES;
 use launch_cli::wrong_usage;
 use launch_run::matrix::Seeds;
 use launch_spec::presets;
 use serde::{Deserialize, Serialize};
 use toml::Table;
+
+mod error;
+
+pub use error::RecipeError;
 
 /// Most scenarios of a recipe.
 pub const MAX_SCENARIOS: usize = 100_000;
@@ -279,7 +284,7 @@ impl Recipe {
     /// [`wrong_usage`] with the file, what is wrong, and what is allowed.
     pub fn read(file: &Path) -> anyhow::Result<Recipe> {
         let shown = file.display();
-        let text = std::fs::read_to_string(file)
+        let text = launch_cli::files::read_text(file, MAX_SETTINGS_BYTES)
             .map_err(|error| wrong_usage(format!("cannot read the recipe {shown}: {error}")))?;
         let mut recipe: Recipe = toml::from_str(&text)
             .map_err(|error| wrong_usage(format!("{shown} is no recipe: {error}")))?;
@@ -296,17 +301,14 @@ impl Recipe {
     /// Checks what the types do not.
     ///
     /// # Errors
-    /// A sentence.
-    pub fn check(&self) -> Result<(), String> {
+    /// [`RecipeError`].
+    pub fn check(&self) -> Result<(), RecipeError> {
         if self.version != 1 {
-            return Err(format!(
-                "version = {} is not known; this program reads version = 1",
-                self.version
-            ));
+            return Err(RecipeError::Version(self.version));
         }
         check_range("tick_hz", self.tick_hz, 0.1, 1000.0)?;
         check_run(self.frames, self.warm_up_s)?;
-        parse_split(&self.split).map_err(|error| format!("split: {error}"))?;
+        parse_split(&self.split).map_err(RecipeError::Split)?;
         self.check_matrix()?;
         for rule in &self.overrides {
             self.check_when(&rule.when)?;
@@ -321,14 +323,14 @@ impl Recipe {
         self.check_exports()
     }
 
-    fn check_matrix(&self) -> Result<(), String> {
+    fn check_matrix(&self) -> Result<(), RecipeError> {
         let matrix = &self.matrix;
         let seeds = match &matrix.seeds {
             Seeds::Range(range) => range.count as usize,
             Seeds::List(seeds) => seeds.len(),
         };
         if self.rig.is_empty() {
-            return Err("there is no [rig.NAME]; a set needs at least one sensor".into());
+            return Err(RecipeError::NoRig);
         }
         for (what, n) in [
             ("maps", matrix.maps.len()),
@@ -338,28 +340,26 @@ impl Recipe {
             ("seeds", seeds),
         ] {
             if n == 0 {
-                return Err(format!("matrix.{what} is empty; give at least one"));
+                return Err(RecipeError::Empty(what));
             }
         }
         for name in self.rig.keys() {
             if !is_name(name) {
-                return Err(format!(
-                    "the rig {name:?} needs a name of 1 to 64 letters, digits, '-' or '_'"
-                ));
+                return Err(RecipeError::RigName(name.clone()));
             }
         }
         for name in &matrix.weathers {
-            presets::weather(name, &self.weather).map_err(|error| error.to_string())?;
+            presets::weather(name, &self.weather)?;
         }
         for name in &matrix.times {
-            presets::time(name, &self.time).map_err(|error| error.to_string())?;
+            presets::time(name, &self.time)?;
         }
         for name in &matrix.rigs {
             if !self.rig.contains_key(name) {
-                return Err(format!(
-                    "matrix.rigs names {name:?}; there is {}",
-                    list(self.rig.keys())
-                ));
+                return Err(RecipeError::UnknownRig {
+                    name: name.clone(),
+                    known: list(self.rig.keys()),
+                });
             }
         }
         let rigs = self.rigs().len();
@@ -375,20 +375,14 @@ impl Recipe {
         .try_fold(1usize, |n, next| n.checked_mul(*next));
         match n {
             Some(n) if n <= MAX_SCENARIOS => Ok(()),
-            _ => Err(format!(
-                "the matrix has more than {MAX_SCENARIOS} scenarios; make several sets"
-            )),
+            _ => Err(RecipeError::TooMany(MAX_SCENARIOS)),
         }
     }
 
     /// A rule that names something outside of the matrix would silently do nothing.
-    fn check_when(&self, when: &When) -> Result<(), String> {
+    fn check_when(&self, when: &When) -> Result<(), RecipeError> {
         let matrix = &self.matrix;
-        let unknown = |key: &str, value: &str, known: String| {
-            Err(format!(
-                "a rule names {key} = {value}, which is not in the matrix; there is {known}"
-            ))
-        };
+        let unknown = |key, value: String, known| Err(RecipeError::Rule { key, value, known });
         let texts = [
             ("map", &when.map, &matrix.maps),
             ("weather", &when.weather, &matrix.weathers),
@@ -397,55 +391,49 @@ impl Recipe {
         ];
         for (key, wanted, known) in texts {
             if let Some(other) = wanted.values().iter().find(|it| !known.contains(it)) {
-                return unknown(key, &format!("{other:?}"), list(known.iter()));
+                return unknown(key, format!("{other:?}"), list(known.iter()));
             }
         }
         let seeds = matrix.seeds.list();
         if let Some(other) = when.seed.values().iter().find(|it| !seeds.contains(it)) {
-            return unknown("seed", &other.to_string(), list(seeds.iter()));
+            return unknown("seed", other.to_string(), list(seeds.iter()));
         }
         let points = &matrix.spawn_points;
         let other = |it: &&u32| !points.contains(it);
         if let Some(other) = when.spawn_point.values().iter().find(other) {
-            return unknown("spawn_point", &other.to_string(), list(points.iter()));
+            return unknown("spawn_point", other.to_string(), list(points.iter()));
         }
         Ok(())
     }
 
-    fn check_exports(&self) -> Result<(), String> {
+    fn check_exports(&self) -> Result<(), RecipeError> {
         use clap::ValueEnum as _;
         let mut folders: Vec<&str> = Vec::new();
         for export in &self.export {
             if Format::from_str(&export.format, false).is_err() {
                 let known = Format::value_variants().iter().map(|format| format.name());
-                return Err(format!(
-                    "there is no format {:?}; there is {}",
-                    export.format,
-                    list(known)
-                ));
+                return Err(RecipeError::Format {
+                    name: export.format.clone(),
+                    known: list(known),
+                });
             }
             if export.every == 0 {
-                return Err("export.every is 0; it counts keyframes from 1".into());
+                return Err(RecipeError::Every);
             }
             let folder = export.folder();
             if !is_name(folder) || RESERVED.contains(&folder) {
-                return Err(format!(
-                    "the folder {folder:?} of an export needs a name of letters, digits, '-' or '_', and not {}",
-                    RESERVED.join(" or ")
-                ));
+                return Err(RecipeError::Folder {
+                    name: folder.into(),
+                    taken: RESERVED.join(" or "),
+                });
             }
             if folders.contains(&folder) {
-                return Err(format!(
-                    "two exports go to the folder {folder:?}; give one of them `folder = …`"
-                ));
+                return Err(RecipeError::SameFolder(folder.into()));
             }
             folders.push(folder);
         }
         if self.export.is_empty() && !self.keep_recordings {
-            return Err(
-                "nothing would be left: give an [[export]] with a format, or keep_recordings = true"
-                    .into(),
-            );
+            return Err(RecipeError::Nothing);
         }
         Ok(())
     }
@@ -463,20 +451,23 @@ impl Recipe {
 /// Names in a set that are not an export's.
 const RESERVED: [&str; 2] = ["recordings", "logs"];
 
-fn check_run(frames: u64, warm_up_s: f64) -> Result<(), String> {
+fn check_run(frames: u64, warm_up_s: f64) -> Result<(), RecipeError> {
     if !(1..=1_000_000).contains(&frames) {
-        return Err(format!(
-            "frames = {frames}; a scenario has 1 to 1000000 recorded ticks"
-        ));
+        return Err(RecipeError::Frames(frames));
     }
     check_range("warm_up_s", warm_up_s, 0.0, 3600.0)
 }
 
-fn check_range(key: &str, value: f64, least: f64, most: f64) -> Result<(), String> {
+fn check_range(key: &'static str, value: f64, least: f64, most: f64) -> Result<(), RecipeError> {
     if (least..=most).contains(&value) {
         Ok(())
     } else {
-        Err(format!("{key} = {value}; it lies in {least} to {most}"))
+        Err(RecipeError::Range {
+            key,
+            value,
+            least,
+            most,
+        })
     }
 }
 
@@ -504,9 +495,10 @@ modalities = ["rgb", "depth"]
 format = "kitti"
 "#;
 
-    fn read(text: &str) -> Result<Recipe, String> {
-        let recipe: Recipe = toml::from_str(text).map_err(|error| error.to_string())?;
-        recipe.check().map(|()| recipe)
+    fn read(text: &str) -> anyhow::Result<Recipe> {
+        let recipe: Recipe = toml::from_str(text)?;
+        recipe.check()?;
+        Ok(recipe)
     }
 
     #[test]
@@ -533,12 +525,13 @@ format = "kitti"
             ("count = 2", "count = 2000000", "several sets"),
             ("frames = 10", "frmes = 10", "frmes"),
         ] {
-            let error = read(&SMALL.replace(from, to)).expect_err(to);
+            let error = read(&SMALL.replace(from, to)).expect_err(to).to_string();
             assert!(error.contains(word), "{to}: {error}");
         }
         let twice = format!("{SMALL}[[export]]\nformat = \"kitti\"\n");
-        assert!(read(&twice).unwrap_err().contains("two exports"));
+        let refused = |text: &str| read(text).unwrap_err().to_string();
+        assert!(refused(&twice).contains("two exports"));
         let rule = format!("{SMALL}[[exclude]]\nmap = \"Town03\"\n");
-        assert!(read(&rule).unwrap_err().contains("Town01, Town02"));
+        assert!(refused(&rule).contains("Town01, Town02"));
     }
 }

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use launch_cli::files::{MAX_NOTES_BYTES, read_text};
 use launch_cli::wrong_usage;
 use serde::{Deserialize, Serialize};
 
@@ -89,11 +90,11 @@ impl SetFolder {
         let shown = self.root.display();
         let unfinished = self.path(PLAN);
         let finished = self.path(RECIPE);
-        if let Ok(text) = fs::read_to_string(&finished) {
+        if let Ok(text) = read_text(&finished, MAX_NOTES_BYTES) {
             compare(&text, plan, &shown)?;
             return Ok(Found::Finished);
         }
-        if let Ok(text) = fs::read_to_string(&unfinished) {
+        if let Ok(text) = read_text(&unfinished, MAX_NOTES_BYTES) {
             compare(&text, plan, &shown)?;
             return Ok(Found::Unfinished);
         }
@@ -129,7 +130,7 @@ impl SetFolder {
 
     /// The statistics of a scenario that is done.
     pub fn done(&self, scenario: &Scenario) -> Option<Statistics> {
-        let text = fs::read_to_string(self.statistics(scenario)).ok()?;
+        let text = read_text(&self.statistics(scenario), MAX_NOTES_BYTES).ok()?;
         let found = serde_json::from_str(&text).ok()?;
         self.recording(scenario).exists().then_some(found)
     }

@@ -1,20 +1,19 @@
 //! Requests of a browser as far as this program needs them, bounded in size and time, and who may
 //! make them.
 //!
-//! A request is answered if it knows the token and names a port of this machine as its host: a page of another
-//! site knows no token, and one whose name was bent to 127.0.0.1 names another host. No answer lets
-//! pages of other sites read it.
+//! A request is answered if it knows the token and names a port of this machine as its host: a page
+//! of another site knows no token, and one whose name was bent to 127.0.0.1 names another host. No
+//! answer lets pages of other sites read it.
 
-use std::io::{self, BufRead as _, BufReader, Read, Write};
-use std::net::TcpStream;
+use std::io::{self, BufRead, BufReader, Write};
+use std::net::{IpAddr, Ipv4Addr, TcpStream};
 use std::time::Duration;
 
-/// Longest head of a request, bytes.
-const MAX_HEAD: u64 = 16 << 10;
+use consumer_rpc::web::{Head, Until};
+
 /// Longest body of a request, bytes.
 const MAX_BODY: usize = 1 << 20;
-/// How long a request may stop coming. Who sends a byte now and then keeps a place of a door that
-/// lets in its own user alone.
+/// How long a whole request may take to come.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// A request.
@@ -28,8 +27,9 @@ pub struct Request {
     pub token: String,
     /// Whether the token stood in the header, which forms of other sites cannot set.
     pub is_deliberate: bool,
-    host: String,
-    origin: Option<String>,
+    /// Code of the query, which a browser that this program opens has in place of the token.
+    pub code: Option<String>,
+    head: Head,
     /// Body.
     pub body: Vec<u8>,
 }
@@ -39,82 +39,61 @@ pub struct Request {
 /// # Errors
 /// If it does not come in time, is none or is too large.
 pub fn read(stream: &TcpStream) -> io::Result<Request> {
-    stream.set_read_timeout(Some(REQUEST_TIMEOUT))?;
-    read_from(stream)
+    read_from(BufReader::new(Until::new(stream, REQUEST_TIMEOUT)))
 }
 
-fn read_from(source: impl Read) -> io::Result<Request> {
+fn read_from(mut source: impl BufRead) -> io::Result<Request> {
     let wrong = |what: &str| io::Error::new(io::ErrorKind::InvalidData, what.to_owned());
-    let mut source = BufReader::new(source);
-    let mut head = (&mut source).take(MAX_HEAD);
-    let mut line = || -> io::Result<String> {
-        let mut line = String::new();
-        head.read_line(&mut line)?;
-        match line.ends_with('\n') {
-            true => Ok(line.trim_end().to_owned()),
-            false => Err(wrong("the request's head is too long or not whole")),
-        }
+    let head = Head::read(&mut source)?;
+    let (path, query) = head.target.split_once('?').unwrap_or((&head.target, ""));
+    let of_query =
+        |name: &'static str| query.split('&').filter_map(move |it| it.strip_prefix(name));
+    let of_header = head.field("x-gantry-token");
+    let n_body = match head.field("content-length") {
+        None => 0,
+        Some(text) => text
+            .parse()
+            .ok()
+            .filter(|n| *n <= MAX_BODY)
+            .ok_or_else(|| wrong("the request's body is too long"))?,
     };
-    let first = line()?;
-    let mut words = first.split(' ');
-    let (Some(method), Some(target)) = (words.next(), words.next()) else {
-        return Err(wrong("this is no request of HTTP"));
-    };
-    let (path, query) = target.split_once('?').unwrap_or((target, ""));
+    if head.field("transfer-encoding").is_some() {
+        return Err(wrong("bodies in pieces are not understood"));
+    }
     let mut request = Request {
-        method: method.to_owned(),
+        method: head.method.clone(),
         path: path.to_owned(),
-        ..Request::default()
+        token: of_header
+            .or_else(|| of_query("token=").next_back())
+            .unwrap_or_default()
+            .to_owned(),
+        is_deliberate: of_header.is_some(),
+        code: of_query("code=").next_back().map(str::to_owned),
+        body: vec![0; n_body],
+        head,
     };
-    for pair in query.split('&') {
-        if let Some(token) = pair.strip_prefix("token=") {
-            request.token = token.to_owned();
-        }
-    }
-    let mut n_body = 0;
-    loop {
-        let line = line()?;
-        if line.is_empty() {
-            break;
-        }
-        let Some((name, value)) = line.split_once(':') else {
-            return Err(wrong("a line of the request's head has no name"));
-        };
-        let value = value.trim();
-        match name.to_ascii_lowercase().as_str() {
-            "host" => request.host = value.to_owned(),
-            "origin" => request.origin = Some(value.to_owned()),
-            "x-gantry-token" => {
-                request.token = value.to_owned();
-                request.is_deliberate = true;
-            }
-            "content-length" => {
-                n_body = value
-                    .parse()
-                    .ok()
-                    .filter(|n| *n <= MAX_BODY)
-                    .ok_or_else(|| wrong("the request's body is too long"))?;
-            }
-            "transfer-encoding" => return Err(wrong("bodies in pieces are not understood")),
-            _ => {}
-        }
-    }
-    request.body = vec![0; n_body];
     source.read_exact(&mut request.body)?;
     Ok(request)
 }
 
 impl Request {
-    /// Why it is not answered, if it is not.
-    pub fn refusal(&self, token: &str) -> Option<&'static str> {
-        if !self.names_this_machine() {
+    /// Why it is not answered, whatever it knows: it came by a foreign name, or from a foreign page.
+    pub fn misplaced(&self) -> Option<&'static str> {
+        if !self.head.names_host(IpAddr::V4(Ipv4Addr::LOCALHOST), &[]) {
             return Some(
                 "this page is on 127.0.0.1 only; open the address that gantry-desk printed",
             );
         }
-        let own = format!("http://{}", self.host);
-        if self.origin.as_ref().is_some_and(|origin| *origin != own) {
+        if self.head.foreign_origin(&[]).is_some() {
             return Some("pages of other sites are not answered");
+        }
+        None
+    }
+
+    /// Why it is not answered, if it is not.
+    pub fn refusal(&self, token: &str) -> Option<&'static str> {
+        if let Some(why) = self.misplaced() {
+            return Some(why);
         }
         if !is_same(&self.token, token) {
             return Some("the address lacks its token; open the one that gantry-desk printed");
@@ -124,22 +103,10 @@ impl Request {
         }
         None
     }
-
-    /// Whether it came to a port of this machine: this program's, or that of a tunnel, as through
-    /// `ssh -L 9000:127.0.0.1:8800`.
-    fn names_this_machine(&self) -> bool {
-        let port = |name: &str| {
-            let port = self.host.strip_prefix(name)?.strip_prefix(':')?;
-            port.parse::<u16>().ok()
-        };
-        ["127.0.0.1", "localhost"]
-            .iter()
-            .any(|name| port(name).is_some())
-    }
 }
 
 /// Compares in a time that does not hang on where they differ.
-fn is_same(a: &str, b: &str) -> bool {
+pub fn is_same(a: &str, b: &str) -> bool {
     let pairs = a.bytes().zip(b.bytes());
     a.len() == b.len() && pairs.fold(0, |sum, (a, b)| sum | (a ^ b)) == 0
 }
@@ -160,6 +127,17 @@ pub fn answer(mut to: &TcpStream, status: &str, kind: &str, body: &[u8]) -> io::
     );
     to.write_all(head.as_bytes())?;
     to.write_all(body)
+}
+
+/// Sends the browser to another address of this program, and ends the connection.
+///
+/// # Errors
+/// If the other end has gone.
+pub fn redirect(mut to: &TcpStream, target: &str) -> io::Result<()> {
+    let head = format!(
+        "HTTP/1.1 303 See Other\r\nLocation: {target}\r\nContent-Length: 0\r\nConnection: close\r\n{GUARDS}\r\n"
+    );
+    to.write_all(head.as_bytes())
 }
 
 /// Boundary between the pictures of a stream.
@@ -203,16 +181,11 @@ mod tests {
         );
         assert_eq!((&*read.method, &*read.path), ("POST", "/command"));
         assert_eq!((&*read.token, &*read.body), ("abc", &b"hi"[..]));
-        let long = format!("GET / HTTP/1.1\r\nX: {}\r\n\r\n", "a".repeat(20_000));
         for wrong in [
             "",
-            "GET\r\n\r\n",
-            "GET / HTTP/1.1\r\nHost: x",
-            "GET / HTTP/1.1\r\nno name\r\n\r\n",
             "POST / HTTP/1.1\r\nContent-Length: 99999999\r\n\r\n",
             "POST / HTTP/1.1\r\nContent-Length: 5\r\n\r\nhi",
             "POST / HTTP/1.1\r\nTransfer-Encoding: chunked\r\n\r\n",
-            &long,
         ] {
             assert!(read_from(wrong.as_bytes()).is_err(), "{wrong:.40}");
         }

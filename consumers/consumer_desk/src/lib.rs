@@ -30,7 +30,7 @@ use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
 /// Port that is tried first.
 const USUAL_PORT: u16 = 8800;
 /// Most connections at a time.
-const MAX_CONNECTIONS: usize = 64;
+pub const MAX_CONNECTIONS: usize = 64;
 
 /// Shows the world on a page for the browser, on this machine, and rules it from there: pause,
 /// step, speed, weather, time of day, spawn, follow, fly.
@@ -75,7 +75,7 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
         false => Admits::SameUser,
     };
     let door = Door::new(listener, "pages", MAX_CONNECTIONS, admits)?;
-    let token = token()?;
+    let token = secret()?;
     let desk = Arc::new(server::Desk::new(&args.common.domain, &token));
     let threads = desk.start()?;
     let serving = desk.clone();
@@ -83,10 +83,13 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
         .name("door".into())
         .spawn(move || Arc::new(door).serve(move |guest| server::serve(&serving, guest)))
         .context("cannot start the thread that takes connections")?;
-    let page = format!("http://127.0.0.1:{port}/?token={token}");
-    writeln!(std::io::stdout(), "open {page}")?;
+    let page = format!("http://127.0.0.1:{port}/");
+    writeln!(std::io::stdout(), "open {page}?token={token}")?;
     if !args.no_open && has_display() {
-        open_page(&page);
+        // Arguments of programs can be read by everybody on this machine.
+        let code = secret()?;
+        desk.invite(&code);
+        open_page(&format!("{page}?code={code}"));
     }
     while !shutdown.requested() && !threads.iter().any(std::thread::JoinHandle::is_finished) {
         std::thread::sleep(Duration::from_millis(50));
@@ -113,8 +116,8 @@ fn listen(port: Option<u16>) -> anyhow::Result<TcpListener> {
     }
 }
 
-/// What a page must say to be answered: 128 random bits as text.
-fn token() -> anyhow::Result<String> {
+/// 128 random bits as text.
+fn secret() -> anyhow::Result<String> {
     let mut bytes = [0u8; 16];
     std::fs::File::open("/dev/urandom")
         .and_then(|mut file| file.read_exact(&mut bytes))

@@ -3,6 +3,7 @@
 //! | request | answer |
 //! |---|---|
 //! | `GET /` | the page |
+//! | `GET /?code=CODE` | once, to a browser of this user: the page's address with the token |
 //! | `GET /state` | the world as it is now, JSON |
 //! | `GET /town` | what changes seldom, JSON |
 //! | `GET /picture` | the spectator's pictures, each replacing the one before |
@@ -19,6 +20,8 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use consumer_rpc::door::Guest;
+use consumer_rpc::owner;
+use consumer_rpc::seats::Doing;
 use parking_lot::Mutex;
 use serde_json::json;
 
@@ -38,6 +41,8 @@ const PICTURE_WAIT: Duration = Duration::from_secs(1);
 pub struct Desk {
     domain: String,
     token: String,
+    /// What the browser that this program opens may be told the token for, once.
+    code: Mutex<Option<String>>,
     facts: Facts,
     flight: Flight,
     commands: Commands,
@@ -52,12 +57,28 @@ impl Desk {
         Desk {
             domain: domain.to_owned(),
             token: token.to_owned(),
+            code: Mutex::default(),
             facts: Facts::default(),
             flight: Flight::default(),
             commands,
             jobs: Mutex::new(Some(jobs)),
             ends: AtomicBool::new(false),
         }
+    }
+
+    /// From now on a browser of this user is told the token for this code, once: its address stands
+    /// in the list of processes, which everybody may read.
+    pub fn invite(&self, code: &str) {
+        *self.code.lock() = Some(code.to_owned());
+    }
+
+    /// Whether this is the code, which is then used up.
+    fn redeem(&self, code: &str) -> bool {
+        let mut known = self.code.lock();
+        let is_it = known
+            .as_ref()
+            .is_some_and(|known| http::is_same(known, code));
+        is_it && known.take().is_some()
     }
 
     /// Starts the threads that look, ask and fly.
@@ -100,7 +121,7 @@ pub fn serve(desk: &Desk, guest: Guest) {
     let served = match &guest.unwelcome {
         Some(why) => http::answer(stream, "403 Forbidden", TEXT, why.as_bytes()),
         None => match http::read(stream) {
-            Ok(request) => answer(desk, stream, &request),
+            Ok(request) => answer(desk, &guest, &request),
             Err(error) if error.kind() == io::ErrorKind::InvalidData => {
                 let why = error.to_string();
                 http::answer(stream, "400 Bad Request", TEXT, why.as_bytes())
@@ -113,10 +134,20 @@ pub fn serve(desk: &Desk, guest: Guest) {
     }
 }
 
-fn answer(desk: &Desk, stream: &TcpStream, request: &Request) -> io::Result<()> {
+fn answer(desk: &Desk, guest: &Guest, request: &Request) -> io::Result<()> {
+    let stream = &*guest.stream;
+    if let Some(code) = &request.code
+        && request.misplaced().is_none()
+        && is_own_users(stream)
+        && desk.redeem(code)
+    {
+        return http::redirect(stream, &format!("/?token={}", desk.token));
+    }
     if let Some(why) = request.refusal(&desk.token) {
         return http::answer(stream, "403 Forbidden", TEXT, why.as_bytes());
     }
+    // Whoever knows the token keeps its place when others come.
+    guest.seat.pulse.now(Doing::Served);
     let ok = |kind: &str, body: &[u8]| http::answer(stream, "200 OK", kind, body);
     match (request.method.as_str(), request.path.as_str()) {
         ("GET", "/") => ok(HTML, PAGE.as_bytes()),
@@ -173,6 +204,15 @@ fn answer(desk: &Desk, stream: &TcpStream, request: &Request) -> io::Result<()> 
     }
 }
 
+/// Whether a process of this user is at the other end, also where all users are let in.
+fn is_own_users(stream: &TcpStream) -> bool {
+    let ends = stream
+        .peer_addr()
+        .and_then(|theirs| Ok((theirs, stream.local_addr()?)));
+    ends.and_then(|(theirs, ours)| owner::whose(theirs, ours))
+        .is_ok_and(owner::is_ours)
+}
+
 /// Sends pictures until the page has gone.
 fn pictures(desk: &Desk, stream: &TcpStream) -> io::Result<()> {
     let _watcher = desk.flight.watch();
@@ -195,4 +235,20 @@ fn pictures(desk: &Desk, stream: &TcpStream) -> io::Result<()> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The list of processes shows the code to everybody.
+    #[test]
+    fn a_code_is_worth_something_once() {
+        let desk = Desk::new("town", "secret");
+        assert!(!desk.redeem("") && !desk.redeem("abc"));
+        desk.invite("abc");
+        assert!(!desk.redeem("abd"));
+        assert!(desk.redeem("abc"));
+        assert!(!desk.redeem("abc"), "it is used up");
+    }
 }

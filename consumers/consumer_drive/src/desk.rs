@@ -5,13 +5,42 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use consumer_driver::fleet::Fleet;
 use consumer_driver::parameters::{Action, Parameters, Settings, Surroundings, VehicleParameters};
+use consumer_rpc::budget::Holding;
+use launch_cli::accept::Seldom;
+use schema_frames::limits::MAX_ACTORS;
 use schema_frames::{ActorList, Command, StepMode, WorldInfo};
 use serde::{Deserialize, Serialize};
 
 /// Something to do between two snapshots; what it returns is called when it counts.
 pub type Request = Box<dyn FnOnce(&mut Desk) -> Answer + Send>;
 /// Tells whoever asked.
-pub type Answer = Box<dyn FnOnce()>;
+pub type Answer = Box<dyn FnOnce() + Send>;
+
+/// Most points of paths, decisions of routes and ignored actors of all vehicles together.
+pub const MAX_SETTING_ITEMS: usize = 1 << 18;
+
+/// A change of what holds for one vehicle.
+#[derive(Debug)]
+pub struct Setting {
+    /// The vehicle.
+    pub vehicle: u32,
+    /// The method that sets it.
+    pub method: &'static str,
+    /// The other actor, where the method is about a pair.
+    pub other: u32,
+    /// What it costs the connection that set it.
+    pub cost: Holding,
+}
+
+/// Why something is not set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SetError {
+    /// All paths, routes and ignored actors together are too many.
+    #[error(
+        "the paths, routes and ignored actors of all vehicles have {MAX_SETTING_ITEMS} items already, and no more are kept; remove some"
+    )]
+    TooMany,
+}
 
 /// Low beams are switched on when the sun stands lower than this, degrees.
 const DARK_BELOW_DEG: f32 = 15.0;
@@ -103,6 +132,11 @@ pub struct Desk {
     /// Vehicles somebody has asked about, with what they will do next.
     watched: BTreeMap<u32, Vec<Action>>,
     commands: Vec<Command>,
+    /// Whether a list of actors has come in this episode.
+    has_list: bool,
+    /// What settings cost those who set them, by vehicle, method and other actor.
+    costs: BTreeMap<(u32, &'static str, u32), Holding>,
+    warnings: Seldom,
 }
 
 impl Desk {
@@ -117,8 +151,73 @@ impl Desk {
 
     /// Drives these vehicles from now on, besides those of the selection.
     pub fn register(&mut self, ids: &[u32]) {
-        self.registered.extend(ids);
+        for id in ids {
+            if self.may_exist(*id) {
+                self.registered.insert(*id);
+            }
+        }
         self.revision += 1;
+    }
+
+    /// Whether there is such an actor, or may be one that no list has named yet. Ids rise, so one
+    /// that is missing among those of a list is gone. Of anything else nothing is kept.
+    fn may_exist(&self, id: u32) -> bool {
+        let all = &self.actors.actors;
+        let newest = all.last().map_or(0, |actor| actor.id);
+        let exists = if !self.has_list {
+            let n_kept = self.registered.len() + self.settings.vehicles.len() + self.watched.len();
+            n_kept < MAX_ACTORS
+        } else if id > newest {
+            id - newest <= MAX_ACTORS as u32
+        } else {
+            all.binary_search_by_key(&id, |actor| actor.id).is_ok()
+        };
+        if !exists && let Some(n_unsaid) = self.warnings.is_due() {
+            tracing::warn!(
+                id,
+                n_unsaid,
+                "a client asks something of an actor that does not exist; it is ignored"
+            );
+        }
+        exists
+    }
+
+    /// Changes what holds for a vehicle; ignored if there is none with its id.
+    ///
+    /// # Errors
+    /// [`SetError`]; nothing is changed then.
+    pub fn set_vehicle(
+        &mut self,
+        setting: Setting,
+        set: impl FnOnce(&mut VehicleParameters),
+    ) -> Result<(), SetError> {
+        let Setting {
+            vehicle,
+            method,
+            other,
+            cost,
+        } = setting;
+        if !self.may_exist(vehicle) || other != 0 && !self.may_exist(other) {
+            return Ok(());
+        }
+        let mut changed = self
+            .settings
+            .vehicles
+            .get(&vehicle)
+            .cloned()
+            .unwrap_or_default();
+        let before = n_items(&changed);
+        set(&mut changed);
+        let after = n_items(&changed);
+        if after > before {
+            let all: usize = self.settings.vehicles.values().map(n_items).sum();
+            if all - before + after > MAX_SETTING_ITEMS {
+                return Err(SetError::TooMany);
+            }
+        }
+        *self.settings.vehicle_mut(vehicle) = changed;
+        self.costs.insert((vehicle, method, other), cost);
+        Ok(())
     }
 
     /// Drives these vehicles no longer. What was set for them is kept, and they keep their last
@@ -144,6 +243,7 @@ impl Desk {
         self.reset_common();
         self.parked.extend(std::mem::take(&mut self.registered));
         self.settings.vehicles.clear();
+        self.costs.clear();
         self.watched.clear();
         self.revision += 1;
     }
@@ -156,11 +256,6 @@ impl Desk {
     /// What holds for all vehicles, to be changed.
     pub fn parameters_mut(&mut self) -> &mut Parameters {
         &mut self.settings.common
-    }
-
-    /// What holds for one vehicle, to be changed.
-    pub fn vehicle_mut(&mut self, id: u32) -> &mut VehicleParameters {
-        self.settings.vehicle_mut(id)
     }
 
     /// Changes what is set apart from whether it is on.
@@ -203,7 +298,10 @@ impl Desk {
     /// What a vehicle will do, the next first, as of the last tick. The first question about a
     /// vehicle is answered with nothing.
     pub fn actions(&mut self, id: u32) -> Vec<Action> {
-        self.watched.entry(id).or_default().clone()
+        match self.may_exist(id) {
+            true => self.watched.entry(id).or_default().clone(),
+            false => Vec::new(),
+        }
     }
 
     pub(crate) fn settings_mut(&mut self) -> &mut Settings {
@@ -234,7 +332,9 @@ impl Desk {
             self.registered.clear();
             self.parked.clear();
             self.settings.vehicles.clear();
+            self.costs.clear();
             self.watched.clear();
+            self.has_list = false;
             self.revision += 1;
         }
         self.episode = now;
@@ -295,18 +395,18 @@ impl Desk {
     /// Takes a new list of actors; forgets what was set for vehicles that are gone.
     pub(crate) fn set_actors(&mut self, mut list: ActorList) {
         list.actors.sort_by_key(|actor| actor.id);
-        let was_there = |id: &u32| {
-            self.actors
-                .actors
-                .binary_search_by_key(id, |a| a.id)
-                .is_ok()
-        };
+        let newest = list.actors.last().map_or(0, |actor| actor.id);
         let is_there = |id: &u32| list.actors.binary_search_by_key(id, |a| a.id).is_ok();
-        let stays = |id: &u32| is_there(id) || !was_there(id);
+        let stays = |id: &u32| is_there(id) || *id > newest;
         self.registered.retain(stays);
-        self.settings.vehicles.retain(|id, _| stays(id));
+        self.settings.vehicles.retain(|id, own| {
+            own.ignored.retain(stays);
+            stays(id)
+        });
+        self.costs
+            .retain(|(id, _, other), _| stays(id) && (*other == 0 || stays(other)));
         self.watched.retain(|id, _| stays(id));
-        self.actors = list;
+        (self.actors, self.has_list) = (list, true);
     }
 
     /// Notes what the vehicles that were asked about will do.
@@ -317,11 +417,26 @@ impl Desk {
     }
 }
 
+fn n_items(own: &VehicleParameters) -> usize {
+    own.ignored.len() + own.custom_path_m.len() + own.route.len()
+}
+
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
+    use consumer_rpc::budget::{Account, MAX_CONNECTION_BYTES};
+
     use super::*;
 
-    fn list(ids: &[u32]) -> ActorList {
+    fn setting(account: &Account, vehicle: u32, n_bytes: usize) -> Setting {
+        Setting {
+            vehicle,
+            method: "set_path",
+            other: 0,
+            cost: account.hold(n_bytes).unwrap(),
+        }
+    }
+
+    pub(crate) fn list(ids: &[u32]) -> ActorList {
         let actor = |id: &u32| schema_frames::ActorInfo {
             id: *id,
             type_id: "vehicle.tesla.model3".into(),
@@ -348,12 +463,62 @@ mod tests {
     fn settings_wait_for_a_vehicle_and_leave_with_it() {
         let mut desk = Desk::new(Start::default());
         desk.register(&[7, 8]);
-        desk.vehicle_mut(7).ignore_lights_percent = 100.0;
-        desk.set_actors(list(&[8]));
+        desk.settings.vehicle_mut(8).ignore_lights_percent = 100.0;
+        desk.set_actors(list(&[7]));
         assert_eq!(desk.registered().collect::<Vec<_>>(), [7, 8]);
         desk.set_actors(list(&[7, 8]));
+        desk.set_actors(list(&[7, 9]));
+        assert_eq!(desk.registered().collect::<Vec<_>>(), [7]);
+        assert_eq!(desk.settings.vehicle_mut(8).ignore_lights_percent, 0.0);
+    }
+
+    #[test]
+    fn nothing_is_kept_for_vehicles_that_do_not_exist() {
+        let mut desk = Desk::new(Start::default());
+        desk.set_episode(1, 1);
+        desk.set_actors(list(&[7, 9]));
+        let account = Account::of(1);
+        let invented = (0..3_000_000u32)
+            .step_by(151)
+            .filter(|id| ![7, 9].contains(id));
+        for id in invented {
+            let set = |own: &mut VehicleParameters| own.ignore_lights_percent = 50.0;
+            desk.set_vehicle(setting(&account, id, 1), set).unwrap();
+            desk.register(&[id]);
+            assert!(desk.actions(id).is_empty());
+        }
+        // Those may be about to be listed; there are only so many, and the next list decides.
+        let n_kept = desk.settings.vehicles.len();
+        assert!(
+            n_kept <= MAX_ACTORS && desk.registered.len() <= MAX_ACTORS,
+            "{n_kept}"
+        );
+        desk.set_actors(list(&[7, 9, 4_000_000]));
+        assert!(desk.settings.vehicles.is_empty() && desk.costs.is_empty());
+        assert!(desk.registered.is_empty() && desk.watched.is_empty());
+    }
+
+    /// What is set costs the connection that set it, until it is set anew or the vehicle is gone.
+    #[test]
+    fn settings_cost_and_have_a_bound() {
+        let mut desk = Desk::new(Start::default());
+        desk.set_actors(list(&[7, 8]));
+        let account = Account::of(1);
+        let path =
+            |n: usize| move |own: &mut VehicleParameters| own.custom_path_m = vec![[0.0; 3]; n];
+        let half = MAX_CONNECTION_BYTES / 2;
+        for _ in 0..4 {
+            desk.set_vehicle(setting(&account, 7, half), path(5))
+                .unwrap();
+            assert!(account.hold(half).is_ok() && account.hold(half + 1).is_err());
+        }
         desk.set_actors(list(&[8]));
-        assert_eq!(desk.registered().collect::<Vec<_>>(), [8]);
-        assert_eq!(desk.vehicle_mut(7).ignore_lights_percent, 0.0);
+        assert!(account.hold(MAX_CONNECTION_BYTES).is_ok());
+        let most = MAX_SETTING_ITEMS;
+        let set = |desk: &mut Desk, id, n| desk.set_vehicle(setting(&account, id, 1), path(n));
+        assert_eq!(set(&mut desk, 8, most), Ok(()));
+        assert_eq!(set(&mut desk, 9, 1), Err(SetError::TooMany));
+        assert_eq!(set(&mut desk, 8, most - 1), Ok(()));
+        assert_eq!(set(&mut desk, 9, 1), Ok(()));
     }
 }

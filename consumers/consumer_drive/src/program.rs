@@ -11,6 +11,7 @@ use clap::Parser;
 use consumer_driver::crowd::CrowdOptions;
 use consumer_driver::parameters::Parameters;
 use consumer_rpc::door::Admits;
+use launch_cli::values::number;
 use launch_cli::{CommonArgs, Exit, Shutdown, run};
 
 /// Drives vehicles along lanes: keeps distance, stops at red lights, turns at junctions, gets out
@@ -63,34 +64,15 @@ struct Args {
     walkers: u16,
 
     /// Share of these people who cross roads anywhere and not on crosswalks alone, percent
-    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, value_parser = percent, requires = "walkers")]
+    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, value_parser = number("share in percent", 0.0..=100.0), requires = "walkers")]
     walkers_crossing: f64,
 
     /// Speed driven, as a share of the speed limit
-    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = speed_factor)]
+    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = number("share of the speed limit", 0.05..=3.0))]
     speed_factor: f64,
 
     #[command(flatten)]
     common: CommonArgs,
-}
-
-fn speed_factor(text: &str) -> Result<f64, String> {
-    let factor: f64 = text
-        .parse()
-        .map_err(|_| format!("{text:?} is not a number"))?;
-    if (0.05..=3.0).contains(&factor) {
-        Ok(factor)
-    } else {
-        Err("the share of the speed limit is 0.05 to 3".into())
-    }
-}
-
-fn percent(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(percent) if (0.0..=100.0).contains(&percent) => Ok(percent),
-        Ok(_) => Err("the share is 0 to 100 percent".into()),
-        Err(_) => Err(format!("{text:?} is not a number")),
-    }
 }
 
 /// The program `gantry-drive`, from its arguments to its exit code.

@@ -1,19 +1,35 @@
-//! The way from other threads to the desk of a session: requests wait in a queue until the session
-//! runs them between two snapshots, and whoever asks gets the answer.
+//! The way from other threads to the desk of a session: requests wait in a bounded queue until the
+//! session runs them between two snapshots, and whoever asks gets the answer.
 
 use std::io::{self, Read as _, Write as _};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, channel as queue};
+use std::sync::mpsc::{
+    Receiver, RecvTimeoutError, SyncSender, TrySendError, channel as queue, sync_channel,
+};
 use std::time::Duration;
 
 use crate::desk::{Desk, Request};
 
+/// Most requests that wait for the session, for example while it reads a map.
+pub const MAX_WAITING_REQUESTS: usize = 4096;
+
+/// Why a question is not asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum AskError {
+    /// Too many wait already.
+    #[error("{MAX_WAITING_REQUESTS} requests wait for the driver already; ask again later")]
+    Full,
+    /// The session has ended.
+    #[error("the driver ends")]
+    Ended,
+}
+
 /// Where other threads ask. Cheap to clone.
 #[derive(Clone, Debug)]
 pub struct Counter {
-    requests: Sender<Request>,
+    requests: SyncSender<Request>,
     wake: Arc<UnixStream>,
 }
 
@@ -29,7 +45,7 @@ pub struct Requests {
 /// # Errors
 /// The process may open no more files.
 pub fn channel() -> io::Result<(Counter, Requests)> {
-    let (requests, waiting) = queue();
+    let (requests, waiting) = sync_channel(MAX_WAITING_REQUESTS);
     let (ours, theirs) = UnixStream::pair()?;
     ours.set_nonblocking(true)?;
     theirs.set_nonblocking(true)?;
@@ -45,23 +61,34 @@ pub fn channel() -> io::Result<(Counter, Requests)> {
 
 impl Counter {
     /// Runs `question` on the desk between two snapshots and returns its answer when what it changed
-    /// counts; `None` if the session has ended or takes longer than `patience`. A question that was
-    /// not answered in time is run later all the same.
+    /// counts; `None` if that takes longer than `patience`. A question that was not answered in time
+    /// is run later all the same.
+    ///
+    /// # Errors
+    /// [`AskError`]; the question is not run then.
     pub fn ask<R: Send + 'static>(
         &self,
         question: impl FnOnce(&mut Desk) -> R + Send + 'static,
         patience: Duration,
-    ) -> Option<R> {
+    ) -> Result<Option<R>, AskError> {
         let (answer, answered) = queue();
         let request: Request = Box::new(move |desk| {
             let result = question(desk);
             // Who asked may have gone.
             Box::new(move || drop(answer.send(result)))
         });
-        self.requests.send(request).ok()?;
+        let asked = self.requests.try_send(request);
         // A socket that is full has woken the session already.
         let _ = (&*self.wake).write(&[1]);
-        answered.recv_timeout(patience).ok()
+        match asked {
+            Ok(()) => match answered.recv_timeout(patience) {
+                Ok(answer) => Ok(Some(answer)),
+                Err(RecvTimeoutError::Timeout) => Ok(None),
+                Err(RecvTimeoutError::Disconnected) => Err(AskError::Ended),
+            },
+            Err(TrySendError::Full(_)) => Err(AskError::Full),
+            Err(TrySendError::Disconnected(_)) => Err(AskError::Ended),
+        }
     }
 }
 
@@ -108,6 +135,22 @@ mod tests {
             }
         }
         drop(requests);
-        assert_eq!(asking.join().unwrap(), (Some(vec![7]), Some(false), None));
+        let answers = (Ok(Some(vec![7])), Ok(Some(false)), Err(AskError::Ended));
+        assert_eq!(asking.join().unwrap(), answers);
+    }
+
+    #[test]
+    fn only_so_many_requests_wait() {
+        let (counter, requests) = channel().unwrap();
+        let ask = || counter.ask(|_| (), Duration::ZERO);
+        let n_taken = (0..2 * MAX_WAITING_REQUESTS)
+            .filter(|_| ask().is_ok())
+            .count();
+        assert_eq!(
+            (n_taken, ask()),
+            (MAX_WAITING_REQUESTS, Err(AskError::Full))
+        );
+        assert_eq!(requests.take().len(), MAX_WAITING_REQUESTS);
+        assert_eq!(ask(), Ok(None));
     }
 }

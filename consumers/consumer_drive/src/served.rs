@@ -19,13 +19,15 @@ use consumer_rpc::fields::{Fields, Wrong};
 use consumer_rpc::message::{self, Request};
 use consumer_rpc::place::Place;
 use consumer_rpc::server::{self, Peer, Service};
+use launch_cli::logging::cut;
 use parking_lot::Mutex;
 use schema_bus::Bus;
 
-use crate::desk::Desk;
+use crate::desk::{Answer, Desk};
 use crate::requests::{Counter, Requests, channel};
 use announce::Notice;
 use keep::Record;
+use methods::{Client, PATIENCE};
 
 mod announce;
 mod keep;
@@ -62,18 +64,30 @@ impl Manager {
 
 impl Service for Manager {
     fn serve(&self, peer: Peer, request: Request) -> Result<Vec<u8>, Wrong> {
-        self.clients.lock().insert(peer.number);
-        let method = request.method.as_str();
-        let Some(run) = methods::find(method) else {
-            let error = message::unknown(method, request.args.len());
-            tracing::warn!(error, "unknown call");
+        let account = &peer.account;
+        self.clients.lock().insert(account.number());
+        let Some((method, run)) = methods::find(&request.method) else {
+            let error = message::unknown(&request.method, request.args.len());
+            if let Some(n_unsaid) = account.may_warn() {
+                // The name in it has been cut.
+                tracing::warn!(error, n_unsaid, "unknown call");
+            }
             return Ok(message::failure(request.id, &error));
         };
+        let client = Client {
+            counter: &self.counter,
+            account,
+            request: peer.request.clone(),
+            method,
+        };
         let mut args = Fields::new("the arguments", &request.args);
-        Ok(match run(&self.counter, &mut args) {
+        Ok(match run(&client, &mut args) {
             Ok(result) => message::success(request.id, result),
             Err(wrong) => {
-                tracing::warn!(method, error = %wrong, "refused a call");
+                if let Some(n_unsaid) = account.may_warn() {
+                    let error = wrong.to_string();
+                    tracing::warn!(method, error = %cut(&error), n_unsaid, "refused a call");
+                }
                 message::failure(request.id, &format!("{method}: {wrong}"))
             }
         })
@@ -86,7 +100,8 @@ impl Service for Manager {
         if clients.remove(&number) && clients.is_empty() {
             tracing::info!("the last client has gone; settings for all vehicles begin anew");
             drop(clients);
-            methods::change(&self.counter, Desk::reset_common);
+            // A session that ends has nothing to reset.
+            let _ = self.counter.ask(Desk::reset_common, PATIENCE);
         }
     }
 }
@@ -134,7 +149,7 @@ impl Served {
             .context("cannot start a thread")?;
         Ok(Served {
             requests,
-            record: Record::new(domain, first),
+            record: Record::new(domain, first)?,
             ports,
             place,
             notices: Vec::new(),
@@ -170,13 +185,109 @@ impl Served {
         self.record.recall(desk);
     }
 
-    /// Keeps what is set, for a process that takes over.
-    pub(crate) fn keep(&mut self, desk: &Desk, has_changed: bool) {
-        self.record.keep(desk, has_changed);
+    /// Keeps what is set, for a process that takes over, and tells who asked.
+    pub(crate) fn keep(&mut self, desk: &Desk, answers: Vec<Answer>) {
+        self.record.keep(desk, answers);
     }
 
     /// An orderly end: nobody takes over.
     pub(crate) fn end(&mut self) {
         self.record.remove();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write as _;
+    use std::net::TcpStream;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::time::Duration;
+
+    use consumer_rpc::budget::MAX_CONNECTION_BYTES;
+    use consumer_rpc::list;
+    use consumer_rpc::msgpack::{self, Limits, Value};
+
+    use super::*;
+    use crate::desk::tests::list as actors;
+
+    /// Bytes that this process may need beside: other tests run in it, too.
+    const BESIDE_BYTES: usize = 256 << 20;
+
+    /// Memory that this process has of the machine, without what was freed.
+    fn resident_bytes() -> usize {
+        launch_cli::heap::give_back();
+        let status = std::fs::read_to_string("/proc/self/status").unwrap();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+        let kib = line.unwrap().trim().trim_end_matches(" kB");
+        kib.parse::<usize>().unwrap() << 10
+    }
+
+    /// Every method with vehicles that exist and that do not, with long paths and with nonsense.
+    #[test]
+    fn memory_is_bounded_whatever_clients_set() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let door = Door::new(listener, "test connections", 8, Admits::AnyUser).unwrap();
+        let (counter, requests) = channel().unwrap();
+        let manager = Arc::new(Manager::new(counter));
+        std::thread::spawn(move || server::serve(door, &manager));
+        let ends = Arc::new(AtomicBool::new(false));
+        let ended = ends.clone();
+        let session = std::thread::spawn(move || {
+            let mut desk = Desk::new(crate::desk::Start::default());
+            desk.set_episode(1, 1);
+            desk.set_actors(actors(&[7, 8, 9]));
+            while !ended.load(Ordering::Acquire) {
+                let all = requests.take();
+                if all.is_empty() {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                all.into_iter().for_each(|request| request(&mut desk)());
+            }
+            serde_json::to_vec(&desk.memory()).unwrap().len()
+        });
+        let connect = || {
+            let client = TcpStream::connect(address).unwrap();
+            client
+                .set_read_timeout(Some(Duration::from_secs(60)))
+                .unwrap();
+            client
+        };
+        // Whether there was an answer.
+        let call = |client: &mut TcpStream, method: &str, args: Vec<Value>| {
+            let mut bytes = Vec::new();
+            msgpack::write(&mut bytes, &list![0u32, 1u32, method, Value::Array(args)]);
+            client.write_all(&bytes).is_ok() && msgpack::read(client, Limits::default()).is_ok()
+        };
+        let before = resident_bytes();
+        let path = Value::Array(vec![list![1.0f64, 2.0f64, 3.0f64]; 100_000]);
+        let text = Value::from("x".repeat(8 << 20));
+        for method in methods::names().chain(["x"]) {
+            let mut client = connect();
+            for id in [7u32, 8, 9, 10, 5_000_000, u32::MAX] {
+                let forms = [
+                    vec![id.into(), path.clone(), true.into()],
+                    vec![list![id], path.clone(), true.into()],
+                    vec![list![id], list![8u32], 50.0f32.into()],
+                    vec![list![list![id], list![8u32]]],
+                    vec![text.clone()],
+                ];
+                for args in forms {
+                    assert!(call(&mut client, method, args), "{method} {id}");
+                }
+            }
+        }
+        // Very many vehicles that do not exist, as fast as one can.
+        let mut client = connect();
+        for id in 0..4_000u32 {
+            let args = vec![list![id * 1000], 50.0f32.into()];
+            assert!(call(&mut client, "set_percentage_running_light", args));
+        }
+        let grown = resident_bytes().saturating_sub(before);
+        let most = MAX_CONNECTION_BYTES + BESIDE_BYTES;
+        assert!(grown < most, "{} MiB", grown >> 20);
+        ends.store(true, Ordering::Release);
+        let n_bytes = session.join().unwrap();
+        assert!(n_bytes < 64 << 20, "a file of {n_bytes} bytes");
     }
 }

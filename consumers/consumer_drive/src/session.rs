@@ -226,9 +226,8 @@ impl<'o> Session<'o> {
             }
         }
         if let Some(served) = &mut self.served {
-            served.keep(&self.desk, !answers.is_empty());
+            served.keep(&self.desk, answers);
         }
-        answers.into_iter().for_each(|tell| tell());
         Ok(())
     }
 

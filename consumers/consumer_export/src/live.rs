@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use indicatif::{ProgressBar, ProgressStyle};
+use launch_cli::files::{MAX_NOTES_BYTES, read_text};
 use launch_cli::wrong_usage;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -98,7 +99,7 @@ impl Live {
             None => Ok(None),
             Some(_) if recording.exists() => Ok(Some(recording)),
             Some(status) => {
-                let text = fs::read_to_string(&log_path).unwrap_or_default();
+                let text = read_text(&log_path, MAX_NOTES_BYTES).unwrap_or_default();
                 let lines: Vec<_> = text.lines().collect();
                 let last = lines[lines.len().saturating_sub(12)..].join("\n  ");
                 anyhow::bail!(
@@ -147,6 +148,17 @@ struct Plan {
     n_ticks: u64,
 }
 
+/// Why a launch file makes no recording of a known length.
+#[derive(Debug, thiserror::Error)]
+enum PlanError {
+    #[error("it says no scenario.tick_hz")]
+    NoTickHz,
+    #[error("its simulator has --ticks already; --frames decides here")]
+    HasTicks,
+    #[error("it starts no simulator (a process whose command is simd)")]
+    NoSimulator,
+}
+
 impl Plan {
     fn read(launch: &Path, options: &Options) -> anyhow::Result<Plan> {
         let shown = launch.display();
@@ -169,7 +181,7 @@ impl Plan {
         Plan::of(&file, options).map_err(|what| wrong_usage(format!("{shown}: {what}")))
     }
 
-    fn of(file: &toml::Table, options: &Options) -> Result<Plan, String> {
+    fn of(file: &toml::Table, options: &Options) -> Result<Plan, PlanError> {
         let number = |value: Option<&toml::Value>| {
             value.and_then(|value| value.as_float().or(value.as_integer().map(|n| n as f64)))
         };
@@ -178,7 +190,7 @@ impl Plan {
                 .and_then(|scenario| scenario.get("tick_hz")),
         )
         .filter(|hz| *hz > 0.0)
-        .ok_or("it says no scenario.tick_hz")?;
+        .ok_or(PlanError::NoTickHz)?;
         let sensors = file.get("sensor").and_then(|sensors| sensors.as_table());
         let joined = |sensor: &&toml::Value| {
             let kind = sensor.get("kind").and_then(|kind| kind.as_str());
@@ -197,7 +209,7 @@ impl Plan {
             .to_nanos
             .map_or(secs, |to| secs.min(to as f64 * 1e-9));
         // Sensors fire in one of the first ticks, and one more is there at the end.
-        let n_ticks = (secs * tick_hz).ceil() as u64 + 4;
+        let n_ticks = ((secs * tick_hz).ceil() as u64).saturating_add(4);
         let processes = file
             .get("process")
             .and_then(|processes| processes.as_table());
@@ -223,9 +235,7 @@ impl Plan {
                 Some("simd") => {
                     has_daemon = true;
                     if has(&cmd, "--ticks") {
-                        return Err(
-                            "its simulator has --ticks already; --frames decides here".into()
-                        );
+                        return Err(PlanError::HasTicks);
                     }
                     cmd.extend(["--ticks".into(), toml::Value::from(n_ticks.to_string())]);
                     if !has(&cmd, "--unpaced") {
@@ -243,7 +253,7 @@ impl Plan {
             overlay.insert(name.clone(), changed.into());
         }
         if !has_daemon {
-            return Err("it starts no simulator (a process whose command is simd)".into());
+            return Err(PlanError::NoSimulator);
         }
         let mut root = toml::Table::new();
         root.insert("version".into(), 1.into());
@@ -280,6 +290,6 @@ mod tests {
             &"[scenario]\ntick_hz = 20.0\n".parse().expect("TOML"),
             &options,
         );
-        assert!(error.expect_err("no daemon").contains("no simulator"));
+        assert!(matches!(error, Err(PlanError::NoSimulator)), "{error:?}");
     }
 }

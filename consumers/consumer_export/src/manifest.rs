@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::Context as _;
+use launch_cli::files::{MAX_NOTES_BYTES, read_text};
 use launch_cli::wrong_usage;
 use serde::{Deserialize, Serialize};
 
@@ -91,8 +92,8 @@ impl Manifest {
             .ok_or_else(|| {
                 wrong_usage(format!("{shown} is not empty and holds no export that was stopped, so --resume cannot go on there"))
             })?;
-        let text =
-            fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let text = read_text(&path, MAX_NOTES_BYTES)
+            .with_context(|| format!("cannot read {}", path.display()))?;
         let found: Manifest = serde_json::from_str(&text).map_err(|error| {
             wrong_usage(format!(
                 "{} is no manifest of an export: {error}",

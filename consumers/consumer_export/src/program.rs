@@ -9,7 +9,8 @@ use crate::live::Live;
 use crate::options::{ImageForm, MaskForm, Options, parse_split};
 use crate::run::{Input, Report, export};
 use clap::{Parser, ValueEnum};
-use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
+use launch_cli::values::span_nanos;
+use launch_cli::{BasicArgs, Exit, Shutdown, run, wrong_usage};
 
 /// Writes images, clouds, poses, calibrations and labels of recordings as training sets that the
 /// formats' own tools open.
@@ -42,11 +43,11 @@ struct Args {
     cameras: Vec<String>,
 
     /// Where to begin, after each recording's start, e.g. 10s
-    #[arg(long, value_name = "TIME", value_parser = nanos, default_value = "0s")]
+    #[arg(long, value_name = "TIME", value_parser = span_nanos, default_value = "0s")]
     from: u64,
 
     /// Where to end, after each recording's start, e.g. 1m [default: its end]
-    #[arg(long, value_name = "TIME", value_parser = nanos)]
+    #[arg(long, value_name = "TIME", value_parser = span_nanos)]
     to: Option<u64>,
 
     /// Export every Nth keyframe, a tick in which all sensors that the format joins have a frame
@@ -95,7 +96,7 @@ struct Args {
     json: bool,
 
     #[command(flatten)]
-    common: CommonArgs,
+    basic: BasicArgs,
 }
 
 /// Parts of the set and their shares.
@@ -109,27 +110,10 @@ enum ImageArg {
     Jpg,
 }
 
-/// Reads `10s`, `500ms`, `2m`, `1.5s`.
-fn nanos(text: &str) -> Result<u64, String> {
-    let at = text.find(|c: char| c.is_ascii_alphabetic());
-    let (number, unit) = text.split_at(at.unwrap_or(text.len()));
-    let scale = match unit {
-        "ms" => 1e6,
-        "s" => 1e9,
-        "m" => 60e9,
-        "h" => 3600e9,
-        _ => return Err("write a number and a unit: 500ms, 10s, 2m or 1h".into()),
-    };
-    match number.parse::<f64>() {
-        Ok(number) if number >= 0.0 && number * scale < 1e18 => Ok((number * scale).round() as u64),
-        _ => Err(format!("{number:?} is no number of 0 or more")),
-    }
-}
-
 /// The program `gantry-export`, from its arguments to its exit code.
 pub fn main() -> ExitCode {
     run(|args: Args| {
-        args.common.init_logging();
+        args.basic.init_logging();
         start(&args)
     })
 }
@@ -239,19 +223,4 @@ fn print_report(report: &Report, json: bool) -> anyhow::Result<()> {
         }
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn times_have_units() {
-        assert_eq!(nanos("10s"), Ok(10_000_000_000));
-        assert_eq!(nanos("500ms"), Ok(500_000_000));
-        assert_eq!(nanos("1.5m"), Ok(90_000_000_000));
-        for wrong in ["10", "s", "-1s", "1d", "nans", "1e30s"] {
-            assert!(nanos(wrong).is_err(), "{wrong}");
-        }
-    }
 }

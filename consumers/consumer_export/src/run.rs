@@ -1,5 +1,7 @@
 //! An export from its recordings to the finished folder.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use std::collections::HashSet;
 use std::fs;
 use std::path::PathBuf;
@@ -59,11 +61,12 @@ pub fn export(
     let mut exporter = formats::exporter(options.format, options)?;
     let (files, scenarios) = open(inputs, options)?;
     for scenario in &scenarios {
-        if options.from_nanos > scenario.end_nanos - scenario.start_nanos {
+        let length_nanos = scenario.end_nanos.saturating_sub(scenario.start_nanos);
+        if options.from_nanos > length_nanos {
             return Err(wrong_usage(format!(
                 "--from lies behind the end of {}, which is {:.2} s long",
                 scenario.name,
-                (scenario.end_nanos - scenario.start_nanos) as f64 * 1e-9
+                length_nanos as f64 * 1e-9
             )));
         }
         exporter.check(scenario)?;
@@ -81,14 +84,14 @@ pub fn export(
     match manifest.look(&options.out, options.resume)? {
         Found::Fresh => {}
         Found::Unfinished(found) => manifest.done = found.done,
-        Found::Complete(found) => return Ok(report(options, found.done, true, (0, Vec::new()))),
+        Found::Complete(found) => return Ok(report(options, found.done, true, Losses::default())),
     }
     let out = &options.out;
     fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
     let tree = Tree::new(out.clone());
     manifest.save(out)?;
     let bar = progress_bar(&scenarios, options);
-    let mut losses = (0, Vec::new());
+    let mut losses = Losses::default();
     for (file, scenario) in files.iter().zip(&scenarios) {
         if (scenario.index as usize) < manifest.done.len() {
             bar.inc(span_ms(scenario, options));
@@ -118,19 +121,27 @@ pub fn export(
     Ok(report(options, manifest.done, true, losses))
 }
 
+/// What of the recordings could not be read.
+#[derive(Default)]
+struct Losses {
+    n: u64,
+    /// A sentence for each of the first few.
+    sentences: Vec<String>,
+}
+
 fn report(
     options: &Options,
     scenarios: Vec<DoneScenario>,
     complete: bool,
-    (n_lost, lost): (u64, Vec<String>),
+    losses: Losses,
 ) -> Report {
     Report {
         format: options.format.name(),
         out: options.out.clone(),
         scenarios,
         complete,
-        n_lost,
-        lost,
+        n_lost: losses.n,
+        lost: losses.sentences,
     }
 }
 
@@ -205,7 +216,7 @@ fn progress_bar(scenarios: &[Scenario], options: &Options) -> ProgressBar {
         scenarios
             .iter()
             .map(|scenario| span_ms(scenario, options))
-            .sum(),
+            .fold(0, u64::saturating_add),
     );
     let style = ProgressStyle::with_template("{msg} {wide_bar} {percent:>3} %, {eta} left");
     bar.set_style(style.expect("the template is constant"));
@@ -226,7 +237,7 @@ fn one(
     tree: &Tree,
     bar: &ProgressBar,
     stop: &dyn Fn() -> bool,
-    losses: &mut (u64, Vec<String>),
+    losses: &mut Losses,
 ) -> anyhow::Result<Option<DoneScenario>> {
     bar.set_message(scenario.name.clone());
     let topics = scenario.sensors.iter().flat_map(|sensor| &sensor.topics);
@@ -253,19 +264,20 @@ fn one(
         }
         keyframes.number(&mut set);
         if options.frames.is_some_and(|most| keyframes.n_kept > most) {
-            keyframes.n_kept -= 1;
+            keyframes.n_kept = keyframes.n_kept.saturating_sub(1);
             break;
         }
         exporter.tick(scenario, &set, tree)?;
-        bar.set_position(start + set.sim_nanos.saturating_sub(from) / 1_000_000);
+        let done_ms = set.sim_nanos.saturating_sub(from) / 1_000_000;
+        bar.set_position(start.saturating_add(done_ms));
     }
     let (mut n_lost, mut sentences) = reader.losses();
     if !file.is_complete() {
-        n_lost += 1;
+        n_lost = u64::saturating_add(n_lost, 1);
         sentences.push("the file was cut off; what its end held is missing".into());
     }
-    losses.0 += n_lost;
-    losses.1.extend(
+    losses.n = losses.n.saturating_add(n_lost);
+    losses.sentences.extend(
         sentences
             .into_iter()
             .map(|sentence| format!("{}: {sentence}", scenario.name)),
@@ -281,7 +293,7 @@ fn one(
         );
     }
     let state = exporter.end(scenario, tree)?;
-    bar.set_position(start + span_ms(scenario, options));
+    bar.set_position(start.saturating_add(span_ms(scenario, options)));
     Ok(Some(DoneScenario {
         name: scenario.name.clone(),
         split: scenario.split.clone(),
@@ -311,8 +323,8 @@ impl Keyframes {
         self.last_nanos = Some(set.sim_nanos);
         if self.n_found.is_multiple_of(self.every) {
             set.key = Some(self.n_kept);
-            self.n_kept += 1;
+            self.n_kept = self.n_kept.saturating_add(1);
         }
-        self.n_found += 1;
+        self.n_found = self.n_found.saturating_add(1);
     }
 }

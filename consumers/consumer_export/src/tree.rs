@@ -1,10 +1,13 @@
 //! The folder that an export writes: whole files only, so that a killed export can go on.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use launch_cli::files::{open_plain, read_plain};
 
 /// Folder inside the export that holds its state while it runs.
 pub const STATE_FOLDER: &str = ".gantry-export";
@@ -93,7 +96,9 @@ impl Tree {
         if fs::hard_link(&from, &to).is_ok() {
             return Ok(());
         }
-        self.write(relative, || fs::read(&from).with_context(|| cannot(&from)))
+        self.write(relative, || {
+            read_plain(&from, u64::MAX).with_context(|| cannot(&from))
+        })
     }
 
     /// Calls `each` with every line of a file of the tree; one line is in memory at a time.
@@ -108,7 +113,7 @@ impl Tree {
         use std::io::BufRead as _;
         let path = self.path(relative);
         let cannot = || format!("cannot read {}", path.display());
-        let file = File::open(&path).with_context(cannot)?;
+        let (file, _) = open_plain(&path).with_context(cannot)?;
         for line in std::io::BufReader::new(file).lines() {
             each(&line.with_context(cannot)?)?;
         }

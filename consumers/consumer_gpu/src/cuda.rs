@@ -7,7 +7,7 @@ use cudarc::driver::sys;
 use parking_lot::Mutex;
 use schema_bus::GpuMemory;
 
-use crate::error::GpuError;
+use crate::error::{GpuError, NoCuda};
 
 /// First driver that records an event behind all work of a context.
 const RECORDS_CONTEXTS: i32 = 12_050;
@@ -63,19 +63,19 @@ pub(crate) fn check(call: &'static str, result: sys::CUresult) -> Result<(), Gpu
 
 /// Starts CUDA once; the result states why it cannot be used.
 fn start() -> Result<(), GpuError> {
-    static STARTED: OnceLock<Result<(), String>> = OnceLock::new();
+    static STARTED: OnceLock<Result<(), NoCuda>> = OnceLock::new();
     let started = STARTED.get_or_init(|| {
         // SAFETY: looks for the library only.
         if !unsafe { sys::is_culib_present() } {
-            return Err("its driver, libcuda.so.1, is not found".to_owned());
+            return Err(NoCuda::NotFound);
         }
         // SAFETY: the library is there; no other call comes before this one.
         match unsafe { sys::cuInit(0) } {
             sys::CUresult::CUDA_SUCCESS => Ok(()),
-            error => Err(format!("its driver says {error:?}")),
+            error => Err(NoCuda::Refused(error)),
         }
     });
-    started.clone().map_err(GpuError::NoCuda)
+    started.map_err(GpuError::NoCuda)
 }
 
 /// All devices that this process may use.

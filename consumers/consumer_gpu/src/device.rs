@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use schema_bus::GpuOffer;
+use schema_bus::{BusError, GpuOffer};
 
 use crate::cuda::{Cuda, Found, devices};
 use crate::error::GpuError;
@@ -34,60 +34,59 @@ pub enum Way {
 /// # Errors
 /// [`GpuError::NoCuda`], [`GpuError::Cuda`], [`GpuError::Memory`].
 pub fn writers_device(topic: &str, device: Device) -> Result<(Arc<Cuda>, Found), GpuError> {
-    let fault = |fault: String| GpuError::Memory {
-        topic: topic.into(),
-        fault,
-    };
     let asked = match device {
         Device::Cuda => None,
         Device::CudaNumber(number) => Some(number),
         Device::Mapped => {
-            return Err(fault(
-                "memory of a software adapter is the simulator's alone; publish on \"cuda\"".into(),
+            return Err(GpuError::memory(
+                topic,
+                "memory of a software adapter is the simulator's alone; publish on \"cuda\"",
             ));
         }
     };
     let found = devices()?;
-    let first = named(&found, asked).map_err(fault)?;
+    let first = named(topic, &found, asked)?;
     Ok((Cuda::open(first.ordinal)?, first.clone()))
 }
 
 /// The device with this number, or the first.
-fn named(found: &[Found], asked: Option<i32>) -> Result<&Found, String> {
+fn named<'a>(topic: &str, found: &'a [Found], asked: Option<i32>) -> Result<&'a Found, GpuError> {
     let first = match asked {
         None => found.first(),
         Some(number) => found.iter().find(|device| device.ordinal == number),
     };
     first.ok_or_else(|| match asked {
-        Some(number) => format!(
-            "CUDA has no device {number}; it has {} (CUDA_VISIBLE_DEVICES hides others)",
-            found.len()
+        Some(number) => GpuError::memory(
+            topic,
+            format!(
+                "CUDA has no device {number}; it has {} (CUDA_VISIBLE_DEVICES hides others)",
+                found.len()
+            ),
         ),
-        None => "CUDA has no device; CUDA_VISIBLE_DEVICES may hide them".into(),
+        None => GpuError::memory(
+            topic,
+            "CUDA has no device; CUDA_VISIBLE_DEVICES may hide them",
+        ),
     })
 }
 
-/// Finds the way to `device` from what the simulator offers; `Err` in `offer` says why it offers
-/// nothing.
+/// Finds the way to `device` from what the simulator offers, or why it offers nothing.
 ///
 /// # Errors
 /// [`GpuError::NoCuda`], [`GpuError::Cuda`], [`GpuError::Memory`].
 pub fn find_way(
     topic: &str,
     device: Device,
-    offer: Result<&GpuOffer, String>,
+    offer: &Result<GpuOffer, BusError>,
 ) -> Result<Way, GpuError> {
-    let fault = |fault: String| GpuError::Memory {
-        topic: topic.into(),
-        fault,
-    };
     if device == Device::Mapped {
         return match offer {
             Ok(offer) if offer.is_mappable => Ok(Way::Mapped),
-            Ok(_) => Err(fault(
-                "it is on a GPU, whose memory cannot be mapped; ask for \"cuda\"".into(),
+            Ok(_) => Err(GpuError::memory(
+                topic,
+                "it is on a GPU, whose memory cannot be mapped; ask for \"cuda\"",
             )),
-            Err(why) => Err(fault(why)),
+            Err(why) => Err(GpuError::memory(topic, why)),
         };
     }
     let found = devices()?;
@@ -95,28 +94,26 @@ pub fn find_way(
         Device::CudaNumber(number) => Some(number),
         _ => None,
     };
-    choose(&found, asked, offer).map_or_else(
-        |why| Err(fault(why)),
-        |(ordinal, why)| {
-            let cuda = Cuda::open(ordinal)?;
-            Ok(match why {
-                None => Way::Imported(cuda),
-                Some(why) => Way::Uploaded(cuda, why),
-            })
-        },
-    )
+    let first = named(topic, &found, asked)?;
+    let (ordinal, why) = choose(&found, first, asked, offer);
+    let cuda = Cuda::open(ordinal)?;
+    Ok(match why {
+        None => Way::Imported(cuda),
+        Some(why) => Way::Uploaded(cuda, why),
+    })
 }
 
-/// The device to use, and why frames have to be uploaded to it, if they have.
+/// The device to use, `first` or another one, and why frames have to be uploaded to it, if they
+/// have.
 fn choose(
     found: &[Found],
+    first: &Found,
     asked: Option<i32>,
-    offer: Result<&GpuOffer, String>,
-) -> Result<(i32, Option<String>), String> {
-    let first = named(found, asked)?;
+    offer: &Result<GpuOffer, BusError>,
+) -> (i32, Option<String>) {
     let offer = match offer {
         Ok(offer) => offer,
-        Err(why) => return Ok((first.ordinal, Some(why))),
+        Err(why) => return (first.ordinal, Some(why.to_string())),
     };
     let same = |device: &&Found| device.uuid == offer.device_uuid;
     let is_known = offer.device_uuid != [0; 16];
@@ -124,9 +121,9 @@ fn choose(
         .iter()
         .filter(|device| asked.is_none_or(|number| device.ordinal == number));
     if let Some(device) = candidates.clone().find(same).filter(|_| is_known) {
-        return Ok((device.ordinal, None));
+        return (device.ordinal, None);
     }
-    Ok((first.ordinal, Some(why_not_same(found, first, offer))))
+    (first.ordinal, Some(why_not_same(found, first, offer)))
 }
 
 fn why_not_same(found: &[Found], used: &Found, offer: &GpuOffer) -> String {

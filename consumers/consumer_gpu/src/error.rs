@@ -32,9 +32,9 @@ pub enum GpuError {
     },
     /// There is no CUDA on this machine.
     #[error(
-        "CUDA cannot be used here: {0}; leave the device out, or install NVIDIA's driver and give the container its GPU"
+        "CUDA cannot be used here: its driver{0}; leave the device out, or install NVIDIA's driver and give the container its GPU"
     )]
-    NoCuda(String),
+    NoCuda(NoCuda),
     /// A call of CUDA failed.
     #[error("CUDA's {call} failed: {code}")]
     Cuda {
@@ -51,6 +51,27 @@ pub enum GpuError {
         /// Why, as a clause.
         fault: String,
     },
+}
+
+/// Why CUDA does not start, as the end of a clause about its driver.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+pub enum NoCuda {
+    /// The library is not installed.
+    #[error(", libcuda.so.1, is not found")]
+    NotFound,
+    /// The driver refuses.
+    #[error(" says {0:?}")]
+    Refused(cudarc::driver::sys::CUresult),
+}
+
+impl GpuError {
+    /// Memory of `topic` that cannot be reached, for the reason in a clause.
+    pub(crate) fn memory(topic: &str, fault: impl ToString) -> GpuError {
+        GpuError::Memory {
+            topic: topic.into(),
+            fault: fault.to_string(),
+        }
+    }
 }
 
 /// `n` bytes as MiB, rounded up.

@@ -13,19 +13,45 @@ pub struct Mapping {
     begin: usize,
 }
 
+/// Why memory cannot be mapped, as a clause.
+#[derive(Debug, thiserror::Error)]
+pub enum MapError {
+    /// More bytes than this process can address.
+    #[error("it is too long")]
+    TooLong,
+    /// The descriptor is of no file.
+    #[error(transparent)]
+    Descriptor(#[from] std::io::Error),
+    /// The file's header cannot be read.
+    #[error("its descriptor cannot be read ({0})")]
+    Header(std::io::Error),
+    /// The header is not Mesa's.
+    #[error("its driver keeps it in another way than the Mesa that this program knows")]
+    Layout,
+    /// A file that would fault when it is read.
+    #[error("its descriptor has {found} bytes, but the writer says {told}")]
+    Short {
+        /// Bytes of the file.
+        found: u64,
+        /// Bytes that the writer names.
+        told: usize,
+    },
+    /// The kernel refuses.
+    #[error("it cannot be mapped ({0}); only a software adapter's can")]
+    Refused(std::io::Error),
+}
+
 /// Where the memory begins in a file of Mesa's, which starts with its length and that place.
-fn begin_of(file: &File, file_bytes: u64) -> Result<u64, String> {
+fn begin_of(file: &File, file_bytes: u64) -> Result<u64, MapError> {
     let mut header = [0; 16];
     file.read_exact_at(&mut header, 0)
-        .map_err(|error| format!("its descriptor cannot be read ({error})"))?;
+        .map_err(MapError::Header)?;
     let [length, begin] = [&header[..8], &header[8..]]
         .map(|number| u64::from_le_bytes(number.try_into().expect("a half of sixteen bytes")));
     let is_known = length == file_bytes && begin >= 32 && begin.is_multiple_of(64);
     match is_known && begin < file_bytes {
         true => Ok(begin),
-        false => {
-            Err("its driver keeps it in another way than the Mesa that this program knows".into())
-        }
+        false => Err(MapError::Layout),
     }
 }
 
@@ -39,17 +65,18 @@ impl Mapping {
     /// Maps `n_bytes` of a descriptor, which must have as many.
     ///
     /// # Errors
-    /// A clause that says why not.
-    pub fn new(descriptor: &OwnedFd, n_bytes: u64) -> Result<Mapping, String> {
-        let n_bytes = usize::try_from(n_bytes).map_err(|_| "it is too long".to_owned())?;
-        let file = File::from(descriptor.try_clone().map_err(|e| e.to_string())?);
-        let found = file.metadata().map_err(|e| e.to_string())?.len();
+    /// [`MapError`].
+    pub fn new(descriptor: &OwnedFd, n_bytes: u64) -> Result<Mapping, MapError> {
+        let n_bytes = usize::try_from(n_bytes).map_err(|_| MapError::TooLong)?;
+        let file = File::from(descriptor.try_clone()?);
+        let found = file.metadata()?.len();
         let begin = begin_of(&file, found)?;
         // A shorter file would fault when it is read.
         if found < n_bytes as u64 + begin {
-            return Err(format!(
-                "its descriptor has {found} bytes, but the writer says {n_bytes}"
-            ));
+            return Err(MapError::Short {
+                found,
+                told: n_bytes,
+            });
         }
         let (begin, n_bytes) = (begin as usize, n_bytes + begin as usize);
         // SAFETY: a new mapping of an open descriptor at an address that the kernel chooses.
@@ -64,10 +91,7 @@ impl Mapping {
             )
         };
         if base == libc::MAP_FAILED {
-            return Err(format!(
-                "it cannot be mapped ({}); only a software adapter's can",
-                std::io::Error::last_os_error()
-            ));
+            return Err(MapError::Refused(std::io::Error::last_os_error()));
         }
         Ok(Mapping {
             base,

@@ -8,7 +8,7 @@ use schema_frames::GpuAnswer;
 use crate::cuda::{Cuda, Imported};
 use crate::error::GpuError;
 use crate::kinds::{DeviceSample, Kind};
-use crate::mapping::Mapping;
+use crate::mapping::{MapError, Mapping};
 use crate::shared::{self, SharedRange};
 
 /// Memories of a writer that stay imported: the one in use, and that of the writer before it,
@@ -62,17 +62,14 @@ impl Memories {
         if let Some((_, memory)) = self.0.iter().find(|(known, _)| *known == generation) {
             return Ok(Found::Here(memory.clone()));
         }
-        let fault = |fault: String| GpuError::Memory {
-            topic: sample.topic().into(),
-            fault,
-        };
+        let topic = sample.topic();
         let memory = match bus.gpu_memory(sample) {
             Ok(memory) => memory,
             Err(BusError::GpuMemory { topic, fault }) => {
                 return Err(GpuError::Memory { topic, fault });
             }
             Err(error) => {
-                tracing::debug!(topic = sample.topic(), %error, "a sample's memory is gone");
+                tracing::debug!(topic, %error, "a sample's memory is gone");
                 return Ok(Found::Gone);
             }
         };
@@ -89,16 +86,22 @@ impl Memories {
             (Some(cuda), GpuAnswer::CUDA) => Memory::Shared(shared::import(
                 cuda,
                 &memory.descriptor,
-                usize::try_from(n_bytes).map_err(|_| fault("it is too long".into()))?,
+                usize::try_from(n_bytes).map_err(|_| GpuError::memory(topic, MapError::TooLong))?,
             )?),
             (Some(_), other) => {
-                return Err(fault(format!(
-                    "its descriptor is of kind {other}, and this program imports kinds {} (Vulkan's) and {} (CUDA's)",
-                    GpuAnswer::VULKAN,
-                    GpuAnswer::CUDA
-                )));
+                return Err(GpuError::memory(
+                    topic,
+                    format!(
+                        "its descriptor is of kind {other}, and this program imports kinds {} (Vulkan's) and {} (CUDA's)",
+                        GpuAnswer::VULKAN,
+                        GpuAnswer::CUDA
+                    ),
+                ));
             }
-            (None, _) => Memory::Mapped(Mapping::new(&memory.descriptor, n_bytes).map_err(fault)?),
+            (None, _) => {
+                let mapped = Mapping::new(&memory.descriptor, n_bytes);
+                Memory::Mapped(mapped.map_err(|why| GpuError::memory(topic, why))?)
+            }
         };
         let memory = Arc::new(memory);
         if self.0.len() >= MAX_KEPT {

@@ -47,14 +47,6 @@ pub enum Port<K: Kind> {
     },
 }
 
-/// An offer, or the sentence of why there is none.
-///
-/// # Errors
-/// That sentence.
-pub fn told(offered: &Result<GpuOffer, BusError>) -> Result<&GpuOffer, String> {
-    offered.as_ref().map_err(ToString::to_string)
-}
-
 impl<K: Kind> Port<K> {
     /// Counters, and whether there is a writer.
     pub fn state(&self) -> (ReaderCounts, bool) {
@@ -77,10 +69,9 @@ impl<K: Kind> Opened<K> {
         offered: &Result<GpuOffer, BusError>,
     ) -> Result<Opened<K>, GpuError> {
         let on_gpu = |device| -> Result<Opened<K>, GpuError> {
-            let offer = told(offered).map_err(|fault| GpuError::Memory {
-                topic: topic.into(),
-                fault,
-            })?;
+            let offer = offered
+                .as_ref()
+                .map_err(|why| GpuError::memory(topic, why))?;
             Ok(Opened {
                 port: Port::OnGpu {
                     reader: K::open_gpu(bus, topic, offer)?,

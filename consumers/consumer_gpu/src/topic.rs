@@ -8,7 +8,7 @@ use schema_frames::ResultType;
 use crate::device::{Device, Way, find_way};
 use crate::error::GpuError;
 use crate::kinds::{Frames, Kind, Results, Which};
-use crate::port::{Opened, Port, Taken, told};
+use crate::port::{Opened, Port, Taken};
 use crate::sample::{Held, OnGpu};
 use crate::watch::{LOOK, Watch};
 
@@ -52,7 +52,7 @@ impl<K: Kind> Topic<K> {
             K::open_host(bus, topic)?;
         }
         let offered = bus.gpu_offer(topic);
-        let way = find_way(topic, device, told(&offered))?;
+        let way = find_way(topic, device, &offered)?;
         let opened = Opened::open(bus, topic, way, &offered)?;
         let number = opened.device.as_ref().map(|device| device.ordinal);
         Ok(Topic {
@@ -184,7 +184,7 @@ impl<K: Kind> Topic<K> {
     /// Finds the way that frames can come now.
     fn find_way(&self, bus: &Bus) -> Result<(Way, Result<GpuOffer, BusError>), GpuError> {
         let offered = bus.gpu_offer(&self.topic);
-        let way = find_way(&self.topic, self.wish, told(&offered))?;
+        let way = find_way(&self.topic, self.wish, &offered)?;
         Ok((way, offered))
     }
 
@@ -246,7 +246,7 @@ impl<K: Kind> Topic<K> {
         if offered.is_err() && (self.wish == Device::Mapped || !self.watch.is_missing_for_long()) {
             return Ok(());
         }
-        let way = find_way(&self.topic, self.wish, told(&offered))?;
+        let way = find_way(&self.topic, self.wish, &offered)?;
         match way {
             Way::Uploaded(..) => self.switch(bus, way, &offered),
             Way::Imported(_) | Way::Mapped => {

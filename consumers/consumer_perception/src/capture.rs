@@ -65,6 +65,8 @@ pub struct Capture {
     pub usage: Vec<Usage>,
     /// What went wrong, a sentence each: a crash, a restart, a result that cannot be read.
     pub faults: Vec<String>,
+    /// Whether one of its processes ended by itself with something else than exit code 0.
+    pub has_crashed: bool,
     /// The recording of this very run, if the program drove.
     pub drive_recording: Option<PathBuf>,
 }
@@ -201,6 +203,16 @@ pub struct Clock {
 }
 
 impl Clock {
+    /// Of pairs of simulated time and the monotonic clock's, nanoseconds, which both rise.
+    pub(crate) fn of(points: Vec<(u64, u64)>) -> Clock {
+        Clock { points }
+    }
+
+    /// Those pairs.
+    pub(crate) fn points(&self) -> &[(u64, u64)] {
+        &self.points
+    }
+
     /// A snapshot of simulated time `sim_nanos` was published at `mono_nanos`. Points that go back
     /// are left out.
     pub fn push(&mut self, sim_nanos: u64, mono_nanos: u64) {

@@ -1,6 +1,7 @@
 //! `gantry bench perception`: from the command line to the report.
 
 mod assemble;
+mod stopped;
 
 use std::io::{IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
@@ -9,25 +10,32 @@ use std::time::{Duration, SystemTime};
 use anyhow::Context as _;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
+use launch_cli::values::{WrongValue, number};
 use launch_cli::{CommonArgs, Exit, Shutdown, wrong_usage};
 use launch_run::is_stopped;
 use schema_recording::pattern;
 
 use crate::capture::{Capture, Mode};
-use crate::report;
+use crate::hidden::{self, Hidden};
+use crate::report::{self, Report};
 use crate::run::{self, Drive, Source};
 use crate::scenario::{Scenario, scenarios};
 use crate::score::Scorer;
 use crate::suite::{Program, Suite};
 use crate::truth_pass::{self, TruthRecording};
 use assemble::Assembly;
+use stopped::{FinishedRuns, Makings};
 
 /// Frames of a stream, if nothing else is asked for: what MLPerf Automotive asks of a constant one.
 const STRESS_FRAMES: u64 = 100_000;
 
+/// Most GiB of recordings, if nothing else is asked for.
+const CACHE_GIB: f64 = 64.0;
+
 const EXAMPLES: &str = "Examples:
   gantry bench perception launch/bench/smoke.toml -- python my_detector.py
   gantry bench perception launch/bench/standard.toml --only dis --modes streaming --speed 0.5
+  gantry bench perception launch/bench/standard.toml --seed --out cited -- ./detector
   gantry bench perception launch/bench/standard.toml --recording drive.mcap -- ./detector
   gantry bench perception launch/bench/smoke.toml --modes constant,single --frames 20000 --fps 60 -- ./flow
   gantry bench perception launch/bench/smoke.toml --dry-run";
@@ -49,6 +57,17 @@ pub struct PerceptionArgs {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 
+    /// Go on with a benchmark that was stopped: the folder of its report. Runs that had finished are
+    /// taken from there; say the other options as they were said then
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "truth_only"])]
+    resume: Option<PathBuf>,
+
+    /// Show drives that nobody can know beforehand, for figures to be cited: of a seed that is
+    /// drawn, or of N, which the report of an earlier draw names [default: the suite's seed, whose
+    /// drives everybody can make]
+    #[arg(long, value_name = "N", num_args = 0..=1, conflicts_with = "recording", value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
+    seed: Option<Option<u64>>,
+
     /// How programs run: offline (every frame is waited for), streaming (real time), constant (a
     /// stream of --frames at one rate), single (a stream whose next frame comes with the answer)
     /// [default: what the suite says, else offline,streaming]
@@ -60,7 +79,7 @@ pub struct PerceptionArgs {
     speed: Vec<f64>,
 
     /// Count every result of streaming as later by this many milliseconds
-    #[arg(long, value_name = "MS", default_value_t = 0.0, value_parser = delay)]
+    #[arg(long, value_name = "MS", default_value_t = 0.0, value_parser = number("delay in milliseconds", 0.0..=10_000.0))]
     added_delay: f64,
 
     /// Frames of a constant or single stream
@@ -68,7 +87,7 @@ pub struct PerceptionArgs {
     frames: u64,
 
     /// Frames per second of a constant stream [default: the sensor's rate]
-    #[arg(long, value_name = "HZ", value_parser = rate)]
+    #[arg(long, value_name = "HZ", value_parser = number("rate in frames per second", 0.01..=10_000.0))]
     fps: Option<f64>,
 
     /// Run these programs of the suite only, with * and ?
@@ -106,6 +125,11 @@ pub struct PerceptionArgs {
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
 
+    /// Most GiB of recordings in that folder: the one that was not used for longest goes first, and
+    /// none that is in use
+    #[arg(long, value_name = "GIB", default_value_t = CACHE_GIB, value_parser = number("size in GiB", 0.0..=1_000_000.0))]
+    cache_limit: f64,
+
     /// Longest time without a finished tick before a simulator counts as hanging
     #[arg(long, value_name = "SECONDS", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     stall: u64,
@@ -140,34 +164,22 @@ pub enum ModeArg {
     Single,
 }
 
-fn number(text: &str, least: f64, most: f64, what: &str) -> Result<f64, String> {
-    let value = text.parse::<f64>().ok();
-    value
-        .filter(|value| (least..=most).contains(value))
-        .ok_or_else(|| format!("{text:?} is no {what}; say {least} to {most}"))
-}
-
-fn speed(text: &str) -> Result<f64, String> {
+fn speed(text: &str) -> Result<f64, WrongValue> {
     let (least, most) = schema_frames::command::SPEED_RATIO;
-    number(text.trim_end_matches('x'), least, most, "speed")
-}
-
-fn delay(text: &str) -> Result<f64, String> {
-    number(text, 0.0, 10_000.0, "delay in milliseconds")
-}
-
-fn rate(text: &str) -> Result<f64, String> {
-    number(text, 0.01, 10_000.0, "rate in frames per second")
+    number("speed", least..=most)(text.trim_end_matches('x'))
 }
 
 /// Runs the benchmark.
 ///
 /// # Errors
 /// [`launch_cli::WrongUsage`] for what the user can mend, or if the benchmark itself fails. Programs
-/// that fail are no error; the report says it.
+/// that fail are no error but [`Exit::Failed`] if they crash; the report says it.
 pub fn run(args: &PerceptionArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     let mut suite = Suite::read(&args.suite)?;
     choose_programs(&mut suite, args)?;
+    if let Some(seed) = drawn_seed(args)? {
+        suite.draw(seed);
+    }
     let scenarios = choose_scenarios(&suite, args)?;
     let runs = plan(&suite, args)?;
     if args.dry_run {
@@ -188,6 +200,7 @@ pub fn run(args: &PerceptionArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
                 Some(cache) => std::path::absolute(cache)?,
                 None => truth_pass::cache_folder()?,
             },
+            cache_limit_bytes: (args.cache_limit * f64::from(1 << 30)) as u64,
             adapter: args.adapter.clone(),
             stall: Duration::from_secs(args.stall),
             build: match args.recording {
@@ -208,11 +221,31 @@ pub fn run(args: &PerceptionArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     };
     match bench.run(&scenarios) {
         Err(error) if is_stopped(&error) => {
-            tracing::info!("stopped; truth that was recorded is kept");
+            match args.truth_only {
+                true => tracing::info!("stopped; truth that was recorded is kept"),
+                false => tracing::info!(
+                    "stopped; the same command with --resume {} in place of --out goes on with the runs that have finished",
+                    out.display()
+                ),
+            }
             Ok(Exit::Failed)
         }
         other => other,
     }
+}
+
+/// The seed in place of the suite's, if one is asked for or was drawn when the benchmark that is
+/// gone on with began.
+fn drawn_seed(args: &PerceptionArgs) -> anyhow::Result<Option<u64>> {
+    let before = match &args.resume {
+        Some(folder) => stopped::drawn_seed(folder)?,
+        None => None,
+    };
+    Ok(match args.seed {
+        Some(Some(seed)) => Some(seed),
+        Some(None) => before.or_else(|| Some(fastrand::u64(0..=u64::from(u32::MAX)))),
+        None => before,
+    })
 }
 
 /// The programs that run: the command, or those of the suite that were chosen.
@@ -365,6 +398,10 @@ fn print_plan(
             scenario.name, scenario.vehicles, scenario.walkers
         )?;
     }
+    if !suite.matrix.training_maps.is_empty() {
+        let maps = suite.matrix.training_maps.join(", ");
+        writeln!(out, "training maps, which are not scored on: {maps}")?;
+    }
     for task in &suite.tasks {
         let sensor = task.sensor.as_deref().unwrap_or("the ego");
         writeln!(out, "task {}: {} of {sensor}", task.name, task.kind.name())?;
@@ -393,6 +430,9 @@ fn out_folder(args: &PerceptionArgs, suite: &Suite) -> anyhow::Result<PathBuf> {
             folder.display()
         ))
     };
+    if let Some(folder) = &args.resume {
+        return Ok(std::path::absolute(folder)?);
+    }
     if let Some(out) = &args.out {
         let holds_anything = std::fs::read_dir(out).is_ok_and(|mut all| all.next().is_some());
         if holds_anything {
@@ -436,30 +476,80 @@ struct Bench<'a> {
 
 impl Bench<'_> {
     fn run(&self, scenarios: &[Scenario]) -> anyhow::Result<Exit> {
+        if self.args.truth_only {
+            return self.record(scenarios);
+        }
+        let finished_runs = self.finished_runs()?;
+        let mut logs = Vec::new();
+        let outcome = self.run_all(scenarios, &finished_runs, &mut logs);
+        let is_clean =
+            matches!(&outcome, Ok(report) if report.runs.iter().all(|run| run.faults.is_empty()));
+        if self.args.keep_logs || !is_clean {
+            for hidden in logs {
+                hidden.reveal()?;
+            }
+        } else {
+            let _ = std::fs::remove_dir_all(self.out.join("logs"));
+        }
+        match outcome {
+            Err(error) => {
+                // Also if the benchmark itself failed: hours may have gone into what has finished.
+                if is_stopped(&error) || finished_runs.has_any() {
+                    finished_runs.stop()?;
+                }
+                Err(error)
+            }
+            Ok(report) => {
+                finished_runs.end();
+                Ok(match report.has_crash {
+                    true => Exit::Failed,
+                    false => Exit::Done,
+                })
+            }
+        }
+    }
+
+    /// Makes the recordings, and nothing else.
+    fn record(&self, scenarios: &[Scenario]) -> anyhow::Result<Exit> {
+        let n = scenarios.len().max(1);
+        for at in 0..n {
+            let truth = self.truth(scenarios.get(at), at, n)?;
+            let name = &truth.scenario.name;
+            println!("{name} {} {}", truth.frames_hash, truth.path.display());
+        }
+        Ok(Exit::Done)
+    }
+
+    /// Runs and scores everything, and writes the report.
+    fn run_all(
+        &self,
+        scenarios: &[Scenario],
+        finished_runs: &FinishedRuns,
+        logs: &mut Vec<Hidden>,
+    ) -> anyhow::Result<Report> {
         let mut assembly = Assembly::new(self.suite, self.args.source, self.began);
         let mut scorer = Scorer::new(self.suite)?;
+        let pictures = Hidden::new(&self.truth_options.cache, self.out)?;
         let n = scenarios.len().max(1);
         for at in 0..n {
             let truth = self.truth(scenarios.get(at), at, n)?;
             tracing::debug!(path = %truth.path.display(), "truth of {}", truth.scenario.name);
-            if self.args.truth_only {
-                let name = &truth.scenario.name;
-                println!("{name} {} {}", truth.frames_hash, truth.path.display());
-                continue;
-            }
-            let captures = self.captures(&truth, at, n)?;
+            let captures = self.captures(&truth, (at, n), finished_runs, logs)?;
             let scoring = spinner(format!("{}/{n} scoring {}", at + 1, truth.scenario.name));
             assembly.add(&truth, &captures);
             scorer
-                .add(&truth, &captures, self.out)
+                .add(&truth, &captures, pictures.folder())
                 .with_context(|| format!("scoring {}", truth.scenario.name))?;
             scoring.finish_and_clear();
         }
-        if self.args.truth_only {
-            return Ok(Exit::Done);
-        }
+        pictures.reveal()?;
         let finished = scorer.finish();
-        let report = assembly.report(finished.runs, &self.run_options, &self.truth_options.build);
+        let mut report =
+            assembly.report(finished.runs, &self.run_options, &self.truth_options.build);
+        if report.is_sealed {
+            let led = hidden::led(self.suite, &self.truth_options.cache);
+            report.warnings.extend(led);
+        }
         let written = report::write_all(&report, self.out, &finished.files)?;
         match self.args.json {
             true => println!("{}", serde_json::to_string(&report)?),
@@ -469,10 +559,24 @@ impl Bench<'_> {
                 println!("{written}");
             }
         }
-        if !self.args.keep_logs && report.runs.iter().all(|run| run.faults.is_empty()) {
-            let _ = std::fs::remove_dir_all(self.out.join("logs"));
+        Ok(report)
+    }
+
+    /// Runs that had finished when the benchmark was stopped, or none.
+    fn finished_runs(&self) -> anyhow::Result<FinishedRuns> {
+        let makings = Makings {
+            suite: self.suite,
+            build: &self.truth_options.build,
+            source: self.args.source,
+            added_delay_nanos: self.run_options.added_delay_nanos,
+            n_frames: self.args.frames,
+            recording: self.args.recording.as_deref(),
+        };
+        let cache = &self.truth_options.cache;
+        match self.args.resume {
+            Some(_) => FinishedRuns::resume(self.out, cache, &makings),
+            None => FinishedRuns::begin(self.out, cache, &makings),
         }
-        Ok(Exit::Done)
     }
 
     fn truth(
@@ -506,8 +610,9 @@ impl Bench<'_> {
     fn captures(
         &self,
         truth: &TruthRecording,
-        at: usize,
-        n: usize,
+        (at, n): (usize, usize),
+        finished: &FinishedRuns,
+        hidden_logs: &mut Vec<Hidden>,
     ) -> anyhow::Result<Vec<Capture>> {
         let mut captures = Vec::new();
         let scenario = &truth.scenario.name;
@@ -518,10 +623,21 @@ impl Bench<'_> {
             }
             let program = self.suite.program(name).context("programs were chosen")?;
             let label = label(name, *drive);
+            if let Some(capture) = finished.take(truth, &label)? {
+                tracing::info!("{label} in {scenario} had finished");
+                captures.push(capture);
+                continue;
+            }
             let bar = bar(format!("{}/{n} {label} in {scenario}", at + 1), "done");
             let progress = |done: u64, of: u64| {
                 bar.set_length(of);
                 bar.set_position(done);
+            };
+            let logs = self.out.join("logs").join(scenario).join(&label);
+            // What is not sealed need not be hidden.
+            let hidden = match self.suite.is_closed_loop() {
+                true => None,
+                false => Some(Hidden::new(&self.truth_options.cache, &logs)?),
             };
             let job = run::Job {
                 suite: self.suite,
@@ -529,11 +645,14 @@ impl Bench<'_> {
                 truth,
                 drive: *drive,
                 options: &self.run_options,
-                folder: &self.out.join("logs").join(scenario).join(&label),
+                folder: hidden.as_ref().map_or(&*logs, Hidden::folder),
             };
             let capture = run::run(&job, &|| self.shutdown.requested(), &progress);
             bar.finish_and_clear();
-            captures.push(capture.with_context(|| format!("{label} in {scenario}"))?);
+            hidden_logs.extend(hidden);
+            let capture = capture.with_context(|| format!("{label} in {scenario}"))?;
+            finished.put(truth, &label, &capture)?;
+            captures.push(capture);
         }
         Ok(captures)
     }

@@ -42,6 +42,8 @@ const LEAST_PATIENCE: Duration = Duration::from_millis(500);
 const ANSWERS_PER_PATIENCE: u32 = 3;
 /// Time in which the replay answers a command.
 const COMMAND_WITHIN: Duration = Duration::from_secs(10);
+/// How a process ended that did not crash, as [`Note::Ended`] says it.
+const ENDED_WELL: &str = "exit code 0";
 /// Most frames of a run whose results are all kept, for the bound on results.
 const MAX_KEPT_RESULTS: usize = 20_000_000;
 
@@ -98,6 +100,7 @@ pub fn run(
         usage: Vec::new(),
         alive: BTreeMap::new(),
         world_ended: None,
+        has_crashed: false,
         starter: None,
     };
     let outcome = run.drive(&bus);
@@ -126,6 +129,7 @@ struct Run<'a> {
     alive: BTreeMap<String, bool>,
     /// How the replay or the simulator ended, if it did.
     world_ended: Option<String>,
+    has_crashed: bool,
     /// A place in lockstep that a simulator waits for before its first tick.
     starter: Option<Lockstep>,
 }
@@ -414,6 +418,7 @@ impl Run<'_> {
                     || "before the first tick".to_owned(),
                     |(_, tick)| format!("at tick {tick}"),
                 );
+                self.has_crashed |= how != ENDED_WELL;
                 self.faults.push(format!("{process} ended with {how} {at}"));
                 self.alive.insert(process, false);
             }
@@ -426,7 +431,10 @@ impl Run<'_> {
                 self.observer.longest_held = Duration::ZERO;
                 self.faults.push(text);
             }
-            Note::GaveUp { text, .. } => self.faults.push(text),
+            Note::GaveUp { text, .. } => {
+                self.has_crashed = true;
+                self.faults.push(text);
+            }
             _ => {}
         }
     }
@@ -535,6 +543,7 @@ impl Run<'_> {
             n_refused,
             usage: self.usage,
             faults,
+            has_crashed: self.has_crashed,
             drive_recording: recorded.is_file().then_some(recorded),
         }
     }

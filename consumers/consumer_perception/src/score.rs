@@ -198,6 +198,7 @@ impl Scorer {
                 let context = Context {
                     scenario: about,
                     spec: &spec,
+                    is_sealed: !self.suite.is_closed_loop(),
                 };
                 task.begin(&context, answers, n_queries)?;
                 works.push(Work {

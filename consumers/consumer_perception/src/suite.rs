@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use launch_run::matrix::Seeds;
 use schema_frames::{InputRecord, ResultType};
+use schema_types::noise::mix;
 use serde::Deserialize;
 use toml::Table;
 
@@ -22,6 +23,15 @@ pub use task::{Task, TaskKind, TruthPlace};
 const DELAYS_MS: [f64; 12] = [
     0.0, 10.0, 20.0, 33.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0, 400.0, 500.0,
 ];
+
+/// Places by which a drawn seed may move the beginning of a drive; maps count theirs in a circle.
+const MAX_DRAWN_PLACE: u32 = 1000;
+/// By how much longer a drawn drive may go on before it is recorded: 0 to 3 s.
+const DRAWN_SETTLE_STEPS: u32 = 31;
+const DRAWN_SETTLE_STEP_S: f64 = 0.1;
+/// Shares of the speed limit of drawn drives: 0.6 to 1, in steps.
+const DRAWN_SPEED_STEPS: u32 = 41;
+const DRAWN_SPEED_STEP: f64 = 0.01;
 
 /// A suite.
 #[derive(Clone, Debug, Deserialize)]
@@ -84,6 +94,10 @@ pub struct Suite {
     /// Further keys of every scenario's launch file.
     #[serde(default)]
     pub launch: Table,
+    /// Topics of inputs whose points or events keep the numbers and classes of objects, because
+    /// programs are to have them.
+    #[serde(default)]
+    pub exact_inputs: Vec<String>,
     /// Programs that run beside the simulator in lockstep, whose results are inputs of all programs.
     #[serde(default)]
     input: BTreeMap<String, ProcessTable>,
@@ -105,6 +119,12 @@ pub struct Suite {
     /// The file's text.
     #[serde(skip)]
     pub text: String,
+    /// Whether the seed is another than the file's, see [`Suite::draw`].
+    #[serde(skip)]
+    pub is_drawn: bool,
+    /// Share of the speed limit that gantry-drive drives; `None`: its own.
+    #[serde(skip)]
+    pub speed_factor: Option<f64>,
 }
 
 /// The matrix: every combination is a scenario.
@@ -131,6 +151,9 @@ pub struct Matrix {
     /// Numbers that are added to the suite's seed.
     #[serde(default = "no_offset")]
     pub seeds: Seeds,
+    /// Maps on which programs may have been trained; none of `maps`.
+    #[serde(default)]
+    pub training_maps: Vec<String>,
 }
 
 /// Other traffic.
@@ -192,6 +215,21 @@ impl Suite {
             suite.input_programs.push(process);
         }
         Ok(suite)
+    }
+
+    /// Takes another seed than the one that everybody knows. The egos also begin elsewhere, have
+    /// driven for longer when the recording begins, and drive at another speed: along a straight
+    /// street little else depends on the seed, and straight paths are alike once they are aligned.
+    pub fn draw(&mut self, seed: u64) {
+        (self.seed, self.is_drawn) = (seed, true);
+        let drawn = |which: u64, n: u32| (mix(mix(seed) ^ which) % u64::from(n)) as u32;
+        let by = drawn(1, MAX_DRAWN_PLACE);
+        for place in &mut self.matrix.spawn_points {
+            *place = place.saturating_add(by);
+        }
+        self.settle_s += f64::from(drawn(2, DRAWN_SETTLE_STEPS)) * DRAWN_SETTLE_STEP_S;
+        let slower = f64::from(drawn(3, DRAWN_SPEED_STEPS)) * DRAWN_SPEED_STEP;
+        self.speed_factor = Some(1.0 - slower);
     }
 
     /// The task of this name.
@@ -360,6 +398,26 @@ cmd = ["./free"]
         assert_eq!(suite.rigs(), ["car"]);
         assert_eq!(suite.programs.len(), 2);
         assert_eq!(suite.density("dense"), Ok(density(100, 150)));
+    }
+
+    #[test]
+    fn a_drawn_seed_moves_the_beginning_and_the_same_one_by_as_much() {
+        let drawn = |seed| {
+            let mut suite = read(SMALL).unwrap();
+            suite.draw(seed);
+            let speed = suite.speed_factor.unwrap();
+            assert!((0.599..=1.0).contains(&speed), "{speed}");
+            assert!((2.0..=5.001).contains(&suite.settle_s));
+            (suite.seed, suite.matrix.spawn_points, suite.settle_s)
+        };
+        assert_eq!(drawn(5).0, 5);
+        assert_eq!(drawn(5), drawn(5));
+        let mut places: Vec<Vec<u32>> = (1..=100).map(|seed| drawn(seed).1).collect();
+        places.sort();
+        places.dedup();
+        // A hundred draws of a thousand places leave 95 different ones on average, and 85 is more
+        // than four standard deviations below.
+        assert!(places.len() >= 85, "{}", places.len());
     }
 
     #[test]

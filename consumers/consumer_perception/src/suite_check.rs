@@ -7,7 +7,7 @@ use std::path::Path;
 use schema_frames::Modality;
 use toml::Table;
 
-use crate::scenario::{InputTopic, is_camera, is_lidar, scenarios};
+use crate::scenario::{InputTopic, Scenario, is_camera, is_lidar, scenarios};
 use crate::suite::file::{SuiteFile, check_version};
 use crate::suite::{Suite, SuiteFault, Task, TaskKind};
 
@@ -89,6 +89,7 @@ impl Suite {
             )
             .into());
         }
+        self.check_exact_inputs(&all)?;
         let mut rates = BTreeSet::new();
         let mut seen = BTreeSet::new();
         for scenario in &all {
@@ -149,6 +150,33 @@ impl Suite {
         Ok(())
     }
 
+    /// Inputs that keep numbers and classes must be inputs that have some.
+    fn check_exact_inputs(&self, all: &[Scenario]) -> Result<(), SuiteFault> {
+        for exact in &self.exact_inputs {
+            let mut topics = BTreeSet::new();
+            for scenario in all {
+                let inputs = scenario.inputs(self)?;
+                topics.extend(inputs.into_iter().map(|input| input.topic));
+            }
+            topics.retain(|topic| {
+                let last = topic.rsplit('/').next().unwrap_or_default();
+                let modality = Modality::from_name(last);
+                modality.is_some_and(|modality| !modality.sealed_bytes().is_empty())
+            });
+            if !topics.contains(exact) {
+                return Err(format!(
+                    "exact_inputs names {exact:?}; inputs with numbers and classes of objects are {}",
+                    match topics.is_empty() {
+                        true => "none in this suite".to_owned(),
+                        false => list(topics.iter()),
+                    }
+                )
+                .into());
+            }
+        }
+        Ok(())
+    }
+
     fn check_matrix(&self) -> Result<(), SuiteFault> {
         let matrix = &self.matrix;
         for (key, is_empty) in [
@@ -162,6 +190,16 @@ impl Suite {
             if is_empty {
                 return Err(format!("matrix.{key} is empty; give at least one value").into());
             }
+        }
+        if let Some(map) = matrix
+            .training_maps
+            .iter()
+            .find(|map| matrix.maps.contains(map))
+        {
+            return Err(format!(
+                "matrix.training_maps names {map:?}, which is one of matrix.maps; a program that was trained on a map is not scored on it"
+            )
+            .into());
         }
         if let Some(name) = self
             .rigs()

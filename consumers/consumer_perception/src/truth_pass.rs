@@ -4,6 +4,7 @@
 //! Recordings are kept in a folder under the hash of everything that makes them. A file that is not
 //! whole is never taken: its description is written last, under its final name.
 
+mod cache;
 mod found;
 mod read;
 pub mod take;
@@ -12,13 +13,16 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::Context as _;
+use launch_cli::files::{MAX_NOTES_BYTES, open_plain, read_plain, read_text};
 use schema_frames::Modality;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use crate::capture::SentFrame;
+use crate::hidden::{MAKING, private_folder};
 use crate::scenario::{InputTopic, Scenario};
 use crate::suite::{Suite, Task};
 
@@ -59,6 +63,8 @@ pub struct TruthRecording {
     pub adapter: String,
     /// Version of Gantry and hash of the programs that made it.
     pub build: String,
+    /// While it is open, nobody removes the recording from the cache.
+    in_use: Option<Arc<fs::File>>,
 }
 
 impl TruthRecording {
@@ -123,8 +129,8 @@ pub fn build() -> anyhow::Result<String> {
     let mut hash = Sha256::new();
     for name in ["simd", "gantry-drive", "gantry-record"] {
         let path = launch_cli::programs::find(name)?;
-        let mut file =
-            fs::File::open(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let (mut file, _) =
+            open_plain(&path).with_context(|| format!("cannot read {}", path.display()))?;
         let mut piece = vec![0; 1 << 20];
         loop {
             match file.read(&mut piece)? {
@@ -154,11 +160,16 @@ pub fn recording(
     let short = &key[..24];
     let path = options.cache.join(format!("{short}.mcap"));
     let described = options.cache.join(format!("{short}.json"));
+    // In use before it is looked at: what is looked at then stays.
+    let in_use = cache::use_it(&described).ok();
     if let Some(kept) = kept(&path, &described, &key) {
         tracing::debug!(scenario = scenario.name, path = %path.display(), "the truth is kept");
-        return Ok(kept.recording(path, suite));
+        let mut truth = kept.recording(path, suite);
+        truth.in_use = in_use.map(Arc::new);
+        return Ok(truth);
     }
-    fs::create_dir_all(&options.cache).with_context(|| {
+    drop(in_use);
+    private_folder(&options.cache).with_context(|| {
         format!(
             "cannot make the folder {}; choose another with --cache",
             options.cache.display()
@@ -166,7 +177,7 @@ pub fn recording(
     })?;
     // Removed with all that is in it, unless this process is killed.
     let making = tempfile::Builder::new()
-        .prefix(&format!("{short}-making-"))
+        .prefix(&format!("{short}{MAKING}"))
         .tempdir_in(&options.cache)
         .with_context(|| format!("cannot write into {}", options.cache.display()))?;
     let part = making.path().join("truth.mcap");
@@ -190,7 +201,16 @@ pub fn recording(
     launch_cli::files::rename(&part, &path)?;
     let text = serde_json::to_string(&description)?;
     launch_cli::files::replace(&described, text.as_bytes())?;
-    Ok(description.recording(path, suite))
+    let mut truth = description.recording(path, suite);
+    truth.in_use = cache::use_it(&described).ok().map(Arc::new);
+    let n_bytes = cache::keep_below(&options.cache, options.cache_limit_bytes);
+    if n_bytes > options.cache_limit_bytes {
+        tracing::warn!(
+            "the recordings in use have {:.1} GiB, which is more than --cache-limit",
+            n_bytes as f64 / f64::from(1 << 30)
+        );
+    }
+    Ok(truth)
 }
 
 /// A user's own recording as the truth of a scenario.
@@ -252,6 +272,7 @@ pub fn of_closed_loop(
         frames: BTreeMap::new(),
         adapter: String::new(),
         build: options.build.clone(),
+        in_use: None,
     })
 }
 
@@ -273,13 +294,14 @@ impl Description {
             topics: found.topics,
             adapter: found.adapter,
             build: self.build,
+            in_use: None,
         }
     }
 }
 
 /// What is kept under a key, if it is whole.
 fn kept(path: &Path, described: &Path, key: &str) -> Option<Description> {
-    let text = fs::read_to_string(described).ok()?;
+    let text = read_text(described, MAX_NOTES_BYTES).ok()?;
     let description: Description = serde_json::from_str(&text).ok()?;
     let n_bytes = fs::metadata(path).ok()?.len();
     (description.key == key && description.n_bytes == n_bytes).then_some(description)
@@ -302,7 +324,7 @@ fn key(suite: &Suite, launch: &str, options: &Options) -> String {
     for program in &suite.input_programs {
         let folder = program.cwd.as_deref().unwrap_or(Path::new(""));
         for word in &program.cmd {
-            if let Ok(bytes) = fs::read(folder.join(word)) {
+            if let Ok(bytes) = read_plain(&folder.join(word), MAX_NOTES_BYTES) {
                 hash.update((bytes.len() as u64).to_le_bytes());
                 hash.update(bytes);
             }
@@ -321,6 +343,7 @@ mod tests {
     fn a_key_changes_with_the_frames_and_not_with_the_programs() {
         let options = Options {
             cache: PathBuf::new(),
+            cache_limit_bytes: u64::MAX,
             adapter: None,
             stall: std::time::Duration::from_secs(1),
             build: "1".into(),

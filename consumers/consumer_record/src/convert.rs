@@ -24,7 +24,8 @@ pub fn convert(input: &Path, output: &Path) -> anyhow::Result<()> {
         "{} exists already; choose another name or remove it first",
         output.display()
     );
-    ensure!(input.is_file(), "{} is not there", input.display());
+    launch_cli::files::open_plain(input)
+        .with_context(|| format!("cannot open {}", input.display()))?;
     // Beside this program as installed, else wherever programs are looked for.
     let beside = std::env::current_exe()
         .ok()

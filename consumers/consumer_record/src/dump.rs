@@ -24,23 +24,29 @@ const MAX_NOTE_BYTES: u64 = 4096;
 pub struct DumpRequest {
     /// Why; kept in the file's metadata `dump`.
     pub note: String,
-    answer: Sender<Result<Dumped, String>>,
+    answer: Sender<Result<Dumped, NotDumped>>,
 }
 
 impl DumpRequest {
     /// A request, and where its answer comes.
-    pub fn new(note: &str) -> (DumpRequest, Receiver<Result<Dumped, String>>) {
+    pub fn new(note: &str) -> (DumpRequest, Receiver<Result<Dumped, NotDumped>>) {
         let (answer, answers) = bounded(1);
         let note = note.to_string();
         (DumpRequest { note, answer }, answers)
     }
 
     /// Answers it.
-    pub fn answer(&self, said: Result<Dumped, String>) {
+    pub fn answer(&self, said: Result<Dumped, NotDumped>) {
         // Whoever asked may have gone.
         let _ = self.answer.try_send(said);
     }
 }
+
+/// Why nothing was written, as the recorder says it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+#[error("{0}")]
+#[serde(transparent)]
+pub struct NotDumped(pub String);
 
 /// What was written.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -152,7 +158,7 @@ fn serve(stream: UnixStream, to_writer: &Sender<DumpRequest>) -> anyhow::Result<
         .map_err(|_| anyhow::anyhow!("the recorder has ended"))?;
     let answer = answers
         .recv_timeout(ANSWER_TIMEOUT)
-        .unwrap_or_else(|_| Err("the recorder ended before the dump".to_string()));
+        .unwrap_or_else(|_| Err(NotDumped("the recorder ended before the dump".to_owned())));
     let mut stream = stream;
     writeln!(stream, "{}", serde_json::to_string(&answer)?)?;
     Ok(())
@@ -162,7 +168,7 @@ fn serve(stream: UnixStream, to_writer: &Sender<DumpRequest>) -> anyhow::Result<
 ///
 /// # Errors
 /// If there is none.
-pub fn ask_all(domain: &str, note: &str) -> anyhow::Result<Vec<Result<Dumped, String>>> {
+pub fn ask_all(domain: &str, note: &str) -> anyhow::Result<Vec<Result<Dumped, NotDumped>>> {
     let folder = folder()?;
     let mut answers = Vec::new();
     let mut names: Vec<PathBuf> = std::fs::read_dir(&folder)
@@ -174,12 +180,14 @@ pub fn ask_all(domain: &str, note: &str) -> anyhow::Result<Vec<Result<Dumped, St
     names.sort();
     for path in names {
         match UnixStream::connect(&path) {
-            Ok(stream) => answers.push(ask(stream, note).unwrap_or_else(|e| Err(format!("{e:#}")))),
+            Ok(stream) => {
+                answers.push(ask(stream, note).unwrap_or_else(|e| Err(NotDumped(format!("{e:#}")))))
+            }
             // Its recorder was killed.
             Err(error) if error.kind() == ErrorKind::ConnectionRefused => {
                 let _ = std::fs::remove_file(&path);
             }
-            Err(error) => answers.push(Err(format!("{}: {error}", path.display()))),
+            Err(error) => answers.push(Err(NotDumped(format!("{}: {error}", path.display())))),
         }
     }
     ensure!(
@@ -197,7 +205,7 @@ fn is_of(path: &Path, domain: &str) -> bool {
     parts.is_some_and(|(of, _)| of == domain)
 }
 
-fn ask(mut stream: UnixStream, note: &str) -> anyhow::Result<Result<Dumped, String>> {
+fn ask(mut stream: UnixStream, note: &str) -> anyhow::Result<Result<Dumped, NotDumped>> {
     stream.set_read_timeout(Some(ANSWER_TIMEOUT))?;
     let question = Question {
         note: note.to_string(),

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
 use anyhow::Context;
+use launch_cli::files::open_plain;
 use mcap::records::{Record, op};
 use serde::Serialize;
 
@@ -75,8 +75,8 @@ struct Tally {
 /// If it cannot be opened or does not begin like an MCAP file; damage further in is reported in the
 /// result.
 pub fn file_info(path: &Path) -> anyhow::Result<FileInfo> {
-    let file = File::open(path).with_context(|| format!("cannot open {}", path.display()))?;
-    let file_bytes = file.metadata()?.len();
+    let (file, file_bytes) =
+        open_plain(path).with_context(|| format!("cannot open {}", path.display()))?;
     info(BufReader::with_capacity(1 << 20, file), file_bytes)
         .with_context(|| path.display().to_string())
 }

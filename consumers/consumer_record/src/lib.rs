@@ -12,7 +12,6 @@
 
 #![warn(missing_docs)]
 
-pub mod amounts;
 mod asker;
 pub mod cat;
 pub mod coder;

@@ -8,7 +8,6 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::amounts::{parse_nanos, parse_size};
 use crate::cat::cat;
 use crate::convert::convert;
 use crate::dump::{Server, ask_all};
@@ -19,7 +18,8 @@ use crate::session::{Report, record};
 use crate::{info::file_info, recover::recover_file};
 use anyhow::Context as _;
 use clap::{Parser, Subcommand, ValueEnum};
-use launch_cli::{CommonArgs, Exit, Progress, Shutdown, run, wrong_usage};
+use launch_cli::values::{bytes, some_span_nanos, span_nanos};
+use launch_cli::{BasicArgs, DomainArgs, Exit, Progress, Shutdown, run, wrong_usage};
 use schema_recording::write::ChunkCompression;
 
 /// Records every sensor, every result of users' programs, every snapshot and the map into one MCAP
@@ -81,16 +81,16 @@ struct Args {
     threads: Option<u16>,
 
     /// Begin a new file, FILE_0002 and so on, once one has this size, e.g. 500MB or 1GB
-    #[arg(long, value_name = "SIZE", value_parser = parse_size)]
+    #[arg(long, value_name = "SIZE", value_parser = bytes)]
     split_size: Option<u64>,
 
     /// Begin a new file once one covers this much simulated time, e.g. 60s or 5m
-    #[arg(long, value_name = "TIME", value_parser = parse_nanos)]
+    #[arg(long, value_name = "TIME", value_parser = some_span_nanos)]
     split_duration: Option<u64>,
 
     /// Keep the newest TIME of simulated time in memory and write it to FILE_0001, FILE_0002 and so
     /// on whenever `gantry-record dump` or SIGUSR1 asks for it
-    #[arg(long, value_name = "TIME", value_parser = parse_nanos, conflicts_with_all = ["split_size", "split_duration"])]
+    #[arg(long, value_name = "TIME", value_parser = some_span_nanos, conflicts_with_all = ["split_size", "split_duration"])]
     keep: Option<u64>,
 
     /// Most memory that --keep may take, MiB; what does not fit is forgotten, oldest first
@@ -110,7 +110,10 @@ struct Args {
     action: Option<Action>,
 
     #[command(flatten)]
-    common: CommonArgs,
+    on: DomainArgs,
+
+    #[command(flatten)]
+    basic: BasicArgs,
 }
 
 #[derive(Debug, Subcommand)]
@@ -132,6 +135,8 @@ enum Action {
         /// One JSON object a file
         #[arg(long)]
         json: bool,
+        #[command(flatten)]
+        on: DomainArgs,
     },
     /// Write the messages of a recording as text, one a line
     Cat {
@@ -177,11 +182,11 @@ enum Action {
 #[derive(Debug, clap::Args)]
 struct CutArgs {
     /// First simulated time, as `info` tells it, e.g. 5s [default: the beginning]
-    #[arg(long, value_name = "TIME", value_parser = parse_nanos_or_0)]
+    #[arg(long, value_name = "TIME", value_parser = span_nanos)]
     from: Option<u64>,
 
     /// First simulated time that is left out [default: none]
-    #[arg(long, value_name = "TIME", value_parser = parse_nanos)]
+    #[arg(long, value_name = "TIME", value_parser = some_span_nanos)]
     to: Option<u64>,
 
     /// Topics of frames and results, with * and ?; default: all. What is of the world stays
@@ -241,7 +246,7 @@ enum PreviewsArg {
 /// The program `gantry-record`, from its arguments to its exit code.
 pub fn main() -> ExitCode {
     run(|args: Args| {
-        args.common.init_logging();
+        args.basic.init_logging();
         match &args.action {
             Some(Action::Info { files, json }) => print_info(files, *json),
             Some(Action::Cat { file, cut, json }) => {
@@ -250,23 +255,23 @@ pub fn main() -> ExitCode {
                 ended(out.flush())
             }
             Some(Action::Trim { input, output, cut }) => {
-                let _sign = sign_of_life(&args.common, "trimming", std::slice::from_ref(input));
+                let _sign = sign_of_life(&args.basic, "trimming", std::slice::from_ref(input));
                 told(output, trim(input, output, &cut.cut())?)
             }
             Some(Action::Merge { files }) => match files.split_last() {
                 Some((output, inputs)) => {
-                    let _sign = sign_of_life(&args.common, "merging", inputs);
+                    let _sign = sign_of_life(&args.basic, "merging", inputs);
                     told(output, merge(inputs, output)?)
                 }
                 None => Err(wrong_usage("name the recordings and the new file")),
             },
             Some(Action::Convert { input, output }) => {
-                let _sign = sign_of_life(&args.common, "converting", std::slice::from_ref(input));
+                let _sign = sign_of_life(&args.basic, "converting", std::slice::from_ref(input));
                 convert(input, output).map(|()| Exit::Done)
             }
-            Some(Action::Dump { note, json }) => dump(&args.common.domain, note, *json),
+            Some(Action::Dump { note, json, on }) => dump(&on.domain, note, *json),
             Some(Action::Recover { input, output }) => {
-                let _sign = sign_of_life(&args.common, "rescuing", std::slice::from_ref(input));
+                let _sign = sign_of_life(&args.basic, "rescuing", std::slice::from_ref(input));
                 rescue(input, output)
             }
             None => start(&args),
@@ -282,14 +287,14 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
     let shutdown = Shutdown::install()?;
     launch_cli::raise_file_limit()?;
     let server = match args.keep {
-        Some(_) => Some(Server::start(&args.common.domain)?),
+        Some(_) => Some(Server::start(&args.on.domain)?),
         None => None,
     };
     let signalled = Arc::new(AtomicBool::new(false));
     signal_hook::flag::register(signal_hook::consts::SIGUSR1, signalled.clone())
         .context("cannot wait for SIGUSR1")?;
     let options = Options {
-        domain: args.common.domain.clone(),
+        domain: args.on.domain.clone(),
         bus: Default::default(),
         select: Select {
             topics: args.topics.clone(),
@@ -376,14 +381,14 @@ fn print_report(report: &Report) -> anyhow::Result<Exit> {
 }
 
 /// What terminals show while files are copied: their number, size, and the time that has passed.
-fn sign_of_life(common: &CommonArgs, verb: &str, files: &[PathBuf]) -> Progress {
+fn sign_of_life(basic: &BasicArgs, verb: &str, files: &[PathBuf]) -> Progress {
     let sizes = files.iter().filter_map(|file| file.metadata().ok());
     let megabytes = sizes.map(|it| it.len()).sum::<u64>() as f64 / 1e6;
     let what = match files {
         [only] => only.display().to_string(),
         _ => format!("{} recordings", files.len()),
     };
-    Progress::endless(common, &format!("{verb} {what} ({megabytes:.1} MB)"))
+    Progress::endless(basic, &format!("{verb} {what} ({megabytes:.1} MB)"))
 }
 
 fn dump(domain: &str, note: &str, json: bool) -> anyhow::Result<Exit> {
@@ -406,7 +411,7 @@ fn dump(domain: &str, note: &str, json: bool) -> anyhow::Result<Exit> {
                 )?;
             }
             Err(error) => {
-                tracing::error!(error, "a recorder could not dump");
+                tracing::error!(%error, "a recorder could not dump");
                 outcome = Exit::Failed;
             }
         }
@@ -448,14 +453,6 @@ fn ended(outcome: std::io::Result<()>) -> anyhow::Result<Exit> {
     match outcome {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error.into()),
         _ => Ok(Exit::Done),
-    }
-}
-
-/// A time that may be zero.
-fn parse_nanos_or_0(text: &str) -> Result<u64, String> {
-    match text.trim().trim_end_matches(char::is_alphabetic) {
-        "0" => Ok(0),
-        _ => parse_nanos(text),
     }
 }
 

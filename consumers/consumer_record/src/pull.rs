@@ -1,13 +1,13 @@
 //! Reads the records of a whole recording one by one, chunks unpacked as they come.
 
 use std::fs::File;
-use std::io::{BufReader, Read as _};
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use launch_cli::files::open_plain;
 use mcap::records::{Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use schema_recording::walk::{MAX_RECORD_BYTES, record};
+use schema_recording::walk::{self, End, RecordError, RecordWalk, record};
 
 /// Most bytes that are read at once.
 const MAX_READ_BYTES: usize = 1 << 20;
@@ -15,9 +15,22 @@ const MAX_READ_BYTES: usize = 1 << 20;
 /// A recording that is read from its beginning to its end.
 pub(crate) struct Pull {
     path: PathBuf,
-    input: BufReader<File>,
-    reader: LinearReader,
+    walk: RecordWalk<BufReader<File>>,
+    /// The records of the chunk that is read, unpacked, and how many bytes of them are done.
+    records: Vec<u8>,
+    done: usize,
+    /// The record outside of chunks that was read last.
     body: Vec<u8>,
+}
+
+/// Where the next record is.
+enum At {
+    /// In the chunk that is read, its opcode and its body from one byte to another.
+    Chunk(u8, std::ops::Range<usize>),
+    /// Outside of chunks.
+    Outside(u8),
+    /// Behind the data.
+    End,
 }
 
 impl Pull {
@@ -27,21 +40,13 @@ impl Pull {
     /// A sentence if it cannot be read or is none.
     pub(crate) fn open(path: &Path) -> anyhow::Result<Pull> {
         let name = path.display();
-        let mut file = File::open(path).with_context(|| format!("cannot open {name}"))?;
-        let mut magic = [0u8; 8];
-        let is_mcap = file.read_exact(&mut magic).is_ok() && magic == mcap::MAGIC;
-        anyhow::ensure!(
-            is_mcap,
-            "{name} is not an MCAP file: it does not begin with the bytes 89 4D 43 41 50 30 0D 0A"
-        );
-        let options = LinearReaderOptions::default()
-            .with_skip_start_magic(true)
-            .with_validate_chunk_crcs(true)
-            .with_record_length_limit(MAX_RECORD_BYTES as usize);
+        let (file, n_bytes) = open_plain(path).with_context(|| format!("cannot open {name}"))?;
+        let input = BufReader::with_capacity(MAX_READ_BYTES, file);
         Ok(Pull {
             path: path.to_path_buf(),
-            input: BufReader::with_capacity(MAX_READ_BYTES, file),
-            reader: LinearReader::new_with_options(options),
+            walk: RecordWalk::new(input, n_bytes).with_context(|| name.to_string())?,
+            records: Vec::new(),
+            done: 0,
             body: Vec::new(),
         })
     }
@@ -51,48 +56,57 @@ impl Pull {
     /// # Errors
     /// A sentence if the file is damaged here, or ends before its end.
     pub(crate) fn next(&mut self) -> anyhow::Result<Option<Record<'_>>> {
-        let opcode = loop {
-            match self.step() {
-                Ok(Step::Record(op::DATA_END)) => return Ok(None),
-                Ok(Step::Record(opcode)) => break opcode,
-                Ok(Step::More) => {}
-                Ok(Step::End) => return Err(self.damaged("it ends too early")),
-                Err(error) => return Err(self.damaged(&error.to_string())),
-            }
+        let (opcode, body) = match self.advance()? {
+            At::End => return Ok(None),
+            At::Chunk(opcode, place) => (opcode, &self.records[place]),
+            At::Outside(opcode) => (opcode, &self.body[..]),
         };
-        match record(opcode, &self.body) {
+        match record(opcode, body) {
             Ok(record) => Ok(Some(record)),
-            Err(why) => Err(self.damaged(&why.to_string())),
+            Err(why) => Err(damaged(&self.path, &why.to_string())),
         }
     }
 
-    fn step(&mut self) -> anyhow::Result<Step> {
-        match self.reader.next_event().transpose()? {
-            None => Ok(Step::End),
-            Some(LinearReadEvent::Record { data, opcode }) => {
-                self.body.clear();
-                self.body.extend_from_slice(data);
-                Ok(Step::Record(opcode))
+    fn advance(&mut self) -> anyhow::Result<At> {
+        loop {
+            let mut rest = &self.records[self.done..];
+            let taken = walk::take_record(&mut rest);
+            let left = rest.len();
+            if let Some((opcode, body)) = taken.map_err(|error| self.broken(&error))? {
+                let end = self.records.len() - left;
+                let place = end - body.len()..end;
+                self.done = end;
+                return Ok(At::Chunk(opcode, place));
             }
-            Some(LinearReadEvent::ReadRequest(wanted)) => {
-                let space = self.reader.insert(wanted.min(MAX_READ_BYTES));
-                let n_read = self.input.read(space)?;
-                self.reader.notify_read(n_read);
-                Ok(Step::More)
+            let Some((opcode, body)) = self.walk.next_record() else {
+                let why = match self.walk.end() {
+                    End::Damaged(why) => why,
+                    End::CutOff | End::Complete => "it ends too early".to_owned(),
+                };
+                return Err(damaged(&self.path, &why));
+            };
+            match opcode {
+                op::DATA_END => return Ok(At::End),
+                op::CHUNK => {
+                    let records = walk::unpack(&body).map_err(|error| self.broken(&error))?;
+                    (self.records, self.done) = (records.into_owned(), 0);
+                }
+                _ => {
+                    self.body = body;
+                    return Ok(At::Outside(opcode));
+                }
             }
         }
     }
 
-    fn damaged(&self, why: &str) -> anyhow::Error {
-        let name = self.path.display();
-        anyhow::anyhow!(
-            "{name} is damaged or not finished ({why}); copy what is whole with `gantry-record recover {name} OUT.mcap`"
-        )
+    fn broken(&self, error: &RecordError) -> anyhow::Error {
+        damaged(&self.path, &error.to_string())
     }
 }
 
-enum Step {
-    Record(u8),
-    More,
-    End,
+fn damaged(path: &Path, why: &str) -> anyhow::Error {
+    let name = path.display();
+    anyhow::anyhow!(
+        "{name} is damaged or not finished ({why}); copy what is whole with `gantry-record recover {name} OUT.mcap`"
+    )
 }

@@ -1,11 +1,11 @@
 //! Copies what an interrupted or damaged recording still holds into a new, complete file. One chunk
 //! is in memory at a time, packed.
 
-use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
 use anyhow::Context as _;
+use launch_cli::files::open_plain;
 use mcap::Attachment;
 use mcap::records::{Record, op};
 use schema_recording::walk::{End, RecordWalk, for_each_in_chunk, record};
@@ -32,8 +32,8 @@ pub struct Recovered {
 /// # Errors
 /// If `input` cannot be read or is no MCAP file, or `output` exists or cannot be written.
 pub fn recover_file(input: &Path, output: &Path) -> anyhow::Result<Recovered> {
-    let file = File::open(input).with_context(|| format!("cannot open {}", input.display()))?;
-    let file_bytes = file.metadata()?.len();
+    let (file, file_bytes) =
+        open_plain(input).with_context(|| format!("cannot open {}", input.display()))?;
     let walk = RecordWalk::new(BufReader::with_capacity(1 << 20, file), file_bytes)
         .with_context(|| input.display().to_string())?;
     recover(walk, output)

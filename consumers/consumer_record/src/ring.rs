@@ -9,7 +9,7 @@ use schema_recording::messages::Batch;
 use schema_recording::write::{ChunkCompression, Recording, Written};
 
 use crate::context::Context;
-use crate::dump::{DumpRequest, Dumped};
+use crate::dump::{DumpRequest, Dumped, NotDumped};
 use crate::files::file_of_set;
 use crate::options::{self, KEY_EVERY_NANOS};
 use crate::queue::Job;
@@ -115,11 +115,11 @@ impl Ring {
             let outcome = write_dump(&path, compression, &context, &batches, &request.note);
             let said = match &outcome {
                 Ok(written) => Ok(dumped(&path, &batches, written, keep_nanos)),
-                Err(error) => Err(format!("{error:#}")),
+                Err(error) => Err(NotDumped(format!("{error:#}"))),
             };
             match &said {
                 Ok(done) => tracing::info!(file = %done.file, secs = done.secs, "dumped"),
-                Err(error) => tracing::error!(error, "cannot dump"),
+                Err(error) => tracing::error!(%error, "cannot dump"),
             }
             request.answer(said);
             outcome.ok().map(|written| (path, written))

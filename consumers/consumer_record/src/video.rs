@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
 
+use consumer_forms::picture::PictureError;
 use consumer_forms::picture::h264::{H264, Planes};
 use foxglove::messages as fox;
 use schema_frames::FrameHeader;
@@ -78,7 +79,7 @@ impl Videos {
             Err(error) => {
                 tracing::warn!(
                     channel = name.channel,
-                    error,
+                    %error,
                     "kept as without --video, because it cannot be coded as video"
                 );
                 stream.is_refused = true;
@@ -96,15 +97,14 @@ impl Stream {
         payload: &[u8],
         second: u64,
         qp: u8,
-    ) -> Result<Vec<u8>, String> {
+    ) -> Result<Vec<u8>, PictureError> {
         let size_px = [header.width, header.height];
-        let is_new = self.encoder.as_ref().is_none_or(|(_, of)| *of != size_px);
-        if is_new {
-            self.encoder = Some((H264::new(size_px, qp)?, size_px));
-        }
-        let Some((encoder, _)) = &mut self.encoder else {
-            return Err("there is no encoder".to_string());
-        };
+        let known = self.encoder.take().filter(|(_, of)| *of == size_px);
+        let is_new = known.is_none();
+        let (encoder, _) = self.encoder.insert(match known {
+            Some(known) => known,
+            None => (H264::new(size_px, qp)?, size_px),
+        });
         self.picture
             .set_bgra(size_px, header.row_stride as usize, payload);
         let is_key = is_new || second != self.second;

@@ -59,6 +59,10 @@ fn refused(error: String) -> CommandReply {
 }
 
 fn run(session: &mut Session, command: &Command, asker: &Origin) -> anyhow::Result<CommandReply> {
+    if let Some(seal) = &session.options.seal {
+        let gate = &session.gate;
+        seal.admit(command, asker.pid, |number| gate.name_of(number))?;
+    }
     match command {
         Command::Ping => Ok(CommandReply::Pong {
             version: env!("CARGO_PKG_VERSION").into(),
@@ -84,7 +88,7 @@ fn run(session: &mut Session, command: &Command, asker: &Origin) -> anyhow::Resu
             session.has_come_back(name);
             Ok(CommandReply::Joined {
                 participant,
-                first_tick: session.tick + 1,
+                first_tick: session.tick.saturating_add(1),
             })
         }
         Command::LeaveLockstep { participant } => {
@@ -182,12 +186,12 @@ pub fn press(session: &mut Session, key: Key) -> anyhow::Result<()> {
                 set_mode(session, StepMode::Stepped);
                 session.publish_info()?;
             }
-            session.cues += 1;
+            session.cues = session.cues.saturating_add(1);
         }
         Key::Seek(secs) => {
-            let by = i128::from(secs) * 1_000_000_000;
-            let to = (i128::from(session.sim_nanos) + by).clamp(first.into(), last.into());
-            session.jump(u64::try_from(to).unwrap_or(first))?;
+            let by = i64::from(secs).saturating_mul(1_000_000_000);
+            let to = session.sim_nanos.saturating_add_signed(by);
+            session.jump(to.max(first).min(last))?;
         }
         Key::Faster | Key::Slower => {
             let factor = if key == Key::Faster {

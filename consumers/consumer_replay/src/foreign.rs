@@ -4,19 +4,20 @@
 //! message, and messages within a millisecond are one tick. What has no frame of ours is said once,
 //! with the reason.
 
+mod error;
 mod picture;
 mod points;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use consumer_forms::ros2::cdr::ReadError;
 use consumer_forms::ros2::read as ros2;
 use foxglove::Decode as _;
 use foxglove::messages as fox;
 use schema_frames::{FrameHeader, GnssSample, ImuSample, Modality};
 use schema_recording::read::{RecordingFile, Topic};
 
+pub use error::ForeignError;
 use picture::Picture;
 use points::Cloud;
 
@@ -65,7 +66,7 @@ impl Conversion {
 ///
 /// # Errors
 /// Why they cannot.
-pub fn plan(topic: &Topic, first: &[u8]) -> Result<Option<(Conversion, usize)>, String> {
+pub fn plan(topic: &Topic, first: &[u8]) -> Result<Option<(Conversion, usize)>, ForeignError> {
     let of = match (topic.schema.as_str(), topic.encoding.as_str()) {
         ("foxglove.CameraCalibration", "protobuf") => return Ok(None),
         ("foxglove.RawImage", "protobuf") => Conversion::Image(Source::Foxglove, Modality::Rgb),
@@ -78,14 +79,14 @@ pub fn plan(topic: &Topic, first: &[u8]) -> Result<Option<(Conversion, usize)>, 
         ("sensor_msgs/msg/NavSatFix", "cdr") => Conversion::Position(Source::Ros2),
         ("sensor_msgs/msg/Imu", "cdr") => Conversion::Inertial,
         (schema, encoding) => {
-            return Err(format!(
-                "there is no frame for {} in {encoding:?}; known are Foxglove's RawImage, CompressedImage, PointCloud and LocationFix in protobuf and ROS 2's Image, CompressedImage, PointCloud2, NavSatFix and Imu in CDR",
-                if schema.is_empty() {
-                    "messages without a schema"
-                } else {
-                    schema
-                }
-            ));
+            let schema = match schema {
+                "" => "messages without a schema",
+                named => named,
+            };
+            return Err(ForeignError::Unknown {
+                schema: schema.to_owned(),
+                encoding: encoding.to_owned(),
+            });
         }
     };
     // Whether an image is colour or depth is in the message.
@@ -121,7 +122,7 @@ struct Made {
 }
 
 impl Made {
-    fn fill(&mut self, of: Conversion, message: &[u8]) -> Result<(), String> {
+    fn fill(&mut self, of: Conversion, message: &[u8]) -> Result<(), ForeignError> {
         self.bytes.clear();
         match of {
             Conversion::Image(source, modality) => {
@@ -139,7 +140,7 @@ impl Made {
             Conversion::Cloud(source) => {
                 let cloud = match source {
                     Source::Foxglove => Cloud::of_foxglove(&decoded(message)?),
-                    Source::Ros2 => Cloud::of_ros2(said(ros2::point_cloud(message))?),
+                    Source::Ros2 => Cloud::of_ros2(ros2::point_cloud(message)?),
                 };
                 self.size = [cloud.write(&mut self.bytes)?, 1];
                 Ok(())
@@ -150,7 +151,7 @@ impl Made {
                         let fix: fox::LocationFix = decoded(message)?;
                         [fix.latitude, fix.longitude, fix.altitude]
                     }
-                    Source::Ros2 => said(ros2::nav_sat_fix(message))?,
+                    Source::Ros2 => ros2::nav_sat_fix(message)?,
                 };
                 let sample = GnssSample {
                     latitude_deg,
@@ -161,44 +162,39 @@ impl Made {
                 self.one(bytemuck::bytes_of(&sample))
             }
             Conversion::Inertial => {
-                let sample: ImuSample = said(ros2::imu(message))?;
+                let sample: ImuSample = ros2::imu(message)?;
                 self.one(bytemuck::bytes_of(&sample))
             }
         }
     }
 
-    fn one(&mut self, sample: &[u8]) -> Result<(), String> {
+    fn one(&mut self, sample: &[u8]) -> Result<(), ForeignError> {
         self.size = [1, 1];
         self.bytes.extend_from_slice(sample);
         Ok(())
     }
 }
 
-fn decoded<M: foxglove::Decode + Default>(message: &[u8]) -> Result<M, String> {
-    M::decode(message).map_err(|error| format!("it is no message of its schema: {error}"))
+fn decoded<M: foxglove::Decode>(message: &[u8]) -> Result<M, ForeignError> {
+    M::decode(message).map_err(|error| ForeignError::Protobuf(error.to_string()))
 }
 
-/// The reason as a sentence.
-fn said<T>(read: Result<T, ReadError>) -> Result<T, String> {
-    read.map_err(|error| error.to_string())
-}
-
-fn raw(source: Source, message: &[u8]) -> Result<Picture, String> {
+fn raw(source: Source, message: &[u8]) -> Result<Picture, ForeignError> {
     match source {
         Source::Foxglove => Ok(Picture::of_foxglove(decoded(message)?)),
-        Source::Ros2 => Ok(Picture::of_ros2(said(ros2::image(message))?)),
+        Source::Ros2 => Ok(Picture::of_ros2(ros2::image(message)?)),
     }
 }
 
 /// Name of the axes, and the file.
-fn coded(source: Source, message: &[u8]) -> Result<(String, Vec<u8>), String> {
+fn coded(source: Source, message: &[u8]) -> Result<(String, Vec<u8>), ForeignError> {
     match source {
         Source::Foxglove => {
             let image: fox::CompressedImage = decoded(message)?;
             Ok((image.frame_id, image.data.to_vec()))
         }
         Source::Ros2 => {
-            let image = said(ros2::compressed_image(message))?;
+            let image = ros2::compressed_image(message)?;
             Ok((image.frame_id, image.file))
         }
     }
@@ -279,14 +275,14 @@ impl Converter {
         }
         let nanos = log_nanos.saturating_sub(self.start_nanos);
         let (tick, began) = self.ticks;
-        if tick == 0 || nanos >= began + FOREIGN_TICK_NANOS {
-            self.ticks = (tick + 1, nanos);
+        if tick == 0 || nanos >= began.saturating_add(FOREIGN_TICK_NANOS) {
+            self.ticks = (tick.saturating_add(1), nanos);
         }
         let modality = of.modality();
         let mut header = FrameHeader::new(modality);
         let [width, height] = self.made.size;
         header.set_image(width, height);
-        header.sensor_id = idx as u32 + 1;
+        header.sensor_id = u32::try_from(idx).unwrap_or(u32::MAX).saturating_add(1);
         (header.tick, header.sim_nanos) = self.ticks;
         header.episode = 1;
         if let Some(intrinsics) = self.intrinsics.get(&self.made.frame_id) {

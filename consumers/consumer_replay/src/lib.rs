@@ -12,6 +12,8 @@
 //! `commands` (what is asked of it), `keys` (the terminal).
 
 #![forbid(unsafe_code)]
+// Numbers of files may be any: sums of them are checked, or cannot overflow.
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 #![warn(missing_docs)]
 
 mod commands;

@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
+use launch_cli::values::{WrongValue, number};
 use schema_bus::BusOptions;
+use schema_frames::Seal;
 use schema_recording::pattern::matches;
 
 /// What is replayed, how fast, and for whom.
@@ -40,6 +42,8 @@ pub struct Options {
     pub hold: bool,
     /// Whether keys of the terminal are read.
     pub keys: bool,
+    /// What is shown of the recorded world, if programs are scored against it.
+    pub seal: Option<Seal>,
 }
 
 impl Options {
@@ -62,12 +66,17 @@ impl Options {
             paused: false,
             hold: false,
             keys: false,
+            seal: None,
         }
     }
 
     /// Whether a topic of frames is replayed.
     pub fn has_frames_of(&self, topic: &str) -> bool {
-        self.topics.is_empty() || any(&self.topics, topic)
+        let is_sealed = self
+            .seal
+            .as_ref()
+            .is_some_and(|seal| !seal.shows(&self.name_of(topic)));
+        !is_sealed && (self.topics.is_empty() || any(&self.topics, topic))
     }
 
     /// Whether a topic of results is replayed.
@@ -116,48 +125,25 @@ pub enum Results {
 /// Reads how long a participant may be idle, seconds, as nanoseconds.
 ///
 /// # Errors
-/// A sentence with what is allowed.
-pub fn idle_nanos(text: &str) -> Result<u64, String> {
-    let seconds = text.parse().ok();
-    let seconds = seconds.filter(|seconds: &f64| (0.001..=86_400.0).contains(seconds));
-    seconds
-        .map(|seconds| (seconds * 1e9).round() as u64)
-        .ok_or_else(|| "it must be seconds from 0.001 to 86400, for example 2.5".to_owned())
+/// [`WrongValue`].
+pub fn idle_nanos(text: &str) -> Result<u64, WrongValue> {
+    let seconds = number("number of seconds", 0.001..=86_400.0)(text)?;
+    Ok((seconds * 1e9).round() as u64)
 }
 
 /// Reads a speed: a ratio, or `max`.
 ///
 /// # Errors
-/// A sentence with what is allowed.
-pub fn rate(text: &str) -> Result<Rate, String> {
+/// [`WrongValue`].
+pub fn rate(text: &str) -> Result<Rate, WrongValue> {
     if text == "max" {
         return Ok(Rate::Max);
     }
     let (least, most) = schema_frames::command::SPEED_RATIO;
-    let ratio = text.trim_end_matches('x').parse::<f64>().ok();
+    let ratio = number("speed", least..=most)(text.trim_end_matches('x'));
     ratio
-        .filter(|ratio| (least..=most).contains(ratio))
         .map(Rate::Ratio)
-        .ok_or_else(|| format!("{text:?} is no speed; say {least} to {most}, or max"))
-}
-
-/// Reads a time: `12s`, `1.5`, `800ms`, `2m`, `1h`.
-///
-/// # Errors
-/// A sentence with what is allowed.
-pub fn time(text: &str) -> Result<u64, String> {
-    let units = [("ms", 1e-3), ("s", 1.0), ("m", 60.0), ("h", 3600.0)];
-    let (number, secs) = units
-        .iter()
-        .find_map(|(unit, secs)| Some((text.strip_suffix(unit)?, *secs)))
-        .unwrap_or((text, 1.0));
-    let nanos = number.trim().parse::<f64>().ok().map(|n| n * secs * 1e9);
-    nanos
-        .filter(|nanos| (0.0..1.8e19).contains(nanos))
-        .map(|nanos| nanos.round() as u64)
-        .ok_or_else(|| {
-            format!("{text:?} is no time; say it like 12s, 800ms or 2m, counted as the recording's simulated time")
-        })
+        .map_err(|_| WrongValue::new(text, "speed", format!("{least} to {most}, or max")))
 }
 
 /// Reads `a=b`.
@@ -181,19 +167,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn speeds_and_times_are_read_and_nonsense_is_refused() {
+    fn speeds_are_read_and_nonsense_is_refused() {
         assert_eq!(rate("2"), Ok(Rate::Ratio(2.0)));
         assert_eq!(rate("0.5x"), Ok(Rate::Ratio(0.5)));
         assert_eq!(rate("max"), Ok(Rate::Max));
         for bad in ["0", "-1", "fast", "101", "NaN", "inf", ""] {
-            assert!(rate(bad).unwrap_err().contains("0.01 to 100"), "{bad}");
-        }
-        assert_eq!(time("12s"), Ok(12_000_000_000));
-        assert_eq!(time("1.5"), Ok(1_500_000_000));
-        assert_eq!(time("800ms"), Ok(800_000_000));
-        assert_eq!(time("2m"), Ok(120_000_000_000));
-        for bad in ["-1s", "soon", "1e99", "", "NaN"] {
-            assert!(time(bad).is_err(), "{bad}");
+            assert!(
+                rate(bad).unwrap_err().to_string().contains("0.01 to 100"),
+                "{bad}"
+            );
         }
     }
 
@@ -208,6 +190,17 @@ mod tests {
         assert_eq!(options.name_of("ego/roof/lidar"), "car/roof/lidar");
         assert_eq!(options.name_of("egon/a/rgb"), "egon/a/rgb");
         assert!(renaming("ego").is_err() && renaming("=b").is_err() && renaming("a=").is_err());
+    }
+
+    #[test]
+    fn a_seal_leaves_out_what_it_does_not_name() {
+        let mut options = Options::new("d", "a.mcap".into());
+        options.seal = Some(Seal {
+            topics: vec!["ego/front/rgb".into()],
+            ..Seal::default()
+        });
+        assert!(options.has_frames_of("ego/front/rgb"));
+        assert!(!options.has_frames_of("ego/front_truth/depth"));
     }
 
     #[test]

@@ -51,9 +51,9 @@ impl Pace {
             return now_nanos;
         };
         let (wall, sim) = *self.begin.get_or_insert((now_nanos, sim_nanos));
-        let passed = sim_nanos as i128 - sim as i128;
-        let nanos = wall as i128 + (passed as f64 / ratio).round() as i128;
-        u64::try_from(nanos).unwrap_or(now_nanos)
+        let passed = i128::from(sim_nanos).saturating_sub(i128::from(sim));
+        let later = (passed as f64 / ratio).round() as i128;
+        u64::try_from(i128::from(wall).saturating_add(later)).unwrap_or(now_nanos)
     }
 
     /// Notes that the tick at `sim_nanos`, which was due, starts now.
@@ -63,10 +63,10 @@ impl Pace {
         }
         let late_nanos = now_nanos.saturating_sub(self.due_nanos(sim_nanos, now_nanos));
         if late_nanos > LATE_NANOS {
-            self.n_late += 1;
+            self.n_late = self.n_late.saturating_add(1);
         }
         if late_nanos > GIVE_UP_NANOS {
-            self.n_given_up += 1;
+            self.n_given_up = self.n_given_up.saturating_add(1);
             self.begin = Some((now_nanos, sim_nanos));
         }
     }

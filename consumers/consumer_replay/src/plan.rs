@@ -91,7 +91,7 @@ impl Plan {
         for planned in &mut plan.frames {
             // A tick is read into its slots while the one before is being sent, and late frames keep
             // more ticks open.
-            planned.spec.frames_in_flight = plan.ticks_late.max(1) + 2;
+            planned.spec.frames_in_flight = plan.ticks_late.max(1).saturating_add(2);
         }
         plan.check(file, options)?;
         Ok(plan)
@@ -164,7 +164,7 @@ impl Plan {
             match samples.next()?.map(|sample| sample.what) {
                 Some(What::Foreign { bytes, .. }) => break foreign::plan(topic, bytes),
                 Some(_) => {}
-                None => break Err("it has no message".into()),
+                None => break Err(foreign::ForeignError::NoMessage),
             }
         };
         match outcome {
@@ -177,7 +177,9 @@ impl Plan {
                 planned.conversion = Some(conversion);
                 self.frames.push(planned);
             }
-            Err(why) => self.left_out.push((topic.name.to_string(), why)),
+            Err(why) => self
+                .left_out
+                .push((topic.name.to_string(), why.to_string())),
         }
         Ok(())
     }
@@ -246,7 +248,7 @@ impl Plan {
                 "the recording's topics need {} MiB of shared memory, but /dev/shm has {} MiB free; free space, make it larger (Docker: --shm-size={}m) or replay fewer with --topics",
                 mib(need_bytes),
                 mib(short.free_bytes.unwrap_or(0)),
-                mib(need_bytes) + 64
+                mib(need_bytes).saturating_add(64)
             ))
         })
     }
@@ -266,7 +268,7 @@ fn planned(
             Modality::Dvs | Modality::Lidar | Modality::SemanticLidar | Modality::Radar
         );
     let max_payload_bytes = match is_list {
-        true => (payload_bytes * 2).max(LEAST_LIST_BYTES),
+        true => payload_bytes.saturating_mul(2).max(LEAST_LIST_BYTES),
         false => payload_bytes.max(1),
     };
     ensure!(

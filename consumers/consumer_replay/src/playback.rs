@@ -44,7 +44,7 @@ pub fn replay(options: &Options, shutdown: &Shutdown) -> anyhow::Result<Report> 
         )));
     };
     plan.check_memory()?;
-    let ports = Ports::open(&bus, &plan)?;
+    let ports = Ports::open(&bus, &plan, options.seal.is_some())?;
     let mut session = Session::new(options, file, &plan, ports, bus, claim)?;
     let outcome = run(&mut session, shutdown);
     let report = session.report();
@@ -111,7 +111,7 @@ fn is_early(session: &mut Session) -> anyhow::Result<bool> {
         if session
             .ports
             .wake
-            .wait((wait - LAST_STRETCH).min(LOOK_AROUND))?
+            .wait(wait.saturating_sub(LAST_STRETCH).min(LOOK_AROUND))?
         {
             commands::serve(session)?;
         }

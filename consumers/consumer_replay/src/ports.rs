@@ -59,7 +59,7 @@ impl FramePort {
                 limit: self.slot_bytes,
             });
         }
-        let grown = len.next_power_of_two();
+        let grown = len.checked_next_power_of_two().unwrap_or(len);
         let mut spec = self.planned.spec;
         spec.max_payload_bytes = grown;
         let need_bytes = spec.segment_bytes(self.planned.modality);
@@ -92,6 +92,8 @@ pub struct Ports {
     pub acks: AckReader,
     pub wake: Listener,
     pub documents: Documents,
+    /// Whether snapshots have no actors.
+    pub is_sealed: bool,
 }
 
 impl Ports {
@@ -99,7 +101,7 @@ impl Ports {
     ///
     /// # Errors
     /// [`schema_bus::BusError`].
-    pub fn open(bus: &Bus, plan: &Plan) -> anyhow::Result<Ports> {
+    pub fn open(bus: &Bus, plan: &Plan, is_sealed: bool) -> anyhow::Result<Ports> {
         // Commands come first: whoever finds a topic may join the lockstep at once.
         let (commands, wake) = (bus.command_server()?, bus.listener(names::CONTROL_WAKE)?);
         let mut rigs: Vec<(String, Notifier)> = Vec::new();
@@ -111,7 +113,7 @@ impl Ports {
                 None => {
                     let event = bus.notifier(&names::rig_tick(rig_name))?;
                     rigs.push((rig_name.to_owned(), event));
-                    rigs.len() - 1
+                    rigs.len().saturating_sub(1)
                 }
             };
             let service = bus.frame_service(&planned.name, planned.spec)?;
@@ -150,7 +152,8 @@ impl Ports {
             commands,
             acks: bus.ack_reader()?,
             wake,
-            documents: Documents::open(bus)?,
+            documents: Documents::open(bus, is_sealed)?,
+            is_sealed,
         })
     }
 

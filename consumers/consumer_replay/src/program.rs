@@ -4,10 +4,12 @@ use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use crate::options::{Options, Rate, Results, idle_nanos, rate, renaming, time};
+use crate::options::{Options, Rate, Results, idle_nanos, rate, renaming};
 use crate::{Report, replay};
 use clap::Parser;
+use launch_cli::values::span_nanos;
 use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
+use schema_frames::Seal;
 
 /// Publishes a recording into a domain, so that every consumer works on it as on the simulator: the
 /// same frames with their ticks and times, the world, and results of users' programs. It can stand
@@ -29,11 +31,11 @@ struct Args {
     again: bool,
 
     /// First simulated time, e.g. 10s [default: the beginning]
-    #[arg(long, value_name = "TIME", value_parser = time)]
+    #[arg(long, value_name = "TIME", value_parser = span_nanos)]
     from: Option<u64>,
 
     /// Simulated time at which to end, e.g. 20s [default: the end]
-    #[arg(long, value_name = "TIME", value_parser = time)]
+    #[arg(long, value_name = "TIME", value_parser = span_nanos)]
     to: Option<u64>,
 
     /// Topics of frames to publish, with * and ?; default: all. Snapshots and documents of the world
@@ -75,6 +77,11 @@ struct Args {
     /// Stay at the end, for jumps back, instead of ending
     #[arg(long, conflicts_with = "again")]
     hold: bool,
+
+    /// Show what sensors measure and nothing else of the world, and obey one process: a seal as
+    /// JSON, see the chapter on sealed worlds in the frame contract
+    #[arg(long, value_name = "JSON", value_parser = Seal::from_json, hide = true)]
+    sealed: Option<Seal>,
 
     #[command(flatten)]
     common: CommonArgs,
@@ -131,6 +138,7 @@ fn options(args: &Args) -> anyhow::Result<Options> {
         paused: args.paused,
         hold: args.hold,
         keys: std::io::stdin().is_terminal() && std::io::stderr().is_terminal(),
+        seal: args.sealed.clone(),
         ..Options::new(&args.common.domain, args.file.clone())
     })
 }

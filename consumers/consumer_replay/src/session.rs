@@ -136,7 +136,7 @@ impl Session {
             domain = options.domain,
             from = first as f64 * 1e-9,
             to = last as f64 * 1e-9,
-            topics = plan.frames.len() + plan.results.len(),
+            topics = plan.frames.len().saturating_add(plan.results.len()),
             "ready"
         );
         Ok(session)

@@ -9,14 +9,18 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use schema_bus::{FrameLoan, LoanError, mono_now};
 use schema_frames::limits::MAX_ACTORS;
-use schema_frames::{ActorRecord, FrameHeader, InputRecord, ResultHeader, SnapshotHeader};
+use schema_frames::sealed::mount_between;
+use schema_frames::{
+    ActorRecord, FrameHeader, InputRecord, Modality, ResultHeader, SnapshotHeader,
+};
 use schema_recording::read::{Damage, Place, RecordedDocument, RecordingFile};
+use schema_types::Pose;
 use schema_types::noise::mix;
 
 use crate::feed::{Bytes, Fed, FedWhat, Feed, FeedMark};
 use crate::foreign::FOREIGN_TICK_NANOS;
 use crate::options::Options;
-use crate::plan::Plan;
+use crate::plan::{Plan, PlannedFrames};
 use crate::ports::Ports;
 
 /// Most bytes of results that wait for their tick; beyond that a tick counts as read.
@@ -62,6 +66,15 @@ pub struct Group {
     begins_run: bool,
 }
 
+/// How a topic's frames are sealed.
+#[derive(Clone, Copy, Debug)]
+struct TopicSeal {
+    /// Whose numbers and classes are blanked; `None` of a topic that keeps them.
+    blanked: Option<Modality>,
+    /// The sensor's mount as the newest snapshot with its vehicle has it.
+    mount: Pose,
+}
+
 /// The recording.
 #[derive(Debug)]
 pub struct Tape {
@@ -78,6 +91,9 @@ pub struct Tape {
     result_bytes: usize,
     result_epochs: BTreeMap<String, usize>,
     numbers: Vec<u64>,
+    /// By topic of frames; none in a world that is not sealed.
+    seals: Vec<TopicSeal>,
+    is_sealed: bool,
     said: BTreeSet<usize>,
     counts: Counts,
     start_nanos: u64,
@@ -90,7 +106,7 @@ impl Tape {
         let feed = Feed::new(&file, plan, options);
         let (first, last) = file.span().unwrap_or((0, 0));
         let (first, last) = match feed.is_foreign() {
-            true => (0, last - first),
+            true => (0, last.saturating_sub(first)),
             false => (first, last),
         };
         let start_nanos = options.from_nanos.unwrap_or(first).max(first);
@@ -103,12 +119,14 @@ impl Tape {
             sent_ahead: BTreeSet::new(),
             is_at_end: false,
             ticks_late: plan.ticks_late,
-            most_ticks_late: plan.ticks_late.max(1) + 1,
+            most_ticks_late: plan.ticks_late.max(1).saturating_add(1),
             result_bytes: 0,
             result_epochs: names
                 .map(|(idx, of)| (of.source.to_string(), idx))
                 .collect(),
             numbers: vec![0; plan.frames.len()],
+            seals: seals(plan, options),
+            is_sealed: options.seal.is_some(),
             said: BTreeSet::new(),
             counts: Counts::default(),
             start_nanos,
@@ -204,7 +222,7 @@ impl Tape {
     /// If the disk cannot be read.
     pub fn load(&mut self, ports: &mut Ports) -> anyhow::Result<bool> {
         while !self.is_at_end
-            && self.groups.len() < 2 + self.ticks_late
+            && self.groups.len() < self.ticks_late.saturating_add(2)
             && (self.groups.is_empty() || self.result_bytes < MAX_RESULT_BYTES)
         {
             self.read(ports)?;
@@ -301,7 +319,7 @@ impl Tape {
                 let group = shelf.group_of(header.tick, header.sim_nanos, true);
                 match is_sound {
                     true => group.snapshot = Some((header, records.to_vec())),
-                    false => self.counts.n_dropped += 1,
+                    false => count(&mut self.counts.n_dropped),
                 }
             }
             FedWhat::Document(topic, header, text) => {
@@ -318,19 +336,23 @@ impl Tape {
                 if is_foreign && group.snapshot.is_none() {
                     group.snapshot = Some((empty_snapshot(&header), Vec::new()));
                 }
+                let seal = self.seals.get_mut(topic).map(|seal| {
+                    seal.note(&header, group.snapshot.as_ref());
+                    *seal
+                });
                 let port = &mut ports.frames[topic];
                 if port.n_readers() == 0 {
                     group.unread.insert(topic);
                     return Ok(());
                 }
-                match fill(port.loan(&header), &header, bytes) {
+                match fill(port.loan(&header), &header, bytes, seal) {
                     Ok(loan) => {
                         group.unread.remove(&topic);
                         group.ready.push((place, Ready::Frame(topic, loan)));
                     }
                     Err(why) => {
-                        port.n_dropped += 1;
-                        self.counts.n_dropped += 1;
+                        count(&mut port.n_dropped);
+                        count(&mut self.counts.n_dropped);
                         if self.said.insert(topic) {
                             tracing::warn!(
                                 "a frame of {} is left out: {why}; further ones are only counted",
@@ -340,17 +362,20 @@ impl Tape {
                     }
                 }
             }
-            FedWhat::Result(topic, header, mut body, inputs) => {
+            FedWhat::Result(topic, mut header, mut body, inputs) => {
                 let has_readers = ports.results[topic].is_some();
                 let bytes = match has_readers {
                     true => body.to_vec(),
                     false => return Ok(()),
                 };
                 let Ok(body) = bytes else {
-                    self.counts.n_dropped += 1;
+                    count(&mut self.counts.n_dropped);
                     return Ok(());
                 };
-                self.result_bytes += body.len();
+                if self.is_sealed {
+                    header.world_from_space = mount_of(&self.seals, ports, inputs);
+                }
+                self.result_bytes = self.result_bytes.saturating_add(body.len());
                 let result = WaitingResult {
                     topic,
                     header,
@@ -390,7 +415,9 @@ impl Tape {
             true => drop(ports.snapshot_wake.notify()),
             false => drop(group.send_snapshot(ports, epoch)?),
         }
-        self.counts.n_ticks += u64::from(group.tick > 0);
+        if group.tick > 0 {
+            count(&mut self.counts.n_ticks);
+        }
         let mut documents = Vec::new();
         let mut rigs = BTreeSet::new();
         for (_, ready) in group.ready {
@@ -419,13 +446,14 @@ impl Tape {
         let header = loan.header_mut();
         header.epoch = epoch;
         if self.feed.is_foreign() {
-            self.numbers[topic] += 1;
+            count(&mut self.numbers[topic]);
             header.seq = self.numbers[topic];
         }
-        self.counts.payload_bytes += header.payload_bytes;
+        let sent_bytes = &mut self.counts.payload_bytes;
+        *sent_bytes = sent_bytes.saturating_add(header.payload_bytes);
         loan.send()?;
         let port = &mut ports.frames[topic];
-        port.n_sent += 1;
+        count(&mut port.n_sent);
         port.notify();
         Ok(())
     }
@@ -461,8 +489,8 @@ impl Tape {
         let mut loan = match publisher.loan(body.len()) {
             Ok(loan) => loan,
             Err(error) => {
-                self.counts.n_dropped += 1;
-                if self.said.insert(self.numbers.len() + topic) {
+                count(&mut self.counts.n_dropped);
+                if self.said.insert(self.numbers.len().saturating_add(topic)) {
                     tracing::warn!("a result is left out: {error}; further ones are only counted");
                 }
                 return Ok(());
@@ -481,14 +509,19 @@ impl Tape {
             loan.add_input(input);
         }
         loan.send_again()?;
-        self.counts.n_results += 1;
+        count(&mut self.counts.n_results);
         Ok(())
     }
 }
 
+/// One more.
+fn count(counter: &mut u64) {
+    *counter = counter.saturating_add(1);
+}
+
 /// Tells the writers of results apart, and those of one epoch from those of another.
 fn writer_epoch(epoch: u64, topic: usize) -> u64 {
-    mix(epoch ^ mix(topic as u64 + 1)).max(1)
+    mix(epoch ^ mix((topic as u64).saturating_add(1))).max(1)
 }
 
 /// Where things are put while they are read.
@@ -511,7 +544,7 @@ impl<'a> Shelf<'a> {
             None if is_snapshot || tick >= newest => None,
             // Late: as many ticks are kept open from here on.
             None => {
-                let late = usize::try_from(newest - tick).unwrap_or(usize::MAX);
+                let late = usize::try_from(newest.saturating_sub(tick)).unwrap_or(usize::MAX);
                 *self.ticks_late = late.max(*self.ticks_late).min(self.most_ticks_late);
                 self.groups.iter().position(|group| group.tick > tick)
             }
@@ -526,7 +559,7 @@ impl<'a> Shelf<'a> {
                 unread: BTreeSet::new(),
                 begins_run: tick < newest,
             });
-            self.groups.len() - 1
+            self.groups.len().saturating_sub(1)
         });
         &mut self.groups[place]
     }
@@ -547,21 +580,73 @@ impl Group {
             return Ok(false);
         };
         let header = SnapshotHeader { epoch, ..*header };
-        ports.snapshot.send(header, records)?;
+        match ports.is_sealed {
+            true => ports.snapshot.send(header.sealed(), &[])?,
+            false => ports.snapshot.send(header, records)?,
+        }
         ports.snapshot_wake.notify();
         Ok(true)
     }
 }
 
-/// Reads a frame into its slot.
+/// How each topic of frames is sealed; none in a world that is not.
+fn seals(plan: &Plan, options: &Options) -> Vec<TopicSeal> {
+    let Some(seal) = &options.seal else {
+        return Vec::new();
+    };
+    let of_topic = |planned: &PlannedFrames| TopicSeal {
+        blanked: (!seal.is_exact(&planned.name)).then_some(planned.modality),
+        mount: Pose::IDENTITY,
+    };
+    plan.frames.iter().map(of_topic).collect()
+}
+
+impl TopicSeal {
+    /// Learns the mount from the snapshot of the frame's tick. Without that the last one holds.
+    fn note(
+        &mut self,
+        header: &FrameHeader,
+        snapshot: Option<&(SnapshotHeader, Vec<ActorRecord>)>,
+    ) {
+        let vehicle = snapshot.and_then(|(_, records)| {
+            let found = records.binary_search_by_key(&header.parent_id, |record| record.id);
+            found.ok().map(|idx| &records[idx])
+        });
+        if let Some(vehicle) = vehicle {
+            self.mount = mount_between(&vehicle.world_from_actor, &header.world_from_sensor);
+        }
+    }
+}
+
+/// What a sealed world says in place of a result's pose: the mount of the sensor that it answers, if
+/// programs see that sensor, else nothing.
+fn mount_of(seals: &[TopicSeal], ports: &Ports, inputs: &[InputRecord]) -> Pose {
+    let answered = inputs.first().map(InputRecord::topic);
+    let is_answered = |name: &str| answered.as_deref() == Some(name);
+    let shown = ports
+        .frames
+        .iter()
+        .position(|port| is_answered(port.name()));
+    let seal = shown.and_then(|topic| seals.get(topic));
+    seal.map_or(Pose::IDENTITY, |seal| seal.mount)
+}
+
+/// Reads a frame into its slot, and seals it there.
 fn fill(
     loan: Result<FrameLoan, LoanError>,
     header: &FrameHeader,
     bytes: Bytes<'_>,
+    seal: Option<TopicSeal>,
 ) -> anyhow::Result<FrameLoan> {
     let mut loan = loan?;
     let len = header.payload_bytes as usize;
     bytes.read_into(&mut loan.payload_mut()[..len])?;
+    if let Some(seal) = seal {
+        if let Some(modality) = seal.blanked {
+            modality.blank(&mut loan.payload_mut()[..len]);
+        }
+        loan.header_mut().seal(seal.mount);
+    }
     let now = mono_now().0;
     let header = loan.header_mut();
     header.flags |= FrameHeader::REPLAYED;

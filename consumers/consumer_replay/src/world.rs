@@ -20,7 +20,9 @@ const OTHERS: [(&str, Option<&str>); 4] = [
 #[derive(Debug)]
 pub struct Documents {
     info: DocumentPublisher,
+    /// Those of [`OTHERS`], in their order; none in a sealed world.
     others: Vec<DocumentPublisher>,
+    is_sealed: bool,
     /// `world/info` as it was recorded.
     recorded: WorldInfo,
     sent: Option<WorldInfo>,
@@ -40,15 +42,17 @@ impl Documents {
     ///
     /// # Errors
     /// [`schema_bus::BusError`].
-    pub fn open(bus: &Bus) -> anyhow::Result<Documents> {
+    pub fn open(bus: &Bus, is_sealed: bool) -> anyhow::Result<Documents> {
         let open = |name: &str| {
             bus.document_publisher(name)
                 .with_context(|| format!("cannot publish {name:?}"))
         };
-        let others = OTHERS.iter().map(|(name, _)| open(name));
+        let others = OTHERS.iter().filter(|_| !is_sealed);
+        let others = others.map(|(name, _)| open(name));
         Ok(Documents {
             others: others.collect::<anyhow::Result<_>>()?,
             info: open(names::WORLD_INFO)?,
+            is_sealed,
             recorded: no_info(),
             sent: None,
         })
@@ -66,12 +70,12 @@ impl Documents {
     /// [`schema_bus::BusError`].
     pub fn begin(&mut self, found: &[RecordedDocument], state: &State<'_>) -> anyhow::Result<()> {
         self.sent = None;
-        for (idx, (name, otherwise)) in OTHERS.iter().enumerate() {
+        for ((name, otherwise), other) in OTHERS.iter().zip(&mut self.others) {
             match found.iter().find(|document| *document.topic == **name) {
-                Some(document) => self.send(document, state)?,
+                Some(document) => send(other, document, state)?,
                 None => {
                     if let Some(text) = otherwise {
-                        self.others[idx].send_revision(text, state.epoch, state.tick, 1)?;
+                        other.send_revision(text, state.epoch, state.tick, 1)?;
                     }
                 }
             }
@@ -91,19 +95,11 @@ impl Documents {
             self.take_info(&document.text);
             return self.publish_info(state);
         }
-        let known = OTHERS
-            .iter()
-            .position(|(name, _)| *document.topic == **name);
-        if let Some(idx) = known {
-            let header = &document.header;
-            self.others[idx].send_revision(
-                &document.text,
-                state.epoch,
-                header.tick,
-                header.revision,
-            )?;
+        let mut known = OTHERS.iter().zip(&mut self.others);
+        match known.find(|((name, _), _)| *document.topic == **name) {
+            Some((_, other)) => send(other, document, state),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     fn take_info(&mut self, text: &str) {
@@ -133,6 +129,10 @@ impl Documents {
             batches: Vec::new(),
             ..self.recorded.clone()
         };
+        let info = match self.is_sealed {
+            true => info.sealed(),
+            false => info,
+        };
         if self.sent.as_ref() != Some(&info) {
             self.info.send_json(&info, state.epoch, state.tick)?;
             self.sent = Some(info);
@@ -149,6 +149,17 @@ impl Documents {
     pub fn set_map(&mut self, name: &str) {
         self.recorded.map = name.to_string();
     }
+}
+
+/// Sends a document as it was recorded.
+fn send(
+    publisher: &mut DocumentPublisher,
+    document: &RecordedDocument,
+    state: &State<'_>,
+) -> anyhow::Result<()> {
+    let header = &document.header;
+    publisher.send_revision(&document.text, state.epoch, header.tick, header.revision)?;
+    Ok(())
 }
 
 /// What is said about the world of a file that says nothing.

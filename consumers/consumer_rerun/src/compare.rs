@@ -42,22 +42,47 @@ impl Difference {
     }
 }
 
+/// A sample of one of the two runs.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample<'a, Header, Element> {
+    /// Its header.
+    pub header: &'a Header,
+    /// Bytes of a frame's payload, or records of a snapshot.
+    pub content: &'a [Element],
+}
+
+/// A frame of one of the two runs.
+pub type Frame<'a> = Sample<'a, FrameHeader, u8>;
+/// A snapshot of one of the two runs.
+pub type Snapshot<'a> = Sample<'a, SnapshotHeader, ActorRecord>;
+
 /// The first difference between a recorded frame and one of the new run.
-pub fn frames(before: (&FrameHeader, &[u8]), now: (&FrameHeader, &[u8])) -> Option<Difference> {
+pub fn frames(before: Frame<'_>, now: Frame<'_>) -> Option<Difference> {
     let n_bytes = HASHED_HEADER_BYTES;
-    let (a, b) = (bytemuck::bytes_of(before.0), bytemuck::bytes_of(now.0));
+    let (a, b) = (
+        bytemuck::bytes_of(before.header),
+        bytemuck::bytes_of(now.header),
+    );
     if a[..n_bytes] != b[..n_bytes] {
         return Difference::of_header("FrameHeader", &a[..n_bytes], &b[..n_bytes]);
     }
-    if before.1 == now.1 {
+    if before.content == now.content {
         return None;
     }
-    let at = before.1.iter().zip(now.1).position(|(a, b)| a != b);
+    let at = before
+        .content
+        .iter()
+        .zip(now.content)
+        .position(|(a, b)| a != b);
     let Some(at) = at else {
         let bytes = |payload: &[u8]| format!("{} bytes", payload.len());
-        return Some(Difference::new("payload", bytes(before.1), bytes(now.1)));
+        return Some(Difference::new(
+            "payload",
+            bytes(before.content),
+            bytes(now.content),
+        ));
     };
-    Some(in_payload(before.0, before.1, now.1, at))
+    Some(in_payload(before.header, before.content, now.content, at))
 }
 
 /// A difference at byte `at` of two payloads of equal headers.
@@ -94,25 +119,24 @@ fn in_payload(header: &FrameHeader, before: &[u8], now: &[u8], at: usize) -> Dif
 
 /// The first difference between a recorded snapshot and one of the new run. Sensors that were added
 /// now are left out.
-pub fn snapshots(
-    before: (&SnapshotHeader, &[ActorRecord]),
-    now: (&SnapshotHeader, &[ActorRecord]),
-    has_added: bool,
-) -> Option<Difference> {
-    let last = before.1.last().map_or(0, |record| record.id);
+pub fn snapshots(before: Snapshot<'_>, now: Snapshot<'_>, has_added: bool) -> Option<Difference> {
+    let last = before.content.last().map_or(0, |record| record.id);
     let is_new = |record: &ActorRecord| record.id >= FIRST_ADDED_ID && record.id > last;
     let n_own = match has_added {
-        true => now.1.partition_point(|record| !is_new(record)),
-        false => now.1.len(),
+        true => now.content.partition_point(|record| !is_new(record)),
+        false => now.content.len(),
     };
     let header = SnapshotHeader {
         n_actors: n_own as u32,
-        ..*now.0
+        ..*now.header
     };
-    let records = &now.1[..n_own];
-    let actors = actors(before.1, records);
+    let records = &now.content[..n_own];
+    let actors = actors(before.content, records);
     let n_bytes = SNAPSHOT_HEADER_BYTES;
-    let (a, b) = (bytemuck::bytes_of(before.0), bytemuck::bytes_of(&header));
+    let (a, b) = (
+        bytemuck::bytes_of(before.header),
+        bytemuck::bytes_of(&header),
+    );
     // An actor that moved otherwise says more than what counts them.
     actors.or_else(|| Difference::of_header("SnapshotHeader", &a[..n_bytes], &b[..n_bytes]))
 }
@@ -146,6 +170,10 @@ mod tests {
     use super::*;
     use bytemuck::Zeroable;
 
+    fn of<'a, H, E>(header: &'a H, content: &'a [E]) -> Sample<'a, H, E> {
+        Sample { header, content }
+    }
+
     fn image() -> (FrameHeader, Vec<u8>) {
         let mut header = FrameHeader::new(Modality::Rgb);
         header.set_image(4, 3);
@@ -155,17 +183,17 @@ mod tests {
     #[test]
     fn a_pixel_a_field_and_a_length_are_told_apart() {
         let (header, bytes) = image();
-        assert_eq!(frames((&header, &bytes), (&header, &bytes)), None);
+        assert_eq!(frames(of(&header, &bytes), of(&header, &bytes)), None);
         let mut other = bytes.clone();
         other[16 + 4 * 2 + 1] = 9;
-        let found = frames((&header, &bytes), (&header, &other)).unwrap();
+        let found = frames(of(&header, &bytes), of(&header, &other)).unwrap();
         assert_eq!(found.place, "pixel (2, 1)");
         assert_eq!(
             (&found.recorded[..], &found.now[..]),
             ("[7, 7, 7, 7]", "[7, 9, 7, 7]")
         );
         let later = FrameHeader { seq: 3, ..header };
-        let found = frames((&header, &bytes), (&later, &other)).unwrap();
+        let found = frames(of(&header, &bytes), of(&later, &other)).unwrap();
         assert_eq!(found.place, "header.seq");
         let stamped = FrameHeader {
             epoch: 9,
@@ -173,7 +201,7 @@ mod tests {
             ..header
         };
         assert_eq!(
-            frames((&header, &bytes), (&stamped, &bytes)),
+            frames(of(&header, &bytes), of(&stamped, &bytes)),
             None,
             "clocks do not count"
         );
@@ -181,7 +209,7 @@ mod tests {
         list.set_list(2);
         let (a, mut b) = (vec![0; 32], vec![0; 32]);
         b[16 + 12] = 1;
-        let found = frames((&list, &a), (&list, &b)).unwrap();
+        let found = frames(of(&list, &a), of(&list, &b)).unwrap();
         assert_eq!(found.place, "element 1, intensity");
     }
 
@@ -205,17 +233,17 @@ mod tests {
             ..header
         };
         assert_eq!(
-            snapshots((&header, &before), (&now, &with_added), true),
+            snapshots(of(&header, &before), of(&now, &with_added), true),
             None
         );
-        assert!(snapshots((&header, &before), (&now, &with_added), false).is_some());
+        assert!(snapshots(of(&header, &before), of(&now, &with_added), false).is_some());
         let mut moved = before;
         moved[1].world_from_actor.translation_m[1] = 0.5;
-        let found = snapshots((&header, &before), (&header, &moved), false).unwrap();
+        let found = snapshots(of(&header, &before), of(&header, &moved), false).unwrap();
         assert_eq!(found.place, "actor 2, world_from_actor");
         let mut braking = before;
         braking[0].part[8..12].copy_from_slice(&1f32.to_le_bytes());
-        let found = snapshots((&header, &before), (&header, &braking), false).unwrap();
+        let found = snapshots(of(&header, &before), of(&header, &braking), false).unwrap();
         assert_eq!(found.place, "actor 1, brake_ratio");
     }
 }

@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use launch_cli::files::{MAX_SETTINGS_BYTES, read_text};
 use launch_cli::wrong_usage;
 
 use crate::children::adapters;
@@ -71,7 +72,7 @@ pub fn added_sensors(words: &[String]) -> anyhow::Result<Vec<(String, String)>> 
         match word.split_once('=') {
             Some((name, spec)) => sensors.push((name.trim().to_owned(), spec.trim().to_owned())),
             None => {
-                let text = std::fs::read_to_string(word).map_err(|error| {
+                let text = read_text(word.as_ref(), MAX_SETTINGS_BYTES).map_err(|error| {
                     wrong_usage(format!(
                         "--sensor {word}: neither NAME=SPEC nor a file that can be read ({error})"
                     ))

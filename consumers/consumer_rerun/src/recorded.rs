@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use schema_frames::{ActorRecord, FrameHeader, SnapshotHeader};
-use schema_recording::read::{RecordingFile, Samples, TopicKind, What};
+use schema_recording::read::{PayloadError, RecordingFile, Samples, TopicKind, What};
 
 /// A recorded frame or snapshot.
 pub enum Recorded<'a> {
@@ -11,7 +11,7 @@ pub enum Recorded<'a> {
     Frame {
         topic: &'a str,
         header: &'a FrameHeader,
-        payload: Result<&'a [u8], String>,
+        payload: Result<&'a [u8], Arc<PayloadError>>,
     },
     /// A snapshot.
     Snapshot {
@@ -31,7 +31,11 @@ impl Recorded<'_> {
 
 /// What was read, but belongs to a later tick.
 enum Ahead {
-    Frame(Arc<str>, Box<FrameHeader>, Result<Vec<u8>, String>),
+    Frame(
+        Arc<str>,
+        Box<FrameHeader>,
+        Result<Vec<u8>, Arc<PayloadError>>,
+    ),
     Snapshot(Box<SnapshotHeader>, Vec<ActorRecord>),
 }
 
@@ -130,7 +134,7 @@ impl Reader {
                         header,
                         payload: match read {
                             Ok(_) => Ok(&self.buffer[..]),
-                            Err(error) => Err(error.to_string()),
+                            Err(error) => Err(error.into()),
                         },
                     }
                 }

@@ -12,7 +12,7 @@ use schema_recording::read::RecordingFile;
 
 use crate::children;
 use crate::cli::{Args, Then};
-use crate::compare::{self, Difference};
+use crate::compare::{self, Difference, Sample};
 use crate::live::Live;
 use crate::plan::{added_sensors, simulator_args};
 use crate::recorded::{Reader, Recorded};
@@ -32,11 +32,11 @@ const NANOS_PER_MS: u64 = 1_000_000;
 /// # Errors
 /// If it cannot be run again, or the new run ends early.
 pub fn run(args: &Args, shutdown: &Shutdown) -> anyhow::Result<Exit> {
+    let sensors = added_sensors(&args.sensor)?;
     let file = RecordingFile::open(&args.file)?;
     let folder =
         launch_run::domain::temporary_folder(FOLDER).context("cannot make a folder for the run")?;
     let script = script::read(&file, folder.path(), &args.command)?;
-    let sensors = added_sensors(&args.sensor)?;
     let bus = Bus::open(&args.common.domain, "gantry-rerun")?;
     if bus.daemon_alive()? {
         return Err(wrong_usage(format!(
@@ -198,8 +198,15 @@ impl Pair<'_> {
                     let Some(now) = live.snapshot(header.tick) else {
                         return Ok(());
                     };
-                    let now = (now.header(), now.records());
-                    let found = compare::snapshots((header, records), now, has_added);
+                    let before = Sample {
+                        header: *header,
+                        content: records,
+                    };
+                    let now = Sample {
+                        header: now.header(),
+                        content: now.records(),
+                    };
+                    let found = compare::snapshots(before, now, has_added);
                     report.saw(header.tick);
                     report
                         .topic(WORLD)
@@ -227,7 +234,15 @@ impl Pair<'_> {
                         }
                     };
                     let found = live.with_frame(topic, header.tick, |now, bytes| {
-                        compare::frames((header, payload), (now, bytes))
+                        let before = Sample {
+                            header: *header,
+                            content: payload,
+                        };
+                        let now = Sample {
+                            header: now,
+                            content: bytes,
+                        };
+                        compare::frames(before, now)
                     });
                     match found {
                         Some(difference) => {

@@ -1,5 +1,6 @@
-//! Where connections come in: each gets a thread and a seat, and is looked at first. On a loopback
-//! address only processes of this process's user (and root) are let in, unless all are.
+//! Where connections come in: each is looked at, and then gets a seat and a thread. On a loopback
+//! address only processes of this process's user (and root) are let in, unless all are; others get
+//! a seat apart, to be told why.
 
 use std::io;
 use std::net::{IpAddr, TcpListener, TcpStream};
@@ -13,6 +14,8 @@ use crate::seats::{Seat, Seats};
 
 /// Files that every process may have open, as far as nothing else is known.
 const FEWEST_FILES: u64 = 1024;
+/// Most connections that are told at a time why they are not let in.
+pub const MAX_STRANGERS: usize = 16;
 
 /// Who may connect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,15 +39,27 @@ pub fn within_file_limit(most: usize) -> usize {
     usize::try_from(limit / 4).map_or(most, |share| share.clamp(1, most))
 }
 
+/// Tells why a connection is not let in, if it is not; an error if it has ended.
+type Judge = Box<dyn Fn(&TcpStream) -> io::Result<Option<String>> + Send + Sync>;
+
 /// A listener and who may come in.
-#[derive(Debug)]
 pub struct Door {
     listener: TcpListener,
     what: &'static str,
     seats: Arc<Seats>,
-    /// The user that may come in; `None`: everybody.
-    user: Option<u32>,
+    /// Places of those that are not let in.
+    strangers: Arc<Seats>,
+    judge: Judge,
     refusals: Seldom,
+}
+
+impl std::fmt::Debug for Door {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Door")
+            .field("listener", &self.listener)
+            .field("what", &self.what)
+            .finish_non_exhaustive()
+    }
 }
 
 /// A connection that came in.
@@ -81,13 +96,22 @@ impl Door {
                 )
             })?;
         }
-        Ok(Door {
+        let judge: Judge = match user {
+            Some(ours) => Box::new(move |stream: &TcpStream| unwelcome(stream, ours)),
+            None => Box::new(|_: &TcpStream| Ok(None)),
+        };
+        Ok(Door::judged(listener, what, capacity, judge))
+    }
+
+    fn judged(listener: TcpListener, what: &'static str, capacity: usize, judge: Judge) -> Door {
+        Door {
             listener,
             what,
             seats: Seats::new(what, capacity),
-            user,
+            strangers: Seats::new("refused connections", MAX_STRANGERS),
+            judge,
             refusals: Seldom::default(),
-        })
+        }
     }
 
     /// Accepts connections for ever and runs `serve` for each on a thread of its own.
@@ -96,24 +120,19 @@ impl Door {
         let mut pause = AcceptPause::new(self.what);
         loop {
             let accepted = self.listener.accept().and_then(|(stream, _)| {
-                let stream = Arc::new(stream);
-                let Some(seat) = self.seats.take(&stream) else {
+                let Some(guest) = self.look_at(Arc::new(stream)) else {
                     return Ok(());
                 };
-                let (door, serve) = (self.clone(), serve.clone());
+                let serve = serve.clone();
                 std::thread::Builder::new()
                     .name("client".into())
-                    .spawn(move || {
-                        if let Some(guest) = door.look_at(stream, seat) {
-                            serve(guest);
-                        }
-                    })
+                    .spawn(move || serve(guest))
                     .map(drop)
             });
             match accepted {
                 Ok(()) => pause.over(),
                 Err(error) => {
-                    if is_out_of_files(&error) {
+                    if is_out_of_files(&error) && !self.strangers.relieve() {
                         self.seats.relieve();
                     }
                     pause.wait(&error);
@@ -122,43 +141,46 @@ impl Door {
         }
     }
 
-    /// A new connection; `None` if it has ended.
-    fn look_at(&self, stream: Arc<TcpStream>, seat: Seat) -> Option<Guest> {
+    /// A new connection, which takes no place of those that are let in before it is let in; `None`
+    /// if it has ended or there is no place.
+    fn look_at(&self, stream: Arc<TcpStream>) -> Option<Guest> {
         prepare(&stream).ok()?;
-        let unwelcome = match self.user {
-            Some(ours) => self.unwelcome(&stream, ours).ok()?,
-            None => None,
-        };
-        if let (Some(why), Some(n_unsaid)) = (
-            &unwelcome,
-            unwelcome.as_ref().and_then(|_| self.refusals.is_due()),
-        ) {
+        let unwelcome = (self.judge)(&stream).ok()?;
+        if let Some(why) = &unwelcome
+            && let Some(n_unsaid) = self.refusals.is_due()
+        {
             tracing::warn!(n_unsaid, "refused one of the {}: {why}", self.what);
         }
+        let seats = match unwelcome {
+            None => &self.seats,
+            Some(_) => &self.strangers,
+        };
+        let seat = seats.take(&stream)?;
         Some(Guest {
             stream,
             seat,
             unwelcome,
         })
     }
+}
 
-    fn unwelcome(&self, stream: &TcpStream, ours: u32) -> io::Result<Option<String>> {
-        let (theirs, here) = (stream.peer_addr()?, stream.local_addr()?);
-        const SO: &str = "--any-user lets all users of this machine in";
-        Ok(match owner::whose(theirs, here) {
-            Ok(Whose::User(user)) if user == ours || user == 0 => None,
-            Ok(Whose::User(user)) => Some(format!(
-                "this server belongs to user {ours} and answers only that user's programs, but this one is user {user}'s; {SO}"
-            )),
-            Ok(Whose::Nobody) => return Err(io::ErrorKind::NotConnected.into()),
-            Ok(Whose::Unknown) => Some(format!(
-                "this server belongs to user {ours} and answers only that user's programs, but the kernel does not say whose this one is; {SO}"
-            )),
-            Err(error) => Some(format!(
-                "this server belongs to user {ours} and answers only that user's programs, but whose this one is cannot be read ({error}); {SO}"
-            )),
-        })
-    }
+/// Why a connection is not let in that only processes of the user `ours`, and root, may make.
+fn unwelcome(stream: &TcpStream, ours: u32) -> io::Result<Option<String>> {
+    let (theirs, here) = (stream.peer_addr()?, stream.local_addr()?);
+    const SO: &str = "--any-user lets all users of this machine in";
+    Ok(match owner::whose(theirs, here) {
+        Ok(Whose::User(user)) if user == ours || user == 0 => None,
+        Ok(Whose::User(user)) => Some(format!(
+            "this server belongs to user {ours} and answers only that user's programs, but this one is user {user}'s; {SO}"
+        )),
+        Ok(Whose::Nobody) => return Err(io::ErrorKind::NotConnected.into()),
+        Ok(Whose::Unknown) => Some(format!(
+            "this server belongs to user {ours} and answers only that user's programs, but the kernel does not say whose this one is; {SO}"
+        )),
+        Err(error) => Some(format!(
+            "this server belongs to user {ours} and answers only that user's programs, but whose this one is cannot be read ({error}); {SO}"
+        )),
+    })
 }
 
 fn is_loopback(address: IpAddr) -> bool {
@@ -172,7 +194,52 @@ fn is_loopback(address: IpAddr) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::io::{Read as _, Write as _};
+    use std::sync::atomic::{AtomicBool, Ordering};
+
     use super::*;
+
+    /// However many strangers come, they take no place of those that are let in.
+    #[test]
+    fn strangers_make_nobody_leave() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = listener.local_addr().unwrap();
+        let is_strange = Arc::new(AtomicBool::new(false));
+        let judged = is_strange.clone();
+        let judge = move |_: &TcpStream| {
+            let is_strange = judged.load(Ordering::Acquire);
+            Ok(is_strange.then(|| "somebody else's".to_owned()))
+        };
+        let door = Door::judged(listener, "test connections", 4, Box::new(judge));
+        std::thread::spawn(move || {
+            // Says what it is, and then once more when it is asked.
+            Arc::new(door).serve(|guest| {
+                let word = [u8::from(guest.unwelcome.is_some())];
+                let mut stream = &*guest.stream;
+                while stream.write_all(&word).is_ok() && stream.read_exact(&mut [0]).is_ok() {}
+            });
+        });
+        let word = |client: &mut TcpStream| {
+            let mut word = [9];
+            client.read_exact(&mut word).map(|()| word[0]).ok()
+        };
+        let come = || TcpStream::connect(address).unwrap();
+        let mut own: Vec<TcpStream> = (0..4).map(|_| come()).collect();
+        assert!(own.iter_mut().all(|client| word(client) == Some(0)));
+        is_strange.store(true, Ordering::Release);
+        let strangers: Vec<TcpStream> = (0..4 * MAX_STRANGERS)
+            .map(|_| {
+                let mut client = come();
+                assert_eq!(word(&mut client), Some(1));
+                client
+            })
+            .collect();
+        for client in &mut own {
+            client.write_all(&[1]).unwrap();
+            assert_eq!(word(client), Some(0), "it is served as before");
+        }
+        drop(strangers);
+    }
 
     #[test]
     fn only_loopback_is_private() {

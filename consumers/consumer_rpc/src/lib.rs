@@ -3,10 +3,10 @@
 //!
 //! The gateway (`gantry-carla`) and the Traffic Manager (`gantry-drive --serve`) are built on it.
 //! Modules in reading order: [`msgpack`] (values and their bytes), [`fields`] (reads what clients
-//! send), [`message`] (requests and responses), [`budget`] (memory of all messages), [`seats`] (who
+//! send), [`message`] (requests and responses), [`budget`] (memory of each connection and of all), [`seats`] (who
 //! makes room for whom), [`sock_diag`] and [`owner`] (whose process connects), [`connection`] (time-outs), [`door`]
-//! (who comes in), [`server`] (requests and their threads), and [`place`] (where gateways find a
-//! Traffic Manager).
+//! (who comes in), [`server`] (requests and their threads), [`place`] (where gateways find a
+//! Traffic Manager), and [`web`] (whether a browser's request may come in).
 //!
 //! ```
 //! use consumer_rpc::fields::Fields;
@@ -35,3 +35,4 @@ pub mod place;
 pub mod seats;
 pub mod server;
 pub mod sock_diag;
+pub mod web;

@@ -1,5 +1,7 @@
 //! Requests as clients write them, and the bytes of responses.
 
+use launch_cli::logging::cut;
+
 use crate::fields::{Fields, Wrong};
 use crate::list;
 use crate::msgpack::{self, Value};
@@ -52,8 +54,9 @@ pub fn failure(id: u32, error: &str) -> Vec<u8> {
     bytes(&list![1u32, id, error, Value::Nil])
 }
 
-/// What rpclib says of a method that it does not have.
+/// What rpclib says of a method that it does not have; a long name is cut.
 pub fn unknown(method: &str, n_args: usize) -> String {
+    let method = cut(method);
     format!("rpclib: server could not find function '{method}' with argument count {n_args}.")
 }
 

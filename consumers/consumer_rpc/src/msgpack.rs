@@ -7,7 +7,7 @@ use rmp::Marker;
 use rmp::decode::{RmpRead as _, read_marker};
 use rmp::encode;
 
-use crate::budget::Share;
+use crate::budget::{OverBudget, Share};
 
 /// A msgpack value. Maps and extension types do not occur in CARLA's protocol and are refused.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,9 +71,9 @@ pub enum DecodeError {
         /// How much is allowed.
         limit: usize,
     },
-    /// All messages together take too much memory now.
-    #[error("the messages of all clients together take too much memory now; send it again later")]
-    NoRoom,
+    /// The connection, or all together, take too much memory now.
+    #[error("{0}")]
+    NoRoom(#[from] OverBudget),
     /// A kind that CARLA's protocol does not have.
     #[error("the message contains {0}, which CARLA's protocol does not have")]
     Foreign(&'static str),
@@ -135,11 +135,10 @@ struct Decoder<'r, R> {
 
 impl<R: Read> Decoder<'_, R> {
     fn pay(&mut self, bytes: usize) -> Result<(), DecodeError> {
-        let has_room = match &mut self.share {
-            Some(share) => share.take(bytes),
-            None => true,
-        };
-        has_room.then_some(()).ok_or(DecodeError::NoRoom)
+        match &mut self.share {
+            Some(share) => Ok(share.take(bytes)?),
+            None => Ok(()),
+        }
     }
 
     fn value(&mut self, marker: Marker, depth: usize) -> Result<Value, DecodeError> {

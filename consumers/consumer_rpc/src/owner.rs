@@ -81,6 +81,11 @@ fn listed(theirs: SocketAddr, ours: SocketAddr) -> io::Result<Whose> {
     Ok(Whose::Unknown)
 }
 
+/// Whether this is a process of this process's own user.
+pub fn is_ours(whose: Whose) -> bool {
+    whose == Whose::User(nix::unistd::geteuid().as_raw())
+}
+
 /// Whether users can be told at all.
 ///
 /// # Errors

@@ -88,6 +88,13 @@ pub struct Seat {
     seats: Arc<Seats>,
 }
 
+impl Seat {
+    /// As [`Seats::relieve_stalled`].
+    pub fn relieve_stalled(&self) {
+        self.seats.relieve_stalled();
+    }
+}
+
 impl Drop for Seat {
     fn drop(&mut self) {
         self.seats.table.lock().remove(&self.number);
@@ -138,10 +145,27 @@ impl Seats {
     }
 
     /// Something is short: closes the connection that has done nothing for longest, if there is one
-    /// that never asked or waits for what does not exist.
-    pub fn relieve(&self) {
+    /// that never asked or waits for what does not exist. Whether there was one.
+    pub fn relieve(&self) -> bool {
         let mut table = self.table.lock();
-        if let Some(number) = idlest(&table, Instant::now(), Doing::Waiting) {
+        let found = idlest(&table, Instant::now(), Doing::Waiting);
+        if let Some(number) = found {
+            self.evict(&mut table, number);
+        }
+        found.is_some()
+    }
+
+    /// Memory is short: closes the connection that has taken nothing of its answer for longest, if
+    /// there is one that is stalled.
+    pub fn relieve_stalled(&self) {
+        let mut table = self.table.lock();
+        let now = Instant::now();
+        let stalled = table.iter().filter_map(|(number, entry)| {
+            let state = entry.pulse.0.lock();
+            let is_stalled = now.saturating_duration_since(state.since) >= STALLED;
+            (state.doing == Doing::Taking && is_stalled).then_some((state.since, *number))
+        });
+        if let Some((_, number)) = stalled.min() {
             self.evict(&mut table, number);
         }
     }
@@ -282,6 +306,20 @@ mod tests {
         assert_eq!(room.come(), Some(vec![1, 2, 3, 4, 5, 6, 7, 8]));
         room.doing(8, Doing::Served);
         assert_eq!(room.come(), None, "nothing is asked for by more than two");
+    }
+
+    #[test]
+    fn who_does_not_read_makes_room_when_memory_is_short() {
+        let mut room = Room::new(4);
+        (0..3).for_each(|_| drop(room.come()));
+        room.doing(0, Doing::Idle);
+        room.doing(1, Doing::Taking);
+        room.doing(2, Doing::Taking);
+        room.seats.relieve_stalled();
+        assert_eq!(room.seats.numbers().len(), 3, "none is stalled yet");
+        room.ago(2, STALLED);
+        room.seats.relieve_stalled();
+        assert_eq!(room.come(), Some(vec![0, 1, 3]));
     }
 
     #[test]

@@ -4,9 +4,11 @@
 //! What cannot be coded, because its size is none for a picture, goes raw, which is said once.
 
 use std::borrow::Cow;
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 
 use consumer_forms::palette;
+use consumer_forms::picture::PictureError;
 use consumer_forms::picture::depth::{PER_METRE, depth};
 use consumer_forms::picture::h264::{H264, Planes};
 use consumer_forms::picture::indexed::{indexed, overlay};
@@ -81,7 +83,7 @@ impl Pictures {
     fn encoded(
         &mut self,
         path: &str,
-        code: impl FnOnce(&Look) -> Result<Vec<u8>, String>,
+        code: impl FnOnce(&Look) -> Result<Vec<u8>, PictureError>,
     ) -> Option<Vec<u8>> {
         if self.is_raw(path) {
             return None;
@@ -94,10 +96,10 @@ impl Pictures {
     }
 
     /// What was coded, or nothing and from now on raw.
-    fn coded(&mut self, path: &str, coded: Result<Vec<u8>, String>) -> Option<Vec<u8>> {
+    fn coded(&mut self, path: &str, coded: Result<Vec<u8>, PictureError>) -> Option<Vec<u8>> {
         coded
             .inspect_err(|error| {
-                tracing::warn!(entity = path, error, "sent raw, because it cannot be coded");
+                tracing::warn!(entity = path, %error, "sent raw, because it cannot be coded");
                 self.raw.insert(path.to_owned());
             })
             .ok()
@@ -168,22 +170,24 @@ impl Pictures {
         path: &str,
         header: &FrameHeader,
         payload: &[u8],
-    ) -> Result<(Vec<u8>, bool), String> {
+    ) -> Result<(Vec<u8>, bool), PictureError> {
         let size_px = [header.width, header.height];
         let second = header.sim_nanos / 1_000_000_000;
-        let known = self.videos.get(path);
-        let is_new = known.is_none_or(|video| video.size_px != size_px);
-        if is_new {
-            let fresh = Video {
-                encoder: H264::new(size_px, QUANTISER)?,
-                size_px,
-                picture: Planes::default(),
-                second,
-            };
-            self.videos.insert(path.to_owned(), fresh);
+        let other_size = |video: &Video| video.size_px != size_px;
+        if self.videos.get(path).is_some_and(other_size) {
+            self.videos.remove(path);
         }
-        let Some(video) = self.videos.get_mut(path) else {
-            return Err("there is no encoder".to_owned());
+        let (video, is_new) = match self.videos.entry(path.to_owned()) {
+            Entry::Occupied(known) => (known.into_mut(), false),
+            Entry::Vacant(vacant) => {
+                let fresh = Video {
+                    encoder: H264::new(size_px, QUANTISER)?,
+                    size_px,
+                    picture: Planes::default(),
+                    second,
+                };
+                (vacant.insert(fresh), true)
+            }
         };
         let is_key = is_new || video.second != second;
         video.second = second;

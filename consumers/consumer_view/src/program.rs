@@ -11,6 +11,7 @@ use crate::session::{Options, Shown, Target, show};
 use crate::viewer::{Viewer, ViewerKind, find_rerun};
 use clap::{ArgGroup, Parser, ValueEnum};
 use launch_cli::browser::{has_display, has_x11_display, open_page};
+use launch_cli::values::number;
 use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
 
 /// Shows every sensor, every result of users' programs, the map and all actors in rerun. Without a
@@ -104,7 +105,7 @@ struct Args {
     spectator: bool,
 
     /// Most frames and results per second and topic that are shown; lines and curves up to 200
-    #[arg(long, value_name = "HZ", default_value_t = 10.0, value_parser = rate)]
+    #[arg(long, value_name = "HZ", default_value_t = 10.0, value_parser = number("rate in Hz", 0.01..=1000.0))]
     max_hz: f64,
 
     /// Most memory the viewer keeps for its past, e.g. 2GB; the oldest goes first
@@ -124,15 +125,6 @@ enum FlyOn {
     Window,
     /// This terminal.
     Terminal,
-}
-
-fn rate(text: &str) -> Result<f64, String> {
-    let hz: f64 = text.parse().map_err(|_| "not a number".to_string())?;
-    if (0.01..=1000.0).contains(&hz) {
-        Ok(hz)
-    } else {
-        Err(format!("{hz} is outside 0.01 to 1000"))
-    }
 }
 
 fn memory(text: &str) -> Result<String, String> {

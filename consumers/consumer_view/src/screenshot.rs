@@ -29,10 +29,15 @@ pub struct Size {
     pub height: u32,
 }
 
-impl std::str::FromStr for Size {
-    type Err = String;
+/// A text that is no size of a window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("must be WIDTHxHEIGHT, each 320 to 4096, e.g. 1600x1000")]
+pub struct BadSize;
 
-    fn from_str(text: &str) -> Result<Size, String> {
+impl std::str::FromStr for Size {
+    type Err = BadSize;
+
+    fn from_str(text: &str) -> Result<Size, BadSize> {
         let sides = text.split_once('x').and_then(|(width, height)| {
             let side = |text: &str| {
                 let side = text.parse::<u32>().ok()?;
@@ -40,8 +45,7 @@ impl std::str::FromStr for Size {
             };
             Some((side(width)?, side(height)?))
         });
-        let (width, height) = sides
-            .ok_or_else(|| "must be WIDTHxHEIGHT, each 320 to 4096, e.g. 1600x1000".to_owned())?;
+        let (width, height) = sides.ok_or(BadSize)?;
         Ok(Size { width, height })
     }
 }
@@ -128,7 +132,7 @@ pub fn draw(
 /// Whether the window was drawn with a recording, which has a time line along its lower edge. Rerun
 /// draws after some time, whether it has read the recording by then or not.
 fn has_time_line(picture: &Path) -> anyhow::Result<bool> {
-    let file = std::io::BufReader::new(std::fs::File::open(picture)?);
+    let file = std::io::BufReader::new(launch_cli::files::open_plain(picture)?.0);
     let mut reader = png::Decoder::new(file).read_info()?;
     let n_bytes = reader
         .output_buffer_size()

@@ -13,6 +13,8 @@ use clap::{Parser, Subcommand};
 use launch_cli::CommonArgs;
 use launch_spec::Period;
 
+use crate::external;
+
 pub use carla::{
     CarlaRootArgs, CarlaServerArgs, CheckArgs, ExportArgs, ImportArgs, MapArgs, MapWord, WithCarla,
 };
@@ -29,7 +31,7 @@ Examples:
 
 /// Headless driving simulator: run it, look at what it publishes, find out why it does not run
 #[derive(Parser, Debug)]
-#[command(name = "gantry", version, after_help = EXAMPLES, arg_required_else_help = true)]
+#[command(name = "gantry", version, after_help = external::help() + EXAMPLES, arg_required_else_help = true)]
 pub struct Args {
     #[command(subcommand)]
     pub word: Word,

@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 
-pub use launch_cli::programs::{Search, find, find_from, in_source_tree, is_ours, is_program};
+pub use launch_cli::programs::{
+    Search, find, find_from, in_source_tree, is_ours, is_program, takes_domain,
+};
 
 /// What a program prints to stdout; an error if it does not end `within` the time.
 pub fn output_of(program: &Path, args: &[&str], within: Duration) -> anyhow::Result<String> {

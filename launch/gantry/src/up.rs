@@ -97,7 +97,8 @@ pub fn start(
     }
     let signals = signals()?;
     // Processes may run in other folders, so every path that they are given is a whole one.
-    let run_dir = std::path::absolute(run_dir::make(data)?)?;
+    let used = run_dir::make(data)?;
+    let run_dir = std::path::absolute(&used.path)?;
     let resolved = run_dir.join("launch.toml");
     std::fs::write(&resolved, launch.to_toml_with_defaults())
         .with_context(|| format!("cannot write {}", resolved.display()))?;

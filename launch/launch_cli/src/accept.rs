@@ -12,25 +12,46 @@ pub const LONGEST_ACCEPT_PAUSE: Duration = Duration::from_secs(1);
 /// Time between two log lines about the same thing.
 const SAY_EVERY: Duration = Duration::from_secs(10);
 
-/// Lets something be said once in ten seconds, whatever happens in between.
-#[derive(Debug, Default)]
-pub struct Seldom(Mutex<State>);
+/// Lets something be said once in ten seconds, or a few times, whatever happens in between.
+#[derive(Debug)]
+pub struct Seldom {
+    most: u64,
+    state: Mutex<State>,
+}
 
 #[derive(Debug, Default)]
 struct State {
-    said: Option<Instant>,
+    since: Option<Instant>,
+    n_said: u64,
     n_unsaid: u64,
 }
 
+impl Default for Seldom {
+    fn default() -> Self {
+        Seldom::of(1)
+    }
+}
+
 impl Seldom {
+    /// Lets something be said so many times in ten seconds.
+    pub fn of(most: u64) -> Seldom {
+        Seldom {
+            most,
+            state: Mutex::default(),
+        }
+    }
+
     /// Whether it is time to say it; then with the number of times that it was left unsaid.
     pub fn is_due(&self) -> Option<u64> {
-        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if state.said.is_some_and(|at| at.elapsed() < SAY_EVERY) {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        if state.since.is_none_or(|since| since.elapsed() >= SAY_EVERY) {
+            (state.since, state.n_said) = (Some(Instant::now()), 0);
+        }
+        if state.n_said >= self.most {
             state.n_unsaid += 1;
             return None;
         }
-        state.said = Some(Instant::now());
+        state.n_said += 1;
         Some(std::mem::take(&mut state.n_unsaid))
     }
 }
@@ -108,5 +129,8 @@ mod tests {
         let seldom = Seldom::default();
         let said: Vec<_> = (0..3).map(|_| seldom.is_due()).collect();
         assert_eq!(said, [Some(0), None, None]);
+        let few = Seldom::of(2);
+        let said: Vec<_> = (0..3).map(|_| few.is_due()).collect();
+        assert_eq!(said, [Some(0), Some(0), None]);
     }
 }

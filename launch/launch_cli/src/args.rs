@@ -3,6 +3,7 @@
 
 use std::ffi::OsString;
 use std::io::Write as _;
+use std::ops::Deref;
 
 use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, Args, CommandFactory, Parser};
@@ -17,14 +18,11 @@ pub const DEFAULT_DOMAIN: &str = "gantry";
 /// `schema_bus::names` has the same.
 pub const DOMAIN_VARIABLE: &str = "GANTRY_DOMAIN";
 
-/// Flags shared by all binaries: `#[command(flatten)] common: CommonArgs`.
-#[derive(Args, Clone, Debug)]
+/// Flags that every binary has: `#[command(flatten)] basic: BasicArgs`. One that meets others on the
+/// bus in whatever it does has [`CommonArgs`] in their place.
+#[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Common options")]
-pub struct CommonArgs {
-    /// First part of every topic name; several simulators on one machine need one each
-    #[arg(long, global = true, value_name = "NAME", default_value = DEFAULT_DOMAIN, value_parser = domain)]
-    pub domain: String,
-
+pub struct BasicArgs {
     /// Log more: -v debug, -vv trace
     #[arg(short, long, global = true, action = ArgAction::Count)]
     pub verbose: u8,
@@ -51,9 +49,13 @@ pub struct CommonArgs {
     /// End when the process with this id ends, which started this one
     #[arg(long, global = true, value_name = "PID", hide = true)]
     pub parent: Option<i32>,
+
+    /// Do nothing, but refuse wrong arguments as ever: for tests of what help texts and pages show
+    #[arg(long, global = true, hide = true)]
+    pub check_arguments: bool,
 }
 
-impl CommonArgs {
+impl BasicArgs {
     /// Starts logging to stderr as these flags ask; call once, before anything logs. A process that
     /// another of Gantry's programs started ends with that one from here on.
     pub fn init_logging(&self) {
@@ -67,7 +69,7 @@ impl CommonArgs {
     }
 
     /// Has the kernel send a SIGTERM when the process that started this one ends, if it said who it
-    /// is ([`CommonArgs::init_logging`] does this too); ends this one if that has happened already.
+    /// is ([`BasicArgs::init_logging`] does this too); ends this one if that has happened already.
     pub fn end_with_parent(&self) {
         if let Some(parent) = self.parent {
             end_with(parent);
@@ -75,15 +77,51 @@ impl CommonArgs {
     }
 }
 
+/// The domain of a subcommand that meets others on the bus, in a program whose other subcommands do
+/// not: `#[command(flatten)] on: DomainArgs`.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Common options")]
+pub struct DomainArgs {
+    /// First part of every topic name; several simulators on one machine need one each
+    // It stands first among the common options.
+    #[arg(long, display_order = 0, value_name = "NAME", default_value = DEFAULT_DOMAIN, value_parser = domain)]
+    pub domain: String,
+}
+
+/// Flags of a binary that meets others on the bus in whatever it does:
+/// `#[command(flatten)] common: CommonArgs`. The basic ones are reached through it.
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = "Common options")]
+pub struct CommonArgs {
+    /// First part of every topic name; several simulators on one machine need one each
+    #[arg(long, global = true, display_order = 0, value_name = "NAME", default_value = DEFAULT_DOMAIN, value_parser = domain)]
+    pub domain: String,
+
+    /// The flags that every binary has.
+    #[command(flatten)]
+    pub basic: BasicArgs,
+}
+
+impl Deref for CommonArgs {
+    type Target = BasicArgs;
+
+    fn deref(&self) -> &BasicArgs {
+        &self.basic
+    }
+}
+
 impl Default for CommonArgs {
     fn default() -> Self {
+        BasicArgs::default().on(DEFAULT_DOMAIN)
+    }
+}
+
+impl BasicArgs {
+    /// These flags with a domain.
+    pub fn on(&self, domain: &str) -> CommonArgs {
         CommonArgs {
-            domain: DEFAULT_DOMAIN.into(),
-            verbose: 0,
-            quiet: 0,
-            color: ColorWhen::Auto,
-            log_format: LogFormat::Text,
-            parent: None,
+            domain: domain.into(),
+            basic: self.clone(),
         }
     }
 }
@@ -130,7 +168,10 @@ impl DomainVariable {
     }
 }
 
-const ENVIRONMENT: &str = "Environment:\n  GANTRY_DOMAIN   the domain, unless --domain names one\n  RUST_LOG        which log lines are written, e.g. info,wgpu_hal=error; wins over -v and -q";
+const ENVIRONMENT: &str = "Environment:\n";
+const DOMAIN_IN_ENVIRONMENT: &str = "  GANTRY_DOMAIN   the domain, unless --domain names one\n";
+const LOG_IN_ENVIRONMENT: &str =
+    "  RUST_LOG        which log lines are written, e.g. info,wgpu_hal=error; wins over -v and -q";
 const EXIT_CODES: &str = "Exit codes:\n  0 done (also after Ctrl-C)   1 failed   2 wrong usage or launch file   3 finished but data was lost";
 
 /// `T`'s command as users see it: with `completions`, `man`, the environment and the exit codes;
@@ -141,11 +182,15 @@ pub fn command<T: CommandFactory>() -> clap::Command {
 
 fn command_in<T: CommandFactory>(variable: &DomainVariable) -> clap::Command {
     let mut command = T::command();
-    if let (DomainVariable::Domain(name), true) = (variable, has_domain(&command)) {
+    if let DomainVariable::Domain(name) = variable {
         // clap keeps defaults for as long as the program runs.
-        let name: &'static str = Box::leak(name.clone().into_boxed_str());
-        command = command.mut_arg("domain", |arg| arg.default_value(name));
+        command = on_domain(command, Box::leak(name.clone().into_boxed_str()));
     }
+    let domain = if knows_domain(&command) {
+        DOMAIN_IN_ENVIRONMENT
+    } else {
+        ""
+    };
     let own = command
         .get_after_help()
         .map(|text| format!("\n\n{text}"))
@@ -177,19 +222,52 @@ fn command_in<T: CommandFactory>(variable: &DomainVariable) -> clap::Command {
                 .hide(true),
         )
         .max_term_width(110)
-        .after_help(format!("{ENVIRONMENT}\n\n{EXIT_CODES}{own}"))
+        .after_help(format!(
+            "{ENVIRONMENT}{domain}{LOG_IN_ENVIRONMENT}\n\n{EXIT_CODES}{own}"
+        ))
 }
 
 fn has_domain(command: &clap::Command) -> bool {
     command.get_arguments().any(|arg| arg.get_id() == "domain")
 }
 
+/// Whether the command or one of its subcommands takes a domain.
+fn knows_domain(command: &clap::Command) -> bool {
+    has_domain(command) || command.get_subcommands().any(knows_domain)
+}
+
+/// The command with another default domain, wherever it takes one.
+fn on_domain(mut command: clap::Command, name: &'static str) -> clap::Command {
+    if has_domain(&command) {
+        command = command.mut_arg("domain", |arg| arg.default_value(name));
+    }
+    command.mut_subcommands(|sub| on_domain(sub, name))
+}
+
+/// Where the domain of the command that was called comes from; `None` if it takes none.
+fn domain_source(command: &clap::Command, matches: &ArgMatches) -> Option<ValueSource> {
+    // A word that is no subcommand is handed on together with the domain.
+    if let Some((name, below)) = matches.subcommand()
+        && let Some(called) = command.find_subcommand(name)
+    {
+        return domain_source(called, below);
+    }
+    match matches.try_contains_id("domain") {
+        Ok(true) => matches.value_source("domain"),
+        _ => None,
+    }
+}
+
 /// The sentence for a domain in the environment that is none, if nothing else names the domain.
-fn wrong_variable(variable: &DomainVariable, matches: &ArgMatches) -> Option<String> {
+fn wrong_variable(
+    variable: &DomainVariable,
+    command: &clap::Command,
+    matches: &ArgMatches,
+) -> Option<String> {
     let DomainVariable::Wrong(value) = variable else {
         return None;
     };
-    (matches.value_source("domain") == Some(ValueSource::DefaultValue)).then(|| {
+    (domain_source(command, matches) == Some(ValueSource::DefaultValue)).then(|| {
         format!(
             "the environment's {DOMAIN_VARIABLE} is {value:?}, but {DOMAIN_RULE}; change it, or give --domain"
         )
@@ -197,7 +275,7 @@ fn wrong_variable(variable: &DomainVariable, matches: &ArgMatches) -> Option<Str
 }
 
 /// Parses the command line. Ends the process by itself for `--help`, `--version` (with `--verbose`
-/// also commit and build), `completions`, `man` and wrong usage (exit code 2).
+/// also commit and build), `completions`, `man`, `--check-arguments` and wrong usage (exit code 2).
 pub fn parse<T: Parser>() -> T {
     let variable = DomainVariable::read(std::env::var_os(DOMAIN_VARIABLE));
     let mut command = command_in::<T>(&variable);
@@ -206,9 +284,7 @@ pub fn parse<T: Parser>() -> T {
         command = command.version(&*build_info::verbose_version().leak());
     }
     let mut matches = command.clone().get_matches();
-    if has_domain(&command)
-        && let Some(message) = wrong_variable(&variable, &matches)
-    {
+    if let Some(message) = wrong_variable(&variable, &command, &matches) {
         command
             .error(clap::error::ErrorKind::ValueValidation, message)
             .exit()
@@ -238,8 +314,18 @@ pub fn parse<T: Parser>() -> T {
                 }
             },
         },
-        _ => T::from_arg_matches_mut(&mut matches)
-            .unwrap_or_else(|error| error.format(&mut command).exit()),
+        _ => {
+            let only_check = matches!(
+                matches.try_get_one::<bool>("check_arguments"),
+                Ok(Some(true))
+            );
+            let args = T::from_arg_matches_mut(&mut matches)
+                .unwrap_or_else(|error| error.format(&mut command).exit());
+            match only_check {
+                true => print_and_exit(b""),
+                false => args,
+            }
+        }
     }
 }
 
@@ -297,13 +383,10 @@ mod tests {
         let args =
             probe(&["gantry-probe", "--must", "x"]).unwrap_or_else(|error| panic!("{error}"));
         let common = CommonArgs::default();
+        assert_eq!(args.common.domain, common.domain);
         assert_eq!(
-            (
-                args.common.domain,
-                args.common.color,
-                args.common.log_format
-            ),
-            (common.domain, common.color, common.log_format)
+            (args.common.color, args.common.log_format),
+            (common.color, common.log_format)
         );
         assert_eq!(args.must, "x");
     }
@@ -312,10 +395,12 @@ mod tests {
     fn domain_of(variable: Option<&str>, words: &[&str]) -> Result<String, String> {
         let variable = DomainVariable::read(variable.map(OsString::from));
         let words = [&["gantry-probe", "--must", "x"], words].concat();
-        let mut matches = command_in::<Probe>(&variable)
+        let command = command_in::<Probe>(&variable);
+        let mut matches = command
+            .clone()
             .try_get_matches_from(words)
             .map_err(|error| error.to_string())?;
-        if let Some(message) = wrong_variable(&variable, &matches) {
+        if let Some(message) = wrong_variable(&variable, &command, &matches) {
             return Err(message);
         }
         let probe = <Probe as clap::FromArgMatches>::from_arg_matches_mut(&mut matches);
@@ -333,6 +418,71 @@ mod tests {
         assert_eq!(
             domain_of(Some("a b"), &[]).unwrap_err(),
             "the environment's GANTRY_DOMAIN is \"a b\", but a domain is 1 to 32 letters, digits, '_' or '-'; change it, or give --domain"
+        );
+    }
+
+    #[derive(Parser)]
+    #[command(name = "gantry-words")]
+    struct Words {
+        #[command(subcommand)]
+        word: Word,
+        #[command(flatten)]
+        _basic: BasicArgs,
+    }
+
+    #[derive(clap::Subcommand)]
+    enum Word {
+        /// Reads the bus
+        Watch(DomainArgs),
+        /// Reads a file
+        Show,
+    }
+
+    #[test]
+    fn a_subcommand_without_a_domain_heeds_none() {
+        let words = |variable: &str, words: &[&str]| -> Result<Option<String>, String> {
+            let variable = DomainVariable::read(Some(OsString::from(variable)));
+            let command = command_in::<Words>(&variable);
+            let words = [&["gantry-words"], words].concat();
+            let mut matches = command
+                .clone()
+                .try_get_matches_from(words)
+                .map_err(|error| error.to_string())?;
+            if let Some(message) = wrong_variable(&variable, &command, &matches) {
+                return Err(message);
+            }
+            let read = <Words as clap::FromArgMatches>::from_arg_matches_mut(&mut matches);
+            match read.map_err(|error| error.to_string())?.word {
+                Word::Watch(on) => Ok(Some(on.domain)),
+                Word::Show => Ok(None),
+            }
+        };
+        assert_eq!(words("lab", &["watch"]), Ok(Some("lab".into())));
+        let flag = ["watch", "--domain", "other"];
+        assert_eq!(words("a b", &flag), Ok(Some("other".into())));
+        assert!(
+            words("a b", &["watch"])
+                .unwrap_err()
+                .contains("GANTRY_DOMAIN")
+        );
+        assert_eq!(words("a b", &["show", "-v"]), Ok(None));
+        let refused = words("lab", &["show", "--domain", "lab"]).unwrap_err();
+        assert!(
+            refused.contains("unexpected argument '--domain'"),
+            "{refused}"
+        );
+        let mut command = command::<Words>();
+        let help = command.render_long_help().to_string();
+        assert!(
+            !help.contains("--domain <NAME>") && help.contains("GANTRY_DOMAIN"),
+            "{help}"
+        );
+        let mut command = command.find_subcommand("watch").expect("it is one").clone();
+        assert!(
+            command
+                .render_help()
+                .to_string()
+                .contains("--domain <NAME>")
         );
     }
 

@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 
+use crate::logging::cut;
+
 /// Longest file name that a client may choose, bytes.
 const MAX_NAME: usize = 100;
 
@@ -35,7 +37,7 @@ impl std::fmt::Display for BadFileName {
         write!(
             f,
             "file name {:?} cannot be used: give 1 to {MAX_NAME} letters, digits, '_', '-' or dots, none of them in front",
-            self.0
+            cut(&self.0)
         )
     }
 }

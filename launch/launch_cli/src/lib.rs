@@ -8,7 +8,7 @@
 //! In reading order: [`args`] (flags and subcommands), [`logging`], [`signals`] (Ctrl-C), [`exit`]
 //! (exit codes and errors), [`data`] (the data folder), [`limits`] (open files),
 //! [`accept`] (accept loops that do not spin), [`files`] (whole files, and only files),
-//! [`heap`] (freed memory back to the system),
+//! [`heap`] (freed memory back to the system), [`values`] (numbers, sizes and times),
 //! [`programs`] (where other programs are), [`progress`] (bars while users wait), [`man`] (man
 //! pages).
 //!
@@ -59,8 +59,9 @@ pub mod man;
 pub mod programs;
 pub mod progress;
 pub mod signals;
+pub mod values;
 
-pub use args::{CommonArgs, command, parse};
+pub use args::{BasicArgs, CommonArgs, DomainArgs, command, parse};
 pub use data::{BadFileName, data_dir, file_in};
 pub use exit::{Exit, GpuLost, WrongUsage, run, run_main, wrong_usage};
 pub use limits::raise_file_limit;

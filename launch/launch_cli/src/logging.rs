@@ -2,8 +2,11 @@
 //!
 //! Text lines carry no time, and no module except at debug level: the launcher prefixes them with
 //! the process's name, and adds the time in its log files.
+//!
+//! Texts that come from outside are logged through [`cut`], so that nobody fills a disk with a name.
 
-use std::io::IsTerminal as _;
+use std::borrow::Cow;
+use std::io::{self, IsTerminal as _, Write};
 
 use clap::ValueEnum;
 use tracing::{Event, Level, Subscriber};
@@ -23,6 +26,27 @@ const CHATTY: [&str; 8] = [
     "re_grpc_client",
     "zenoh",
 ];
+
+/// Most bytes of a text from outside that are logged.
+pub const MAX_LOGGED_BYTES: usize = 200;
+/// Longest line of the log, bytes: for texts from outside that reach it by a way of their own, as
+/// within an error of a library.
+pub const MAX_LINE_BYTES: usize = 8 << 10;
+
+/// A text from outside as it is logged: its beginning, and how long it is if that is not all.
+///
+/// ```
+/// assert_eq!(launch_cli::logging::cut("town"), "town");
+/// let long = "a".repeat(1000);
+/// assert_eq!(launch_cli::logging::cut(&long), format!("{}… (1000 bytes)", "a".repeat(200)));
+/// ```
+pub fn cut(text: &str) -> Cow<'_, str> {
+    if text.len() <= MAX_LOGGED_BYTES {
+        return Cow::Borrowed(text);
+    }
+    let end = text.floor_char_boundary(MAX_LOGGED_BYTES);
+    Cow::Owned(format!("{}… ({} bytes)", &text[..end], text.len()))
+}
 
 /// When terminal output is coloured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
@@ -75,13 +99,16 @@ pub(crate) struct LogOptions {
 pub(crate) fn init(options: &LogOptions) {
     let filter = EnvFilter::try_from_default_env()
         .unwrap_or_else(|_| EnvFilter::new(directives(options.verbose, options.quiet)));
-    let builder = tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr);
+    let builder = tracing_subscriber::fmt().with_env_filter(filter);
     // A second call in the same process, as tests make, keeps the first subscriber.
     let _ = match options.format {
-        LogFormat::Json => builder.json().flatten_event(true).try_init(),
+        LogFormat::Json => builder
+            .with_writer(io::stderr)
+            .json()
+            .flatten_event(true)
+            .try_init(),
         LogFormat::Text => builder
+            .with_writer(|| Lines(io::stderr()))
             .with_ansi(options.color.on_stderr())
             .event_format(Line)
             .try_init(),
@@ -99,6 +126,27 @@ fn directives(verbose: u8, quiet: u8) -> String {
     CHATTY.iter().fold(ours.to_owned(), |all, name| {
         format!("{all},{name}={others}")
     })
+}
+
+/// Writes lines of at most [`MAX_LINE_BYTES`].
+struct Lines<W>(W);
+
+impl<W: Write> Write for Lines<W> {
+    /// Takes one whole line, as the subscriber writes them.
+    fn write(&mut self, line: &[u8]) -> io::Result<usize> {
+        let Some((kept, _)) = line.split_at_checked(MAX_LINE_BYTES) else {
+            self.0.write_all(line)?;
+            return Ok(line.len());
+        };
+        let kept = String::from_utf8_lossy(kept);
+        let kept = kept.trim_end_matches(char::REPLACEMENT_CHARACTER);
+        writeln!(self.0, "{kept}… ({} bytes)", line.len())?;
+        Ok(line.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
 }
 
 /// Writes one event as one line.
@@ -139,6 +187,24 @@ where
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn long_texts_and_long_lines_say_how_long_they_are() {
+        assert_eq!(cut(&"é".repeat(100)), "é".repeat(100));
+        assert_eq!(
+            cut(&"é".repeat(101)),
+            format!("{}… (202 bytes)", "é".repeat(100))
+        );
+        let mut out = Vec::new();
+        let long = format!("WARN  {}\n", "ü".repeat(1 << 20));
+        for line in [&b"WARN  short\n"[..], long.as_bytes()] {
+            Lines(&mut out).write_all(line).unwrap();
+        }
+        let text = String::from_utf8(out).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!((lines.len(), lines[0]), (2, "WARN  short"));
+        assert!(lines[1].ends_with("ü… (2097159 bytes)") && lines[1].len() < 9000);
+    }
 
     #[test]
     fn flags_choose_the_level_and_the_filter_parses() {

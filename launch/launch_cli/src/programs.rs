@@ -32,12 +32,27 @@ pub fn own() -> std::io::Result<PathBuf> {
     })
 }
 
-/// Whether `program` is one of Gantry's, which understand the common options.
+/// Whether `program` is one of Gantry's, which understand the options that all have.
 pub fn is_ours(program: &str) -> bool {
     let name = Path::new(program)
         .file_name()
         .map_or(program.into(), |name| name.to_string_lossy());
     name == "simd" || name.starts_with("gantry-")
+}
+
+/// Whether a command of ours can be given `--domain`: some programs meet nobody on the bus, or do so
+/// in some subcommands only, which read the domain from their environment.
+pub fn takes_domain(cmd: &[String]) -> bool {
+    let Some((program, words)) = cmd.split_first() else {
+        return false;
+    };
+    let name = Path::new(program).file_name().unwrap_or_default();
+    match name.to_str() {
+        Some("gantry-bench" | "gantry-dataset" | "gantry-export") => false,
+        // All that it does but recording is a subcommand.
+        Some("gantry-record") => words.first().is_some_and(|word| word.starts_with('-')),
+        _ => is_ours(program),
+    }
 }
 
 /// Where a program is looked for.
@@ -172,5 +187,17 @@ mod tests {
     #[test]
     fn our_programs_are_known_by_name() {
         assert!(is_ours("simd") && is_ours("/opt/gantry-view") && !is_ours("sleep"));
+        let takes = |cmd: &str| {
+            let words: Vec<String> = cmd.split(' ').map(str::to_owned).collect();
+            takes_domain(&words)
+        };
+        assert!(takes("simd") && takes("bin/gantry-record --out a.mcap") && takes("gantry-view"));
+        for cmd in [
+            "gantry-record info a.mcap",
+            "gantry-export a.mcap",
+            "sh -c x",
+        ] {
+            assert!(!takes(cmd), "{cmd}");
+        }
     }
 }

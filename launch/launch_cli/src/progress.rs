@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::args::CommonArgs;
+use crate::args::BasicArgs;
 
 /// Time between two pictures of a spinner.
 const SPIN: Duration = Duration::from_millis(200);
@@ -18,27 +18,27 @@ pub struct Progress(ProgressBar);
 
 impl Progress {
     /// A bar over `total` steps, labelled with what is being done; `unit` names several steps.
-    pub fn steps(common: &CommonArgs, what: &str, total: u64, unit: &str) -> Self {
+    pub fn steps(basic: &BasicArgs, what: &str, total: u64, unit: &str) -> Self {
         let template = format!("{{msg}} {{wide_bar}} {{pos}}/{{len}} {unit}, {{eta}} left");
-        Progress::with(common, ProgressBar::new(total), &template, what)
+        Progress::with(basic, ProgressBar::new(total), &template, what)
     }
 
     /// A bar over `total` bytes, labelled with what is being done.
-    pub fn bytes(common: &CommonArgs, what: &str, total: u64) -> Self {
+    pub fn bytes(basic: &BasicArgs, what: &str, total: u64) -> Self {
         let template = "{msg} {wide_bar} {bytes}/{total_bytes}, {eta} left";
-        Progress::with(common, ProgressBar::new(total), template, what)
+        Progress::with(basic, ProgressBar::new(total), template, what)
     }
 
     /// A spinner with the time that has passed, for work whose amount nobody knows.
-    pub fn endless(common: &CommonArgs, what: &str) -> Self {
+    pub fn endless(basic: &BasicArgs, what: &str) -> Self {
         let bar = ProgressBar::new_spinner();
-        let progress = Progress::with(common, bar, "{spinner} {msg} {elapsed}", what);
+        let progress = Progress::with(basic, bar, "{spinner} {msg} {elapsed}", what);
         progress.0.enable_steady_tick(SPIN);
         progress
     }
 
-    fn with(common: &CommonArgs, bar: ProgressBar, template: &str, what: &str) -> Self {
-        if common.quiet > 0 {
+    fn with(basic: &BasicArgs, bar: ProgressBar, template: &str, what: &str) -> Self {
+        if basic.quiet > 0 {
             bar.set_draw_target(ProgressDrawTarget::hidden());
         }
         bar.set_style(ProgressStyle::with_template(template).expect("the template is constant"));
@@ -84,11 +84,11 @@ mod tests {
 
     #[test]
     fn steps_are_counted_where_nothing_is_drawn() {
-        let common = CommonArgs {
+        let basic = BasicArgs {
             quiet: 1,
-            ..CommonArgs::default()
+            ..BasicArgs::default()
         };
-        let bar = Progress::steps(&common, "reading", 10, "files");
+        let bar = Progress::steps(&basic, "reading", 10, "files");
         bar.add(3);
         bar.say("writing");
         bar.add(1);
@@ -96,7 +96,7 @@ mod tests {
         bar.set(9);
         assert_eq!(bar.done(), 9);
         assert!(bar.0.is_hidden());
-        Progress::endless(&common, "waiting").add(1);
-        assert_eq!(Progress::bytes(&common, "copying", 5).done(), 0);
+        Progress::endless(&basic, "waiting").add(1);
+        assert_eq!(Progress::bytes(&basic, "copying", 5).done(), 0);
     }
 }

@@ -46,7 +46,7 @@ pub mod watch;
 pub use domain::{Naming, PrivateDomain, domain_name};
 pub use error::{RunError, is_stopped};
 pub use launched::Launched;
-pub use notes::{Note, NoteReader, NoteWriter};
+pub use notes::{NOTES, Note, NoteReader, NoteWriter};
 pub use process::{Ending, Process};
 pub use program::{Output, Program};
 pub use run::Run;

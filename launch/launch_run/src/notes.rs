@@ -5,6 +5,7 @@ use std::fs::File;
 use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
 use std::path::Path;
 
+use launch_cli::files::open_plain;
 use serde::{Deserialize, Serialize};
 
 use crate::error::RunError;
@@ -90,8 +91,8 @@ impl NoteReader {
     /// If the file cannot be read.
     pub fn look(&mut self, folder: &Path) -> io::Result<Vec<Note>> {
         if self.file.is_none() {
-            self.file = match File::open(folder.join(NOTES)) {
-                Ok(file) => Some(file),
+            self.file = match open_plain(&folder.join(NOTES)) {
+                Ok((file, _)) => Some(file),
                 Err(error) if error.kind() == io::ErrorKind::NotFound => None,
                 Err(error) => return Err(error),
             };

@@ -1,6 +1,5 @@
 //! A process that runs: what it said, whether it still runs, and its end.
 
-use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read, Seek as _, SeekFrom};
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
@@ -9,6 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use launch_cli::files::open_plain;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
@@ -299,8 +299,7 @@ impl Drop for Process {
 
 /// The last part of a log.
 fn end_of(path: &Path) -> std::io::Result<String> {
-    let mut file = File::open(path)?;
-    let length = file.metadata()?.len();
+    let (mut file, length) = open_plain(path)?;
     file.seek(SeekFrom::Start(length.saturating_sub(QUOTED_BYTES)))?;
     let mut bytes = Vec::new();
     file.take(QUOTED_BYTES).read_to_end(&mut bytes)?;

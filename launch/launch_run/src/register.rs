@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use launch_cli::files::{MAX_NOTES_BYTES, read_text};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use serde::{Deserialize, Serialize};
@@ -70,7 +71,7 @@ pub fn clear(folder: &Path, naming: &Naming<'_>) {
         return;
     };
     for path in entries.filter_map(|entry| Some(entry.ok()?.path())) {
-        let text = fs::read_to_string(&path).unwrap_or_default();
+        let text = read_text(&path, MAX_NOTES_BYTES).unwrap_or_default();
         if let Ok(entry) = serde_json::from_str::<Entry>(&text)
             && entry.prefix.starts_with(naming.memory)
         {

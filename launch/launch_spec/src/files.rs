@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use schema_types::files::{MAX_SETTINGS_BYTES, read_text};
 use toml::Value as Toml;
 
 use crate::error::{Errors, LaunchError, LaunchErrors, Place, Source};
@@ -28,7 +29,7 @@ impl FileText {
     /// # Errors
     /// If it cannot be read, or is no UTF-8.
     pub fn read(path: &Path) -> io::Result<FileText> {
-        let text = std::fs::read_to_string(path)?;
+        let text = read_text(path, MAX_SETTINGS_BYTES)?;
         let absolute = std::path::absolute(path)?;
         Ok(FileText {
             identity: path.canonicalize()?,
@@ -171,9 +172,9 @@ impl<'r> Texts<'r> {
     pub fn add_set(&mut self, set: &str, folder: &Path) {
         let text = match set_as_toml(set) {
             Ok(text) => text,
-            Err(message) => {
+            Err(error) => {
                 return self.outside.push(LaunchError {
-                    message,
+                    message: error.to_string(),
                     place: "the command line".into(),
                 });
             }

@@ -27,13 +27,7 @@ pub(crate) fn fill<T: Serialize + DeserializeOwned>(
     elsewhere: &[&str],
     errors: &mut Errors,
 ) -> T {
-    let fits = |candidate: &toml::Table| {
-        candidate
-            .clone()
-            .try_into::<T>()
-            .map(drop)
-            .map_err(|error| error.message().to_owned())
-    };
+    let fits = |candidate: &toml::Table| candidate.clone().try_into::<T>().map(drop);
     let mut filling = Filling {
         root: table_of(base),
         fits: &fits,
@@ -96,11 +90,22 @@ pub(crate) fn refuse_unknown(table: &Table, known: &[&str], path: &str, errors: 
     }
 }
 
+/// Why a key cannot have a value, as the second half of a sentence.
+#[derive(Debug, thiserror::Error)]
+enum Misfit {
+    /// The value is of another kind than the default.
+    #[error("must be {0}")]
+    Kind(&'static str),
+    /// serde's message, rephrased.
+    #[error("{0}")]
+    Value(String),
+}
+
 /// A value as a table, while keys are applied to it.
 struct Filling<'a> {
     root: toml::Table,
-    /// Whether a table can be read as the value; if not, serde's message.
-    fits: &'a dyn Fn(&toml::Table) -> Result<(), String>,
+    /// Whether a table can be read as the value.
+    fits: &'a dyn Fn(&toml::Table) -> Result<(), toml::de::Error>,
     errors: &'a mut Errors,
 }
 
@@ -150,16 +155,16 @@ impl Filling<'_> {
         key: &str,
         default: &Toml,
         node: &Node,
-    ) -> Result<toml::Table, String> {
+    ) -> Result<toml::Table, Misfit> {
         let value = node.plain();
         let same_kind = default.same_type(&value) || (default.is_float() && value.is_integer());
         if !same_kind {
-            return Err(format!("must be {}", kind_of(default)));
+            return Err(Misfit::Kind(kind_of(default)));
         }
         let mut next = self.root.clone();
         inner_mut(&mut next, at).insert(key.to_owned(), value);
         (self.fits)(&next)
-            .map_err(|message| as_sentence(&message, &node.plain()))
+            .map_err(|error| Misfit::Value(as_sentence(error.message(), &node.plain())))
             .map(|()| next)
     }
 }

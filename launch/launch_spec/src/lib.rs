@@ -47,7 +47,7 @@ pub use budget::TopicBudget;
 pub use error::{LaunchError, LaunchErrors};
 pub use files::{FileText, ReadFile};
 pub use model::{Ego, FreePose, Launch, LidarsOn, PlacedSensor, Rig, Scenario, Sensor, Spectator};
-pub use period::Period;
+pub use period::{BadPeriod, Period};
 pub use process::{
     Process, READY_WITHIN, Ready, ReadyWhen, Restart, RestartPolicy, Stop, StopSignal,
 };

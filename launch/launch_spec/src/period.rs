@@ -25,25 +25,29 @@ impl Period {
     }
 }
 
-impl FromStr for Period {
-    type Err = String;
+/// A text that is no period.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("must be a time such as 500ms, 2.5s, 1m or 1h, at most a week")]
+pub struct BadPeriod;
 
-    fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || "must be a time such as 500ms, 2.5s, 1m or 1h, at most a week".to_owned();
+impl FromStr for Period {
+    type Err = BadPeriod;
+
+    fn from_str(text: &str) -> Result<Self, BadPeriod> {
         let digits = text
             .find(|c: char| !c.is_ascii_digit() && c != '.')
             .unwrap_or(text.len());
-        let number: f64 = text[..digits].parse().map_err(|_| wrong())?;
+        let number: f64 = text[..digits].parse().map_err(|_| BadPeriod)?;
         let millis = match text[digits..].trim() {
             "ms" => 1.0,
             "s" => 1e3,
             "m" | "min" => 60e3,
             "h" => 3600e3,
-            _ => return Err(wrong()),
+            _ => return Err(BadPeriod),
         };
         let period = Period::from_millis((number * millis).round() as u64);
         if period.0 > MAX {
-            Err(wrong())
+            Err(BadPeriod)
         } else {
             Ok(period)
         }

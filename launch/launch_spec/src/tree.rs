@@ -144,13 +144,22 @@ fn plain(value: &DeValue<'_>, at: Place, errors: &mut Errors) -> toml::Value {
     }
 }
 
+/// A `--set` that is none.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum BadSet {
+    #[error("--set {0:?} has no \"=\"; write --set key=value, e.g. --set scenario.seed=7")]
+    NoEquals(String),
+    #[error(
+        "--set {0:?} has a key that is no dotted name; write --set key=value, e.g. --set scenario.seed=7"
+    )]
+    Key(String),
+}
+
 /// The text of one `--set key=value` as TOML. A value that is not TOML, such as `Town02`, counts as
 /// a string.
-pub(crate) fn set_as_toml(set: &str) -> Result<String, String> {
+pub(crate) fn set_as_toml(set: &str) -> Result<String, BadSet> {
     let Some((key, value)) = set.split_once('=') else {
-        return Err(format!(
-            "--set {set:?} has no \"=\"; write --set key=value, e.g. --set scenario.seed=7"
-        ));
+        return Err(BadSet::NoEquals(set.into()));
     };
     let (key, value) = (key.trim(), value.trim());
     let typed = format!("{key} = {value}\n");
@@ -160,9 +169,7 @@ pub(crate) fn set_as_toml(set: &str) -> Result<String, String> {
     let text = format!("{key} = {}\n", toml::Value::String(value.into()));
     match DeTable::parse(&text) {
         Ok(table) if table.get_ref().len() == 1 => Ok(text),
-        _ => Err(format!(
-            "--set {set:?} has a key that is no dotted name; write --set key=value, e.g. --set scenario.seed=7"
-        )),
+        _ => Err(BadSet::Key(set.into())),
     }
 }
 

@@ -1,6 +1,6 @@
 //! The bus: all that a process can open and ask, on one page.
 
-use schema_frames::{DocumentHeader, ResultType};
+use schema_frames::{About, DocumentHeader, ResultType};
 
 use crate::contract::error::BusError;
 use crate::contract::names;
@@ -301,6 +301,19 @@ impl Bus {
         spec: &ResultTopic,
     ) -> Result<ResultPublisher, BusError> {
         self.guarded(topic, || ResultPublisher::open(&self.node, topic, spec))
+    }
+
+    /// Gives a topic of results another description. Its port stays as it is: samples of a port that
+    /// ends are lost for readers that have not looked yet.
+    ///
+    /// # Errors
+    /// As [`Bus::result_service`], [`BusError::Memory`] if `/dev/shm` has no room.
+    pub fn describe_results(
+        &self,
+        publisher: &ResultPublisher,
+        about: &About,
+    ) -> Result<(), BusError> {
+        self.guarded(publisher.topic(), || publisher.describe(&self.node, about))
     }
 
     /// Opens a topic of results for reading.

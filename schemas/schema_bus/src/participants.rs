@@ -90,7 +90,7 @@ impl Gate {
         tracing::info!(
             name,
             participant,
-            first_tick = last_tick + 1,
+            first_tick = last_tick.saturating_add(1),
             "joined the lockstep"
         );
         Ok(participant)

@@ -3,6 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::result::MAX_POINT_BYTES;
 use crate::result_type::{ElementType, ResultType};
 
 /// Last segment of the document that describes a result topic.
@@ -61,6 +62,39 @@ pub struct BytesSchema {
     pub base64: String,
 }
 
+/// Why an [`About`] does not fit its topic.
+#[derive(Debug, thiserror::Error)]
+pub enum AboutError {
+    /// A field of a point that has none of the known types.
+    #[error(
+        "field {field:?} of a point has type {element:?}, but it must be one of {}",
+        ElementType::ALL.iter().map(|it| it.name()).collect::<Vec<_>>().join(", ")
+    )]
+    Element {
+        /// Its name.
+        field: String,
+        /// Its type.
+        element: String,
+    },
+    /// A point of so many bytes.
+    #[error("points of {0} bytes are too long; they may have {MAX_POINT_BYTES}")]
+    PointBytes(usize),
+    /// Point fields for a topic of this other type.
+    #[error("a topic of {0} has no point fields")]
+    NoPoints(&'static str),
+    /// A schema for a topic of this other type.
+    #[error("a topic of {0} has a fixed layout and takes no schema; make it one of bytes")]
+    FixedLayout(&'static str),
+    /// Bytes without a schema.
+    #[error("a topic of bytes must name its schema and its message encoding, as MCAP does")]
+    NoSchema,
+    /// A schema that does not say what it is.
+    #[error(
+        "the schema of a topic of bytes needs a name and a message encoding (protobuf, json, flatbuffer, …)"
+    )]
+    Nameless,
+}
+
 impl About {
     /// Whether it says nothing, so that no document is needed.
     pub fn is_empty(&self) -> bool {
@@ -101,42 +135,29 @@ impl About {
     /// Checks that it fits a topic of type `kind`.
     ///
     /// # Errors
-    /// A sentence that names the value.
-    pub fn check(&self, kind: ResultType) -> Result<(), String> {
+    /// [`AboutError`].
+    pub fn check(&self, kind: ResultType) -> Result<(), AboutError> {
         for field in &self.fields {
             if ElementType::from_name(&field.element).is_none() {
-                let names: Vec<&str> = ElementType::ALL.iter().map(|it| it.name()).collect();
-                return Err(format!(
-                    "field {:?} of a point has type {:?}, but it must be one of {}",
-                    field.name,
-                    field.element,
-                    names.join(", ")
-                ));
+                return Err(AboutError::Element {
+                    field: field.name.clone(),
+                    element: field.element.clone(),
+                });
             }
         }
         let (_, bytes) = self.point_fields();
-        if bytes > crate::result::MAX_POINT_BYTES {
-            return Err(format!(
-                "points of {bytes} bytes are too long; they may have {}",
-                crate::result::MAX_POINT_BYTES
-            ));
+        if bytes > MAX_POINT_BYTES {
+            return Err(AboutError::PointBytes(bytes));
         }
         if !self.fields.is_empty() && kind != ResultType::Points {
-            return Err(format!("a topic of {} has no point fields", kind.name()));
+            return Err(AboutError::NoPoints(kind.name()));
         }
         match &self.schema {
-            Some(_) if kind != ResultType::Bytes => Err(format!(
-                "a topic of {} has a fixed layout and takes no schema; make it one of bytes",
-                kind.name()
-            )),
-            None if kind == ResultType::Bytes => Err(
-                "a topic of bytes must name its schema and its message encoding, as MCAP does"
-                    .into(),
-            ),
-            Some(schema) if schema.name.is_empty() || schema.message_encoding.is_empty() => Err(
-                "the schema of a topic of bytes needs a name and a message encoding (protobuf, json, flatbuffer, …)"
-                    .into(),
-            ),
+            Some(_) if kind != ResultType::Bytes => Err(AboutError::FixedLayout(kind.name())),
+            None if kind == ResultType::Bytes => Err(AboutError::NoSchema),
+            Some(schema) if schema.name.is_empty() || schema.message_encoding.is_empty() => {
+                Err(AboutError::Nameless)
+            }
             _ => Ok(()),
         }
     }
@@ -172,6 +193,7 @@ mod tests {
             points
                 .check(ResultType::Points)
                 .unwrap_err()
+                .to_string()
                 .contains("\"float\"")
         );
         points.fields[0].element = "f64".into();

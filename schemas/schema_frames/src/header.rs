@@ -38,7 +38,8 @@ pub struct FrameHeader {
     pub seq: u64,
     /// Count of map loads in this epoch, from 1.
     pub episode: u32,
-    /// Bit 0 [`FrameHeader::FIRST`], bit 1 [`FrameHeader::REPLAYED`].
+    /// Bit 0 [`FrameHeader::FIRST`], bit 1 [`FrameHeader::REPLAYED`], bit 2
+    /// [`FrameHeader::SEALED`].
     pub flags: u32,
     /// Payload bytes in use; the sample may be longer.
     pub payload_bytes: u64,
@@ -97,6 +98,9 @@ impl FrameHeader {
     pub const FIRST: u32 = 1;
     /// Flag: published by a replay.
     pub const REPLAYED: u32 = 2;
+    /// Flag: published by a sealed world; `world_from_sensor` is the sensor's mount on its vehicle,
+    /// and numbers and classes of objects are blank.
+    pub const SEALED: u32 = 4;
     /// `payload_place` of a frame whose payload is in its sample.
     pub const IN_SAMPLE: u32 = 0;
     /// `payload_place` of a frame whose payload is on the GPU.

@@ -42,6 +42,7 @@ pub mod limits;
 // What the world publishes.
 pub mod document;
 pub mod scene;
+pub mod sealed;
 pub mod snapshot;
 
 // What the world is asked.
@@ -65,7 +66,7 @@ pub mod result_type;
 // All layouts as data.
 pub mod layout;
 
-pub use about::{About, BytesSchema, PointField};
+pub use about::{About, AboutError, BytesSchema, PointField};
 pub use attachment::Attachment;
 pub use command::{Command, CommandBatch, CommandReply, MAX_HIDDEN, ReplyBatch};
 pub use control::{AckRecord, VehicleControl, VehicleControlRecord, WalkerControl};
@@ -96,6 +97,7 @@ pub use result_records::{
 };
 pub use result_type::{ElementType, PixelFormat, ResultType, Space};
 pub use scene::{RenderedRecord, SceneFiring, SceneHeader, SceneInstance, SceneStroke};
+pub use sealed::{Seal, SealError, SealedError};
 pub use skeleton::{BoneReading, HeldBone, SkeletonAction};
 pub use snapshot::{
     ActorKind, ActorRecord, LightState, SnapshotHeader, TrafficLightPart, TrafficSignPart,

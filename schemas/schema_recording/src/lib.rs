@@ -9,9 +9,15 @@
 //! [`scenery`] (objects of the map).
 
 #![forbid(unsafe_code)]
+// Numbers of files may be any: sums of them are checked, or cannot overflow.
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 #![warn(missing_docs)]
 
 pub mod bag;
+#[allow(
+    clippy::arithmetic_side_effects,
+    reason = "the shape of a payload is checked once, before loops over every byte of it"
+)]
 pub mod codec;
 pub mod journal;
 pub mod messages;

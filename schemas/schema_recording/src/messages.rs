@@ -257,7 +257,6 @@ impl Batch {
         self.entries
             .iter()
             .map(|entry| entry.bytes.len())
-            .sum::<usize>()
-            + 64
+            .fold(64, usize::saturating_add)
     }
 }

@@ -7,19 +7,20 @@ pub fn matches(pattern: &str, text: &str) -> bool {
     let (mut p, mut t) = (0, 0);
     // Where to go on after the last `*`: the pattern behind it, and one character further.
     let mut retry = None;
+    let after = |at: usize| at.saturating_add(1);
     while t < text.len() {
         match pattern.get(p) {
             Some('*') => {
-                retry = Some((p + 1, t + 1));
-                p += 1;
+                retry = Some((after(p), after(t)));
+                p = after(p);
             }
-            Some(symbol) if *symbol == '?' || *symbol == text[t] => (p, t) = (p + 1, t + 1),
+            Some(symbol) if *symbol == '?' || *symbol == text[t] => (p, t) = (after(p), after(t)),
             _ => {
                 let Some((after_star, next)) = retry else {
                     return false;
                 };
                 (p, t) = (after_star, next);
-                retry = Some((after_star, next + 1));
+                retry = Some((after_star, after(next)));
             }
         }
     }

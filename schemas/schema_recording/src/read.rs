@@ -45,6 +45,7 @@ use anyhow::{Context as _, ensure};
 use mcap::records::Record;
 use schema_frames::SCHEMA_VERSION;
 use schema_frames::document::DocumentHeader;
+use schema_types::files::open_plain;
 
 pub use chunk::MAX_CHUNK_BYTES;
 pub use damage::Damage;
@@ -171,15 +172,7 @@ impl RecordingFile {
     /// the frame contract.
     pub fn open(path: &Path) -> anyhow::Result<RecordingFile> {
         let name = path.display();
-        let file = File::open(path).with_context(|| format!("cannot open {name}"))?;
-        let about = file
-            .metadata()
-            .with_context(|| format!("cannot open {name}"))?;
-        ensure!(
-            about.is_file(),
-            "{name} is not a file; name a recording (.mcap)"
-        );
-        let file_bytes = about.len();
+        let (file, file_bytes) = open_plain(path).with_context(|| format!("cannot open {name}"))?;
         ensure!(
             file_bytes > 0,
             "{name} is empty; nothing was recorded into it"
@@ -263,7 +256,7 @@ impl RecordingFile {
         let pieces = &self.index.pieces;
         let start = pieces.iter().map(|piece| piece.start_nanos).min()?;
         let end = pieces.iter().map(|piece| piece.end_nanos).max()?;
-        Some((start, end))
+        Some((start, end.max(start)))
     }
 
     /// Names of the metadata records, in the order of the file.
@@ -322,7 +315,8 @@ impl RecordingFile {
         };
         match crate::walk::record(opcode, &body) {
             Ok(Record::Attachment { header, data, crc }) if header.name == name => {
-                let covered = &body[..body.len() - 4];
+                // The checksum is the last of them.
+                let covered = body.split_last_chunk::<4>().map_or(&[][..], |(all, _)| all);
                 ensure!(
                     crc == 0 || crc32fast::hash(covered) == crc,
                     "the attachment {name} of {} does not have the checksum that is given for it",
@@ -353,13 +347,13 @@ impl RecordingFile {
         );
         let mut window = Window::new(self.file.clone());
         let head = bytes::record_head(window.look(place.offset, RECORD_HEAD_BYTES as usize)?);
-        let Some((opcode, len)) = head.filter(|(_, len)| len + RECORD_HEAD_BYTES == place.len)
-        else {
+        let body_bytes = place.len.checked_sub(RECORD_HEAD_BYTES);
+        let Some((opcode, len)) = head.filter(|(_, len)| Some(*len) == body_bytes) else {
             return Ok(None);
         };
         let mut body = vec![0; len as usize];
         window
-            .read_exact(&mut body, place.offset + RECORD_HEAD_BYTES)
+            .read_exact(&mut body, place.offset.saturating_add(RECORD_HEAD_BYTES))
             .with_context(|| format!("cannot read {}", self.path.display()))?;
         Ok(Some((opcode, body)))
     }
@@ -556,7 +550,9 @@ fn topics(index: &Index) -> (Vec<Topic>, BTreeMap<u16, Wanted>) {
             .iter_mut()
             .find(|topic| *topic.name == *name && topic.kind == kind);
         match known {
-            Some(topic) => topic.n_messages = topic.n_messages.zip(n).map(|(a, b)| a + b),
+            Some(topic) => {
+                topic.n_messages = topic.n_messages.zip(n).map(|(a, b)| a.saturating_add(b))
+            }
             None => topics.push(Topic {
                 name: name.as_str().into(),
                 kind,

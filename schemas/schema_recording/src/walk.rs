@@ -2,10 +2,9 @@
 //! length before it is compared with the bytes that are there.
 
 use std::borrow::Cow;
-use std::io::Read;
+use std::io::{self, Read};
 
 use mcap::records::{ChunkHeader, Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 /// Largest record, packed or unpacked chunk that is read; a recorder's chunk is 4 MiB plus one message.
 pub const MAX_RECORD_BYTES: u64 = 256 << 20;
@@ -42,7 +41,7 @@ impl<R: Read> RecordWalk<R> {
         );
         Ok(RecordWalk {
             input,
-            left: file_bytes - 8,
+            left: file_bytes.saturating_sub(8),
             end: None,
         })
     }
@@ -55,18 +54,19 @@ impl<R: Read> RecordWalk<R> {
         if self.left == 8 && self.at_closing_magic() {
             return self.stop(End::Complete);
         }
-        if self.left < 9 {
-            return self.stop(End::CutOff);
-        }
         let mut head = [0u8; 9];
+        let Some(left) = self.left.checked_sub(9) else {
+            return self.stop(End::CutOff);
+        };
         if self.input.read_exact(&mut head).is_err() {
             return self.stop(End::CutOff);
         }
-        self.left -= 9;
-        let len = u64::from_le_bytes(head[1..].try_into().expect("nine bytes less one are eight"));
-        if len > self.left {
+        self.left = left;
+        let [opcode, len @ ..] = head;
+        let len = u64::from_le_bytes(len);
+        let Some(left) = self.left.checked_sub(len) else {
             return self.stop(End::CutOff);
-        }
+        };
         if len > MAX_RECORD_BYTES {
             return self.stop(End::Damaged(format!(
                 "a record claims {len} bytes, the limit is {MAX_RECORD_BYTES}"
@@ -76,8 +76,8 @@ impl<R: Read> RecordWalk<R> {
         if self.input.read_exact(&mut body).is_err() {
             return self.stop(End::CutOff);
         }
-        self.left -= len;
-        Some((head[0], body))
+        self.left = left;
+        Some((opcode, body))
     }
 
     /// How the walk ended; [`End::CutOff`] while it has not.
@@ -109,6 +109,26 @@ pub enum RecordError {
     /// An attachment ends within its own header.
     #[error("an attachment record of {0} bytes is too short for its own header")]
     ShortAttachment(usize),
+    /// A chunk that is not compressed has two sizes.
+    #[error("a chunk is not compressed, but gives its records {packed} and {unpacked} bytes")]
+    Sizes {
+        /// Bytes in the file.
+        packed: u64,
+        /// Bytes of its records.
+        unpacked: u64,
+    },
+    /// A compression that MCAP does not know.
+    #[error("a chunk is compressed with {0:?}, known are lz4 and zstd")]
+    Compression(String),
+    /// The bytes are no compressed ones, or not of the number that is given.
+    #[error("a chunk cannot be unpacked: {0}")]
+    Packed(#[source] io::Error),
+    /// The records are others than those that were written.
+    #[error("a chunk does not have the checksum that is given for it")]
+    Checksum,
+    /// A record is longer than its chunk.
+    #[error("a record reaches beyond the chunk that holds it")]
+    Beyond,
     /// The record breaks the rules of MCAP.
     #[error(transparent)]
     Mcap(#[from] mcap::McapError),
@@ -153,16 +173,81 @@ const MIN_ATTACHMENT_BYTES: usize = 8 + 8 + 4 + 4 + 8 + 4;
 /// Bytes of an attachment's name and media type, as far as their lengths can be read.
 fn attachment_text_bytes(body: &[u8]) -> usize {
     let len_at = |at: usize| {
-        body.get(at..at + 4).map_or(0, |b| {
-            u32::from_le_bytes(b.try_into().expect("four bytes")) as usize
-        })
+        let four = body.get(at..).and_then(|rest| rest.first_chunk());
+        four.map_or(0, |four| u32::from_le_bytes(*four) as usize)
     };
     let name = len_at(16);
-    name.saturating_add(if name > body.len() {
-        0
-    } else {
-        len_at(20 + name)
-    })
+    name.saturating_add(len_at(name.saturating_add(20)))
+}
+
+/// The records of a chunk one after another, unpacked, after the chunk's checksum was compared.
+///
+/// # Errors
+/// If a length cannot be true, or the chunk cannot be unpacked.
+pub fn unpack(body: &[u8]) -> Result<Cow<'_, [u8]>, RecordError> {
+    let (header, packed) = chunk(body)?;
+    let records = match header.compression.as_str() {
+        "" if header.uncompressed_size != header.compressed_size => {
+            return Err(RecordError::Sizes {
+                packed: header.compressed_size,
+                unpacked: header.uncompressed_size,
+            });
+        }
+        "" => Cow::Borrowed(packed),
+        compression => {
+            // `chunk` bounds the size, which therefore fits.
+            let n_bytes = usize::try_from(header.uncompressed_size).unwrap_or(usize::MAX);
+            let mut unpacked = vec![0; n_bytes];
+            unpack_into(compression, packed, &mut unpacked)?;
+            Cow::Owned(unpacked)
+        }
+    };
+    match header.uncompressed_crc {
+        0 => Ok(records),
+        crc if crc == crc32fast::hash(&records) => Ok(records),
+        _ => Err(RecordError::Checksum),
+    }
+}
+
+/// Unpacks the records of a chunk into memory of exactly their size.
+///
+/// # Errors
+/// If the compression is unknown, or the bytes are not of that many.
+pub(crate) fn unpack_into(
+    compression: &str,
+    packed: &[u8],
+    out: &mut [u8],
+) -> Result<(), RecordError> {
+    let unpacked = match compression {
+        "lz4" => lz4::Decoder::new(packed).and_then(|from| fill(from, out)),
+        "zstd" => zstd::stream::read::Decoder::with_buffer(packed).and_then(|from| fill(from, out)),
+        other => return Err(RecordError::Compression(other.to_owned())),
+    };
+    unpacked.map_err(RecordError::Packed)
+}
+
+/// Fills `out`, and makes sure that there is no more.
+fn fill(mut from: impl Read, out: &mut [u8]) -> io::Result<()> {
+    from.read_exact(out)?;
+    match from.read(&mut [0])? {
+        0 => Ok(()),
+        _ => Err(io::Error::other("it is longer than it claims")),
+    }
+}
+
+/// Takes the first record off the records of a chunk: its opcode and body; `None` if there is none.
+///
+/// # Errors
+/// If it reaches beyond the chunk.
+pub fn take_record<'r>(records: &mut &'r [u8]) -> Result<Option<(u8, &'r [u8])>, RecordError> {
+    let Some((opcode, rest)) = records.split_first() else {
+        return Ok(None);
+    };
+    let (len, rest) = rest.split_first_chunk::<8>().ok_or(RecordError::Beyond)?;
+    let len = usize::try_from(u64::from_le_bytes(*len)).map_err(|_| RecordError::Beyond)?;
+    let (body, rest) = rest.split_at_checked(len).ok_or(RecordError::Beyond)?;
+    *records = rest;
+    Ok(Some((*opcode, body)))
 }
 
 /// Calls `each` with every record of a chunk, after the chunk's checksum was verified.
@@ -173,25 +258,10 @@ pub fn for_each_in_chunk(
     body: &[u8],
     each: &mut dyn FnMut(Record<'_>) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
-    let (header, _) = chunk(body)?;
-    // The chunk's own size bounds every record in it, so that a damaged length cannot ask for more
-    // memory than the chunk has.
-    let options = LinearReaderOptions::default()
-        .with_skip_start_magic(true)
-        .with_skip_end_magic(true)
-        .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(header.uncompressed_size as usize);
-    let mut reader = LinearReader::new_with_options(options);
-    let head = [&[op::CHUNK][..], &(body.len() as u64).to_le_bytes()].concat();
-    let mut input = head.as_slice().chain(body);
-    while let Some(event) = reader.next_event() {
-        match event? {
-            LinearReadEvent::ReadRequest(wanted) => {
-                let n_read = input.read(reader.insert(wanted.min(head.len() + body.len())))?;
-                reader.notify_read(n_read);
-            }
-            LinearReadEvent::Record { data, opcode } => each(record(opcode, data)?)?,
-        }
+    let unpacked = unpack(body)?;
+    let mut records = &*unpacked;
+    while let Some((opcode, body)) = take_record(&mut records)? {
+        each(record(opcode, body)?)?;
     }
     Ok(())
 }

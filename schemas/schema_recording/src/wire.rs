@@ -66,7 +66,7 @@ pub fn descriptor_set(name: &str, fields: &[Field]) -> Vec<u8> {
     for (idx, (field_name, field_type)) in fields.iter().enumerate() {
         let mut field = Vec::new();
         put_bytes(&mut field, 1, field_name.as_bytes());
-        put_uint(&mut field, 3, idx as u64 + 1);
+        put_uint(&mut field, 3, (idx as u64).saturating_add(1));
         put_uint(&mut field, 4, LABEL_OPTIONAL);
         put_uint(&mut field, 5, *field_type as u64);
         put_bytes(&mut message, 2, &field);
@@ -134,9 +134,9 @@ fn take<'a>(rest: &mut &'a [u8], len: usize) -> Option<&'a [u8]> {
 
 pub(crate) fn take_varint(rest: &mut &[u8]) -> Option<u64> {
     let mut value = 0u64;
-    for shift in (0..64).step_by(7) {
+    for shift in (0..64u32).step_by(7) {
         let byte = take(rest, 1)?[0];
-        value |= ((byte & 0x7f) as u64) << shift;
+        value |= u64::from(byte & 0x7f).wrapping_shl(shift);
         if byte < 0x80 {
             return Some(value);
         }

@@ -112,7 +112,7 @@ impl Recording {
             };
             self.writer.write_to_known_channel(&header, &entry.bytes)?;
             match self.counts.get_mut(&entry.topic) {
-                Some(count) => *count += 1,
+                Some(count) => *count = count.saturating_add(1),
                 None => drop(self.counts.insert(entry.topic.clone(), 1)),
             }
         }

@@ -1,6 +1,7 @@
 //! Units, spaces, poses, time, ids and classes that every crate shares.
 //!
-//! Everything here is plain data or pure arithmetic: no I/O, no clock, no allocation in hot paths.
+//! Everything here is plain data or pure arithmetic: no clock, no allocation in hot paths, and no
+//! I/O but for [`files`], the one way in which programs open what others wrote.
 //! [`space`] defines the coordinate systems, [`pose`] the transforms between them, [`time`] ticks
 //! and clocks, [`id`] and [`class`] what a pixel or a ray can show, and [`noise`] random numbers
 //! that do not depend on who else draws some.
@@ -36,6 +37,9 @@ pub mod class;
 pub mod id;
 
 pub mod noise;
+
+// What others wrote.
+pub mod files;
 
 pub use class::Class;
 pub use distortion::Distortion;

@@ -2,6 +2,8 @@
 //!
 //! The two clocks are distinct types that cannot be subtracted from each other.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 /// Number of a simulation step. Starts at 1 and never goes back, not even on a map load.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Tick(pub u64);
@@ -55,7 +57,8 @@ impl TickClock {
             .0
             .checked_sub(self.base_tick)
             .expect("tick lies after the clock's base");
-        SimTime(self.base_nanos + ticks * self.period_nanos)
+        let since_base = ticks.saturating_mul(self.period_nanos);
+        SimTime(self.base_nanos.saturating_add(since_base))
     }
 
     /// Length of one tick.

@@ -66,7 +66,8 @@ impl<'p> Pane<'p> {
             self.write(
                 &text.text,
                 corner,
-                (text.color_rgb, shadow),
+                text.color_rgb,
+                shadow,
                 &mut n_left,
                 &mut quads,
             );
@@ -77,7 +78,8 @@ impl<'p> Pane<'p> {
             self.write(
                 line,
                 corner,
-                (PANEL_RGB, Some(SHADOW_RGB)),
+                PANEL_RGB,
+                Some(SHADOW_RGB),
                 &mut n_left,
                 &mut quads,
             );
@@ -131,7 +133,8 @@ impl<'p> Pane<'p> {
         &self,
         text: &str,
         corner: [f64; 2],
-        (color_rgb, shadow_rgb): ([u8; 3], Option<[u8; 3]>),
+        color_rgb: [u8; 3],
+        shadow_rgb: Option<[u8; 3]>,
         n_left: &mut usize,
         quads: &mut Vec<PixelQuad>,
     ) {

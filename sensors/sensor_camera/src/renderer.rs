@@ -289,8 +289,8 @@ impl CameraRenderer {
             computes,
         };
         let mut encoder = gpu.time("record", || {
-            let shadows = (&mut self.shadows, plans);
-            groups::record_groups(&mut self.passes, shadows, &drawing, &mut active, jobs)
+            let (passes, shadows) = (&mut self.passes, &mut self.shadows);
+            groups::record_groups(passes, shadows, plans, &drawing, &mut active, jobs)
         });
         let mut batch = CopyBatch::new();
         let mut images = vec![None; jobs.len()];

@@ -20,7 +20,12 @@ pub(crate) struct DrawCall {
 }
 
 /// A view's lens, its firing before, and the actors that it does not show.
-pub(crate) type Seen<'v> = (Intrinsics, Option<&'v Firing>, &'v [ActorId]);
+#[derive(Clone, Copy)]
+pub(crate) struct Seen<'v> {
+    pub lens: Intrinsics,
+    pub previous: Option<&'v Firing>,
+    pub hidden: &'v [ActorId],
+}
 
 /// What a view draws.
 #[derive(Clone, Debug, Default)]
@@ -189,12 +194,16 @@ fn box_in_camera([low, high]: [[f32; 3]; 2], camera_from_mesh: &[[f32; 4]; 3]) -
 pub(crate) fn visible(
     scene: &Scene,
     assets: &GpuAssets,
-    (lens, previous, hidden): Seen<'_>,
+    seen: Seen<'_>,
     motion: &CameraMotion,
     by_walls: bool,
     drawn: &mut Drawn,
 ) {
-    let lens = &lens;
+    let Seen {
+        ref lens,
+        previous,
+        hidden,
+    } = seen;
     drawn.clear();
     let frustum = Frustum::new(lens);
     let camera_from_world = matrix_rows(&motion.camera_from_world);

@@ -258,17 +258,13 @@ impl Gpu {
         } else {
             CopyPath::Behind
         };
-        let refused = |reason| GpuError::Open {
-            name: info.name.clone(),
-            reason,
-        };
         let open::Opened {
             device,
             queue,
             caps,
             copying,
             can_export,
-        } = open::open_device(&adapter, copies).map_err(refused)?;
+        } = open::open_device(&adapter, copies)?;
         let import = if options.allow_import { caps } else { None };
         let software = info.device_type == wgpu::DeviceType::Cpu;
         let copy_queue = match copying

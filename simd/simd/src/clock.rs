@@ -1,5 +1,7 @@
 //! The clock: which tick it is, how long a tick lasts, and when the next one is due.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 mod keep_up;
 mod pace;
 
@@ -111,7 +113,7 @@ impl Clock {
 
     /// The next tick begins.
     pub fn advance(&mut self) {
-        self.tick = Tick(self.tick.0 + 1);
+        self.tick = Tick(self.tick.0.saturating_add(1));
     }
 
     /// Paced ticks are due from now on, at the speed that is set.

@@ -136,6 +136,13 @@ fn outcomes(commands: &[Command], replies: &[CommandReply]) -> Vec<String> {
 
 /// Runs a client's command, or says why not.
 fn answer(context: &mut Context<'_>, command: &Command, asker: &Origin) -> CommandReply {
+    if let Some(seal) = context.ports.seal() {
+        let participants = &context.participants;
+        let admitted = seal.admit(command, asker.pid, |number| participants.name_of(number));
+        if let Err(error) = admitted {
+            return refused(error.to_string());
+        }
+    }
     let decides_ticks = matches!(
         command,
         Command::Step { .. } | Command::Configure { .. } | Command::SetSpeed { .. }

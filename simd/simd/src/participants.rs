@@ -53,6 +53,11 @@ impl Participants {
         participants.map(|it| it.name.clone()).collect()
     }
 
+    /// The name under which a participant joined.
+    pub fn name_of(&self, number: u32) -> Option<String> {
+        self.gate.name_of(number)
+    }
+
     /// Whether anybody takes part in the lockstep; they are owed the frames of a tick until they
     /// acknowledge it.
     pub fn are_there(&self) -> bool {

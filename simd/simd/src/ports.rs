@@ -10,7 +10,7 @@ use schema_bus::{
     Listener, Notifier, Request, SnapshotPublisher, names,
 };
 use schema_frames::limits::MAX_ACTORS;
-use schema_frames::{ActorRecord, ReplyBatch, SnapshotHeader};
+use schema_frames::{ActorRecord, ReplyBatch, Seal, SnapshotHeader};
 use simd_world::World;
 
 use crate::faults::Faults;
@@ -46,11 +46,13 @@ pub struct Services {
     wake: Listener,
     /// `world/info`, `map`, `actors`, `catalogue`.
     documents: Documents,
+    /// What is shown of the world, if programs are scored against it.
+    seal: Option<Arc<Seal>>,
 }
 
 impl Services {
     /// Opens all services.
-    pub fn open(bus: &Bus) -> anyhow::Result<Services> {
+    pub fn open(bus: &Bus, seal: Option<Arc<Seal>>) -> anyhow::Result<Services> {
         Ok(Services {
             snapshot: bus.snapshot_publisher(MAX_ACTORS)?,
             snapshot_wake: bus.notifier(names::WORLD_SNAPSHOT)?,
@@ -58,7 +60,8 @@ impl Services {
             controls: bus.control_reader()?,
             acks: bus.ack_reader()?,
             wake: bus.listener(names::CONTROL_WAKE)?,
-            documents: Documents::open(bus)?,
+            documents: Documents::open(bus, seal.is_some())?,
+            seal,
         })
     }
 }
@@ -132,6 +135,11 @@ impl Ports {
         })
     }
 
+    /// What is shown of the world, and whom it obeys, if it is sealed.
+    pub fn seal(&self) -> Option<&Seal> {
+        self.services.seal.as_deref()
+    }
+
     /// Answers a request.
     pub fn reply(&self, request: Request, answer: &ReplyBatch) {
         if let Err(error) = self.services.commands.reply(request, answer) {
@@ -180,7 +188,10 @@ impl Ports {
         header: SnapshotHeader,
         records: &[ActorRecord],
     ) -> Result<(), BusError> {
-        self.services.snapshot.send(header, records)?;
+        match self.services.seal.is_some() {
+            true => self.services.snapshot.send(header.sealed(), &[])?,
+            false => self.services.snapshot.send(header, records)?,
+        }
         self.services.snapshot_wake.notify();
         Ok(())
     }

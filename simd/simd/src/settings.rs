@@ -3,9 +3,11 @@
 pub mod cli;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use launch_cli::wrong_usage;
 use launch_spec::{FileText, Launch, LidarsOn};
+use schema_frames::Seal;
 use sensor_camera::Quality;
 use sensor_gpu::{CopyPath, Gpu, GpuOptions};
 use sensor_ray::GpuRays;
@@ -55,6 +57,8 @@ pub struct Settings {
     pub added_sensors: Vec<String>,
     /// Most memory for the journal that is kept.
     pub journal_bytes: usize,
+    /// What is shown of the world, if programs are scored against it.
+    pub seal: Option<Arc<Seal>>,
 }
 
 /// Settings of the tick loop.
@@ -162,6 +166,7 @@ impl Settings {
             journal_until_nanos: args.journal_until,
             added_sensors: args.added_sensor.clone(),
             journal_bytes: (args.journal_mb as usize) << 20,
+            seal: args.sealed.clone().map(Arc::new),
         })
     }
 
@@ -175,6 +180,7 @@ impl Settings {
             transfer: self.transfer,
             lidars_on: self.lidars_on(gpu)?,
             audience: self.audience,
+            seal: self.seal.clone(),
         })
     }
 

@@ -141,7 +141,7 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     }
     let (epoch, n_awaited) = (episode.stamp().epoch, settings.run.n_awaited_workers);
     let workers = Workers::open(&bus, epoch, n_awaited)?;
-    let services = Services::open(&bus)?;
+    let services = Services::open(&bus, settings.seal.clone())?;
     let now_nanos = mono_now().0;
     let clock = Clock::new(period_nanos, &settings.run, now_nanos);
     let participants = Participants::new(&settings, now_nanos);

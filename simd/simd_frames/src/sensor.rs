@@ -12,7 +12,7 @@ use launch_spec::TopicLimits;
 use schema_bus::{Bus, GpuServer};
 use schema_frames::Modality;
 use schema_frames::document::TopicInfo;
-use schema_types::{ActorId, SimTime, Tick};
+use schema_types::{ActorId, Pose, SimTime, Tick};
 use sensor_core::schedule::Schedule;
 use sensor_gpu::Gpu;
 use sensor_spec::SensorSpec;
@@ -150,6 +150,12 @@ impl Sensor {
         let is_camera = matches!(spec, SensorSpec::Camera(_));
         let is_away = is_camera && (context.cameras_are_away || context.gpu.is_none());
         let tick_secs = context.period_nanos as f64 * 1e-9;
+        let vehicle_from_sensor = match launch_rig {
+            Some(launch_spec::Rig::Ego | launch_spec::Rig::Other(_)) => {
+                spec.mount().vehicle_from_sensor().into()
+            }
+            Some(launch_spec::Rig::Free(_)) | None => Pose::IDENTITY,
+        };
         for modality in spec.modalities() {
             let of_sensor = if name.is_empty() { "" } else { "/" };
             let topic_name = format!("{}{of_sensor}{name}/{}", rig.name, modality.name());
@@ -161,6 +167,7 @@ impl Sensor {
                 remembers: role == Role::Sensor && spec.remembers(modality),
                 is_told: context.is_told && !is_added,
                 is_away,
+                vehicle_from_sensor,
             };
             topics.push(Topic::open(
                 context.bus,

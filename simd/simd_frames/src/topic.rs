@@ -9,7 +9,8 @@ use std::sync::Arc;
 use launch_spec::TopicLimits;
 use schema_bus::{Bus, DeviceLoan, FrameLoan, GpuServer, Notifier, mono_now};
 use schema_frames::document::TopicInfo;
-use schema_frames::{FrameHeader, Modality};
+use schema_frames::{FrameHeader, Modality, Seal};
+use schema_types::Pose;
 use sensor_gpu::{Gpu, Place, ShmTarget};
 
 pub use import::{Lent, Transfer};
@@ -37,7 +38,7 @@ struct Made {
 }
 
 /// How the frames of all topics of a run are made.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct FrameOptions {
     /// Frames of one topic that may be on the GPU at once.
     pub frames_in_flight: u32,
@@ -47,6 +48,8 @@ pub struct FrameOptions {
     pub lidars_on: Writer,
     /// Which topics get frames.
     pub audience: Audience,
+    /// What is shown, if programs are scored against this world.
+    pub seal: Option<Arc<Seal>>,
 }
 
 /// What a topic carries.
@@ -65,6 +68,18 @@ pub struct TopicSpec {
     pub is_told: bool,
     /// Whether another process writes its frames.
     pub is_away: bool,
+    /// Mount of its sensor, for sealed headers.
+    pub vehicle_from_sensor: Pose,
+}
+
+/// How a topic's frames are sealed.
+#[derive(Clone, Copy, Debug)]
+struct TopicSeal {
+    /// Whether it sends frames at all.
+    is_shown: bool,
+    /// Whether points and events keep the numbers and classes of objects.
+    is_exact: bool,
+    mount: Pose,
 }
 
 /// One topic.
@@ -87,6 +102,7 @@ pub struct Topic {
     told: Option<bool>,
     /// Whether the frame of this firing is asked for, if another process decides that.
     asked: Option<bool>,
+    seal: Option<TopicSeal>,
 }
 
 /// Slots for one image: in shared memory, and on the GPU.
@@ -126,6 +142,12 @@ impl FrameCounts {
     }
 }
 
+impl TopicSeal {
+    fn blanks(&self, modality: Modality) -> bool {
+        !self.is_exact && !modality.sealed_bytes().is_empty()
+    }
+}
+
 impl Topic {
     /// Opens a topic's services, and its memory if that lasts.
     pub fn open(
@@ -144,7 +166,13 @@ impl Topic {
             remembers,
             is_told,
             is_away,
+            vehicle_from_sensor,
         } = spec;
+        let seal = options.seal.as_ref().map(|seal| TopicSeal {
+            is_shown: seal.shows(&name),
+            is_exact: seal.is_exact(&name),
+            mount: schema_frames::sealed::mount(&vehicle_from_sensor),
+        });
         let plan = MemoryPlan {
             modality,
             max_payload_bytes,
@@ -157,7 +185,10 @@ impl Topic {
         };
         let memory = TopicMemory::open(bus, gpu, &name, &plan)?;
         let wake = bus.notifier(&name)?;
-        let on_gpu = server.filter(|_| can_stay(modality)).map(|server| {
+        // What is blanked is blanked in shared memory.
+        let is_blanked = seal.is_some_and(|seal| seal.blanks(modality));
+        let can_stay = can_stay(modality) && !is_blanked;
+        let on_gpu = server.filter(|_| can_stay).map(|server| {
             let options = Options {
                 frames_in_flight: options.frames_in_flight as usize,
                 is_away,
@@ -176,6 +207,7 @@ impl Topic {
             made: remembers.then(Made::default),
             told: (remembers && is_told).then_some(false),
             asked: None,
+            seal,
         })
     }
 
@@ -199,6 +231,9 @@ impl Topic {
 
     /// Whether its frames are made.
     pub fn is_read(&self, audience: Audience) -> bool {
+        if self.seal.is_some_and(|seal| !seal.is_shown) {
+            return false;
+        }
         if let Some(asked) = self.asked {
             return asked;
         }
@@ -366,7 +401,11 @@ impl Topic {
         let Some(on_gpu) = &self.on_gpu else {
             return;
         };
-        match on_gpu.send(loan, header) {
+        let mut header = *header;
+        if let Some(seal) = &self.seal {
+            header.seal(seal.mount);
+        }
+        match on_gpu.send(loan, &header) {
             Ok(()) => self.counts.n_sent += u64::from(is_alone),
             Err(error) => self.drop_frame(&error),
         }
@@ -402,7 +441,14 @@ impl Topic {
 
     /// Sends a filled loan and wakes those who wait for this topic, at once: what is sent after it
     /// would only keep them waiting, and costs no less.
-    pub fn send(&mut self, mut loan: FrameLoan, header: FrameHeader, audience: Audience) {
+    pub fn send(&mut self, mut loan: FrameLoan, mut header: FrameHeader, audience: Audience) {
+        if let Some(seal) = &self.seal {
+            header.seal(seal.mount);
+            if seal.blanks(self.modality) {
+                self.modality
+                    .blank(&mut loan.payload_mut()[..header.payload_bytes as usize]);
+            }
+        }
         *loan.header_mut() = header;
         if audience == Audience::Hash {
             let payload = &loan.payload_mut()[..header.payload_bytes as usize];

@@ -2,6 +2,7 @@
 
 use clap::{Parser, ValueEnum};
 use launch_cli::CommonArgs;
+use launch_cli::values::number;
 
 /// Renders a share of a simulator's cameras, beside other workers or in place of the simulator's own
 /// GPU.
@@ -20,7 +21,7 @@ pub struct Args {
 
     /// Size of the share beside the others': a worker of weight 2 gets twice the pixels of one of
     /// weight 1
-    #[arg(long, value_name = "NUMBER", default_value_t = 1.0, value_parser = weight)]
+    #[arg(long, value_name = "NUMBER", default_value_t = 1.0, value_parser = number("weight", 1e-6..=1e6))]
     pub weight: f64,
 
     /// Picture quality: changes colour only, never depth, labels or flow; workers of one simulator
@@ -48,14 +49,6 @@ pub enum QualityArg {
     Low,
     /// For GPUs.
     High,
-}
-
-fn weight(text: &str) -> Result<f64, String> {
-    let weight: f64 = text.parse().map_err(|_| "it must be a number".to_owned())?;
-    match weight.is_finite() && weight > 0.0 {
-        true => Ok(weight),
-        false => Err("it must be above 0".to_owned()),
-    }
 }
 
 const EXAMPLES: &str = "Examples:

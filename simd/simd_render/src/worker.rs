@@ -110,6 +110,8 @@ impl<'a> Worker<'a> {
             transfer: drawing.transfer,
             lidars_on: Writer::Cpu,
             audience: Audience::Readers,
+            // Sealed worlds have no workers.
+            seal: None,
         };
         let renderer = CameraRenderer::new(&drawing.gpu, drawing.quality);
         let mut sensors = Sensors::new(Some((drawing.gpu.clone(), renderer)), Vec::new(), options);

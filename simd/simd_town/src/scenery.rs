@@ -8,7 +8,7 @@ mod lamp;
 mod object;
 mod terrain;
 
-pub use builder::{Builder, Scenery};
+pub use builder::{Builder, Scenery, Standing};
 pub use chunk::{ALL, Chunks, Key, Layer, Levels, bound, place};
 pub use collision::{CollisionMesh, Floor};
 pub use lamp::{LampGroup, LightSite, SceneryLamp};

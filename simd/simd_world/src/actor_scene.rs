@@ -142,7 +142,10 @@ impl ActorMeshes {
                         actor,
                         vehicle,
                         &world_from_vehicle,
-                        (body, *wheel),
+                        VehicleMeshes {
+                            body,
+                            wheel: *wheel,
+                        },
                         open.map(Arc::as_ref),
                     );
                 }
@@ -200,15 +203,25 @@ impl ActorMeshes {
     }
 }
 
+/// The meshes of a vehicle.
+struct VehicleMeshes {
+    body: MeshId,
+    wheel: MeshId,
+}
+
 fn add_vehicle(
     physics: &Physics,
     out: &mut Vec<DynamicInstance>,
     actor: ActorId,
     vehicle: &Vehicle,
     world_from_vehicle: &Isometry3<f64>,
-    (body, wheel_mesh): (MeshId, MeshId),
+    meshes: VehicleMeshes,
     open: Option<&OpenBody>,
 ) {
+    let VehicleMeshes {
+        body,
+        wheel: wheel_mesh,
+    } = meshes;
     let (velocity, spin) = vehicle.velocity(physics);
     let lamps = vehicle.shining_lamps();
     let part = |part: u16, mesh: MeshId, world_from_mesh: Isometry3<f64>| {

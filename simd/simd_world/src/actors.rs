@@ -1,5 +1,7 @@
 //! The registry of actors: what is constant about each, and counts that only ever rise.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use std::collections::BTreeMap;
 
 use schema_frames::ActorKind;
@@ -39,8 +41,12 @@ impl Actor {
 
 /// Bytes of JSON that a role and attributes take in `world/actors`, about.
 fn text_bytes(role: &str, attributes: &BTreeMap<String, String>) -> usize {
-    let of_one = |(name, value): (&String, &String)| json_bytes(name) + json_bytes(value) + 2;
-    json_bytes(role) + attributes.iter().map(of_one).sum::<usize>()
+    let of_one = |(name, value): (&String, &String)| {
+        let both = json_bytes(name).saturating_add(json_bytes(value));
+        both.saturating_add(2)
+    };
+    let add = |sum: usize, one| sum.saturating_add(one);
+    attributes.iter().map(of_one).fold(json_bytes(role), add)
 }
 
 /// All actors by rising id. A parent always has a smaller id than what is attached to it.
@@ -66,21 +72,22 @@ impl Actors {
     }
 
     pub fn add(&mut self, actor: Actor) {
-        self.text_bytes += actor.text_bytes();
+        self.text_bytes = self.text_bytes.saturating_add(actor.text_bytes());
         if let Some(before) = self.by_id.insert(actor.id, actor) {
-            self.text_bytes -= before.text_bytes();
+            self.text_bytes = self.text_bytes.saturating_sub(before.text_bytes());
         }
     }
 
     pub fn remove(&mut self, actor: ActorId) {
         if let Some(gone) = self.by_id.remove(&actor) {
-            self.text_bytes -= gone.text_bytes();
+            self.text_bytes = self.text_bytes.saturating_sub(gone.text_bytes());
         }
     }
 
     /// Sums the texts up anew, after the actors were read from a checkpoint.
     pub fn recount(&mut self) {
-        self.text_bytes = self.by_id.values().map(Actor::text_bytes).sum();
+        let texts = self.by_id.values().map(Actor::text_bytes);
+        self.text_bytes = texts.fold(0, usize::saturating_add);
     }
 
     /// Whether all of them are within the limits of a world.
@@ -113,7 +120,7 @@ impl Actors {
             .iter()
             .map(|(name, value)| (name.as_str(), value.as_str()));
         check_actor_texts(role, texts)?;
-        match self.text_bytes + text_bytes(role, attributes) > MAX_ACTOR_TEXT_BYTES {
+        match self.text_bytes.saturating_add(text_bytes(role, attributes)) > MAX_ACTOR_TEXT_BYTES {
             true => Err(NoRoom::Texts),
             false => Ok(()),
         }
@@ -207,10 +214,31 @@ impl Counts {
         episode: 0,
     };
 
-    /// An id that no actor has had before.
+    /// The id that the next actor gets.
+    pub fn next_actor(&self) -> u32 {
+        self.next_actor
+    }
+
+    /// Whether there are ids for `n` actors more.
+    ///
+    /// # Errors
+    /// [`NoRoom::Ids`].
+    pub fn check_ids(&self, n: u32) -> Result<(), NoRoom> {
+        let ends = [
+            (self.next_actor, FIRST_ADDED_ID),
+            (self.next_added, u32::MAX),
+        ];
+        let is_room = |(next, end): (u32, u32)| next.checked_add(n).is_some_and(|next| next <= end);
+        match ends.into_iter().all(is_room) {
+            true => Ok(()),
+            false => Err(NoRoom::Ids),
+        }
+    }
+
+    /// An id that no actor has had before, after [`Counts::check_ids`].
     pub fn new_id(&mut self) -> ActorId {
         let id = ActorId(self.next_actor);
-        self.next_actor += 1;
+        self.next_actor = self.next_actor.saturating_add(1);
         id
     }
 
@@ -218,7 +246,7 @@ impl Counts {
     /// they were without it.
     pub fn new_added_id(&mut self) -> ActorId {
         let id = ActorId(self.next_added);
-        self.next_added += 1;
+        self.next_added = self.next_added.saturating_add(1);
         id
     }
 

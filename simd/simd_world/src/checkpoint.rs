@@ -12,6 +12,12 @@
 //! checkpoint come back only if they still exist. Ids go on counting, so no id ever names two
 //! actors.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
+mod checks;
+mod error;
+mod stack;
+
 use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -21,18 +27,21 @@ use schema_types::ActorId;
 use schema_types::noise::mix;
 use serde::Serialize;
 
-use crate::errors::NoRoom;
 use crate::map_data::MapData;
 use crate::physics::engine_state;
 use crate::world::World;
 
+use error::VERSION;
+
+pub use checks::MAX_EPISODE_NANOS;
+pub use error::CheckpointError;
+
 /// "GCKP" read as a little-endian `u32`.
 const MAGIC: u32 = u32::from_le_bytes(*b"GCKP");
-/// Version of the head; the body's version is [`LAYOUT`]. The checksum of version 1 was the body's
-/// alone.
-const VERSION: u32 = 2;
 /// Bytes before the body.
 const HEAD_BYTES: usize = 48;
+/// Bytes of the head that are under the checksum, which is its last word.
+const SUMMED_HEAD_BYTES: usize = HEAD_BYTES - 8;
 /// Steps that a checkpoint from bytes must survive before it is restored.
 const TRIAL_STEPS: usize = 2;
 /// Length of such a step.
@@ -46,56 +55,6 @@ const LAYOUT: &str = env!("GANTRY_WORLD_LAYOUT");
 pub struct Checkpoint {
     world: World,
     elapsed_nanos: u64,
-}
-
-/// Why a checkpoint cannot be read or restored.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum CheckpointError {
-    /// Not a checkpoint at all.
-    #[error("this is not a checkpoint: it does not begin with GCKP")]
-    Foreign,
-    /// A head of another version.
-    #[error(
-        "the checkpoint's format is version {0}, but this program reads version {VERSION}; save it anew"
-    )]
-    Version(u32),
-    /// Another build wrote it, with another layout.
-    #[error(
-        "the checkpoint was saved by another build of Gantry, whose world is laid out differently; save it anew with this one"
-    )]
-    Layout,
-    /// The file is shorter or longer than its head states.
-    #[error(
-        "the checkpoint has {found} bytes after its head, but its head says {said}; the file is cut off or damaged"
-    )]
-    Length {
-        /// Bytes found.
-        found: u64,
-        /// Bytes stated in the head.
-        said: u64,
-    },
-    /// The bytes are not those that were written (checksum).
-    #[error("the checkpoint's checksum does not fit its bytes; the file is damaged")]
-    Checksum,
-    /// The body cannot be read.
-    #[error("the checkpoint's body cannot be read ({0}); the file is damaged")]
-    Body(String),
-    /// It belongs to another map.
-    #[error("the checkpoint is of map {of:?}, but {loaded:?} is loaded; load that map first")]
-    OtherMap {
-        /// Its map.
-        of: String,
-        /// The map that is loaded.
-        loaded: String,
-    },
-    /// The map of this name differs from the one it was saved on.
-    #[error(
-        "the checkpoint is of another version of map {0:?}: roads or solid ground differ; load the map it was saved on"
-    )]
-    ChangedMap(String),
-    /// With the sensors that live it would have too many actors.
-    #[error("the checkpoint and the sensors that exist now do not fit into one world: {0}")]
-    NoRoom(NoRoom),
 }
 
 impl Checkpoint {
@@ -116,7 +75,7 @@ impl Checkpoint {
         };
         let body = postcard::to_allocvec(&body)
             .map_err(|error| CheckpointError::Body(error.to_string()))?;
-        let mut bytes = Vec::with_capacity(HEAD_BYTES + body.len());
+        let mut bytes = Vec::with_capacity(body.len().saturating_add(HEAD_BYTES));
         bytes.extend(MAGIC.to_le_bytes());
         bytes.extend(VERSION.to_le_bytes());
         for word in [
@@ -153,13 +112,9 @@ impl Checkpoint {
                 said: HEAD_BYTES as u64,
             });
         };
-        let word = |idx: usize| {
-            u64::from_le_bytes(
-                head[8 + 8 * idx..16 + 8 * idx]
-                    .try_into()
-                    .expect("eight bytes"),
-            )
-        };
+        // The words behind magic and version.
+        let (words, _) = head[8..].as_chunks::<8>();
+        let word = |idx: usize| words.get(idx).map_or(0, |word| u64::from_le_bytes(*word));
         if word(0) != layout() {
             return Err(CheckpointError::Layout);
         }
@@ -169,10 +124,10 @@ impl Checkpoint {
                 said: word(3),
             });
         }
-        if checksum(&head[..HEAD_BYTES - 8], body) != word(4) {
+        if checksum(&head[..SUMMED_HEAD_BYTES], body) != word(4) {
             return Err(CheckpointError::Checksum);
         }
-        let broken = |error: postcard::Error| CheckpointError::Body(error.to_string());
+        checks::check_elapsed(word(2))?;
         let (map, rest): (String, &[u8]) = postcard::take_from_bytes(body).map_err(broken)?;
         if map != living.map.name {
             return Err(CheckpointError::OtherMap {
@@ -183,38 +138,63 @@ impl Checkpoint {
         if word(1) != map_hash(&living.map) {
             return Err(CheckpointError::ChangedMap(map));
         }
-        let mut world: World = postcard::from_bytes(rest).map_err(broken)?;
-        engine_state::take_geometry(&mut world.physics.engine, &living.physics.engine)
-            .map_err(|error| CheckpointError::Body(error.to_string()))?;
-        world.take_constants(living);
-        world.actors.recount();
-        world
-            .actors
-            .check()
-            .map_err(|error| CheckpointError::Body(error.to_string()))?;
-        let checkpoint = Checkpoint {
-            world,
-            elapsed_nanos: word(2),
-        };
-        checkpoint.try_in(living)?;
+        let checkpoint = unless_it_panics(|| {
+            let checkpoint = Checkpoint {
+                world: read_world(rest, living)?,
+                elapsed_nanos: word(2),
+            };
+            checkpoint.try_in(living)?;
+            Ok(checkpoint)
+        })?;
         Ok(checkpoint)
     }
 
-    /// Restores it in a copy of the world that runs, and steps there. Bytes with a right checksum
-    /// may still be nobody's: an actor without its body, a contact of what does not exist. The
-    /// engine takes such numbers on trust and panics, which must happen here and not to the world.
+    /// Restores it in a copy of the world that runs, steps there, and ends every actor: whatever the
+    /// checks before have not seen must come to light here and not in the world.
     fn try_in(&self, living: &World) -> Result<(), CheckpointError> {
         let mut copy = living.clone();
-        let tried = catch_unwind(AssertUnwindSafe(|| {
-            copy.restore(self)?;
-            (0..TRIAL_STEPS).for_each(|_| copy.step(TRIAL_STEP_NANOS));
-            Ok(())
-        }));
-        tried.unwrap_or_else(|_| {
-            let what = "its parts do not fit together";
-            Err(CheckpointError::Body(what.to_owned()))
-        })
+        copy.restore(self)?;
+        (0..TRIAL_STEPS).for_each(|_| copy.step(TRIAL_STEP_NANOS));
+        copy.physics.try_to_grow();
+        copy.step(TRIAL_STEP_NANOS);
+        let all: Vec<ActorId> = copy.actors.by_id.keys().copied().collect();
+        for id in all {
+            // A part goes with its whole, and is not there any more when its turn comes.
+            let _ = copy.destroy(id);
+        }
+        copy.step(TRIAL_STEP_NANOS);
+        Ok(())
     }
+}
+
+/// The world of a body, checked.
+fn read_world(bytes: &[u8], living: &World) -> Result<World, CheckpointError> {
+    let mut world: World = stack::read(bytes).map_err(broken)?;
+    engine_state::take_geometry(&mut world.physics.engine, &living.physics.engine)
+        .map_err(|error| CheckpointError::Body(error.to_string()))?;
+    world.take_constants(living);
+    world.actors.recount();
+    world
+        .actors
+        .check()
+        .map_err(|error| CheckpointError::Body(error.to_string()))?;
+    world.check_values(living)?;
+    Ok(world)
+}
+
+fn broken(error: postcard::Error) -> CheckpointError {
+    CheckpointError::Body(error.to_string())
+}
+
+/// Runs the reading of bytes that may be anybody's. The engine takes the numbers of its own state
+/// on trust and panics where they do not fit together.
+fn unless_it_panics<T>(
+    read: impl FnOnce() -> Result<T, CheckpointError>,
+) -> Result<T, CheckpointError> {
+    catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
+        let what = "its parts do not fit together";
+        Err(CheckpointError::Body(what.to_owned()))
+    })
 }
 
 /// What follows the head.

@@ -11,6 +11,11 @@ pub enum NoRoom {
         "a world has at most {MAX_ACTORS} actors, those of its map included; destroy some first"
     )]
     Actors,
+    /// Every id has been given to an actor before.
+    #[error(
+        "all ids of actors, some thousand million, have been used since the simulator started; start it anew"
+    )]
+    Ids,
     /// One of its texts is too long.
     #[error(transparent)]
     Text(#[from] TextLimit),

@@ -80,7 +80,7 @@ mod pose_check;
 mod serde_forms;
 
 pub use catalogue::PASSIVE_SENSORS;
-pub use checkpoint::{Checkpoint, CheckpointError};
+pub use checkpoint::{Checkpoint, CheckpointError, MAX_EPISODE_NANOS};
 pub use errors::{
     ActionError, ActorError, DestroyError, NoRoom, OutOfRange, PhysicsError, SpawnError,
 };

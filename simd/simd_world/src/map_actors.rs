@@ -29,7 +29,11 @@ pub(crate) struct MapActors {
 ///
 /// # Errors
 /// [`LoadError::Actors`].
-pub(crate) fn check_actors(map: &MapData, roads: Option<&RoadMap>) -> Result<(), LoadError> {
+pub(crate) fn check_actors(
+    map: &MapData,
+    roads: Option<&RoadMap>,
+    counts: &Counts,
+) -> Result<(), LoadError> {
     let signals = roads.map_or(&[][..], RoadMap::signals);
     let refuse = |source| {
         Err(LoadError::Actors {
@@ -38,8 +42,11 @@ pub(crate) fn check_actors(map: &MapData, roads: Option<&RoadMap>) -> Result<(),
             source,
         })
     };
-    if signals.len() + 1 > MAX_ACTORS {
+    if signals.len() >= MAX_ACTORS {
         return refuse(NoRoom::Actors);
+    }
+    if let Err(no_room) = counts.check_ids(MAX_ACTORS as u32) {
+        return refuse(no_room);
     }
     // Half of the texts are left to those who come later.
     let text_bytes: usize = signals.iter().map(|signal| json_bytes(&signal.id)).sum();

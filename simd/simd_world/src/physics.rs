@@ -30,6 +30,9 @@ pub(crate) use vectors::{narrow, widen};
 /// Standard gravity, m/s², along world −z.
 pub(crate) const GRAVITY_MPS2: f64 = 9.81;
 
+/// Bodies that [`Physics::try_to_grow`] makes.
+const N_TRIAL_BODIES: usize = 16;
+
 /// User data of a collider, read from contacts: its actor (0 is scenery) and its class.
 pub(crate) fn collider_tag(actor: u32, class: Class) -> u128 {
     u128::from(actor) | u128::from(class.0) << 32
@@ -200,6 +203,19 @@ impl Physics {
         self.engine.integration_parameters.dt = dt_secs;
         self.contacts.dt_secs = dt_secs;
         self.engine.step_with_events(&(), &self.contacts);
+    }
+
+    /// Makes bodies and removes them again: places that are free must be free, as a checkpoint may
+    /// say otherwise.
+    pub fn try_to_grow(&mut self) {
+        let body = |_| {
+            let collider = ColliderBuilder::cuboid(1.0, 1.0, 1.0);
+            self.engine.insert(RigidBodyBuilder::fixed(), collider).0
+        };
+        let bodies: Vec<RigidBodyHandle> = (0..N_TRIAL_BODIES).map(body).collect();
+        for body in bodies {
+            self.engine.remove_body(body);
+        }
     }
 
     /// Query for fixed colliders, as the engine knows them since its last step.

@@ -29,6 +29,11 @@ impl Props {
         self.by_id.get(&actor)
     }
 
+    /// The props with their actors, by rising id.
+    pub fn all(&self) -> impl Iterator<Item = (&ActorId, &Prop)> {
+        self.by_id.iter()
+    }
+
     pub fn get_mut(&mut self, actor: ActorId) -> Option<&mut Prop> {
         self.by_id.get_mut(&actor)
     }

@@ -53,6 +53,7 @@ impl Spawner<'_> {
             .ok_or_else(|| SpawnError::UnknownType(type_id.to_owned()))?;
         self.actors
             .check_room(wanted.role, wanted.attributes)
+            .and_then(|()| self.counts.check_ids(1))
             .map_err(|source| SpawnError::NoRoom {
                 type_id: type_id.to_owned(),
                 source,

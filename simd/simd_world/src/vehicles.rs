@@ -37,7 +37,7 @@ pub use engine_spec::EngineSpec;
 pub use model::VehicleModel;
 pub use model_list::vehicle_models;
 pub(crate) use sub_step::Around;
-pub(crate) use vehicle::{MAX_WHEELS, Vehicle, WheelState, chassis_box};
+pub(crate) use vehicle::{MAX_WHEELS, Vehicle, WheelState, chassis_box, check_vehicle};
 
 /// From this number on, vehicles are planned on several threads.
 const SIDE_BY_SIDE: usize = 32;

@@ -143,7 +143,7 @@ impl World {
     /// are kept.
     pub fn load_shared(&mut self, map: &Arc<MapData>) -> Result<(), LoadError> {
         let roads = map.read_roads()?;
-        check_actors(map, roads.as_deref())?;
+        check_actors(map, roads.as_deref(), &self.counts)?;
         let solids = self.solids.of(map)?;
         self.roads = roads;
         self.physics = Physics::with_solids(map.origin_m, &solids);

@@ -15,6 +15,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use launch_cli::bench::{self, BenchResult, clap};
+use launch_cli::values::number;
 use nix::libc::{SIGABRT, SIGSEGV};
 use test_e2e::carla::{start_gateway, start_script};
 use test_e2e::kept::Kept;
@@ -71,13 +72,8 @@ struct Look {
 #[derive(Debug, clap::Args)]
 struct Args {
     /// Length, more than 0
-    #[arg(long, value_name = "M", default_value_t = 60.0, value_parser = more_than_zero)]
+    #[arg(long, value_name = "M", default_value_t = 60.0, value_parser = number("number of minutes", 0.01..=100_000.0))]
     minutes: f64,
-}
-
-fn more_than_zero(text: &str) -> Result<f64, String> {
-    let number = text.parse::<f64>().ok().filter(|number| *number > 0.0);
-    number.ok_or_else(|| "give a number of more than 0".to_owned())
 }
 
 fn main() -> ExitCode {

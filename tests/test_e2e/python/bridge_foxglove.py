@@ -10,6 +10,7 @@ import struct
 import sys
 import time
 
+from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 MESSAGE, TIME, RESPONSE = 1, 2, 3
@@ -99,6 +100,17 @@ def fields(data):
             at += length
 
 
+def of_page(site):
+    """Status of the answer to a page of this site."""
+    try:
+        with connect(f"ws://127.0.0.1:{sys.argv[1]}", subprotocols=["foxglove.sdk.v1"], origin=site):
+            return 101
+    except InvalidStatus as refused:
+        return refused.response.status_code
+
+
+assert of_page("https://evil.example") == 403
+assert of_page("https://app.foxglove.dev") == 101
 client = Client(sys.argv[1])
 client.until("server info", lambda: client.info)
 assert {"time", "parameters", "services"} <= set(client.info["capabilities"]), client.info

@@ -3,10 +3,11 @@
 //! `fuzz/` runs the same functions under cargo-fuzz, which looks for new paths through the code for as
 //! long as it may; `tests/seeded.rs` runs them on seeds changed at random, the same every time.
 //!
-//! In reading order: [`targets`], [`seeds`], [`mutate`].
+//! In reading order: [`targets`], [`seeds`], [`crafted`], [`mutate`].
 
 #![forbid(unsafe_code)]
 
+pub mod crafted;
 pub mod mutate;
 pub mod seeds;
 pub mod targets;

@@ -4,9 +4,10 @@ use consumer_rpc::list;
 use consumer_rpc::msgpack::{self, Value};
 use schema_frames::result::RESULT_MAGIC;
 use schema_frames::{ResultHeader, ResultType, SCHEMA_VERSION};
-use simd_world::Checkpoint;
+use schema_types::{ActorId, Pose};
+use simd_world::{Checkpoint, MapData, World, WorldOptions};
 
-use crate::targets::flat_world;
+use crate::crafted;
 
 fn message(value: &Value) -> Vec<u8> {
     let mut bytes = Vec::new();
@@ -131,8 +132,13 @@ cmd = ["gantry-drive"]
     vec![text.into()]
 }
 
-/// A small MCAP file of each compression.
+/// A small MCAP file of each compression, and the crafted ones.
 pub fn recordings() -> Vec<Vec<u8>> {
+    let crafted = crafted::recordings().into_iter().map(|(_, bytes)| bytes);
+    written().into_iter().chain(crafted).collect()
+}
+
+fn written() -> Vec<Vec<u8>> {
     [
         None,
         Some(mcap::Compression::Lz4),
@@ -233,12 +239,27 @@ pub fn carla_logs() -> Vec<Vec<u8>> {
     ]
 }
 
-/// A checkpoint of a world on a plane.
+/// Checkpoints of a small world, without actors and with one of each kind.
 pub fn checkpoints() -> Vec<Vec<u8>> {
-    let mut world = flat_world();
+    let mut world = signalled_world();
     world.step(50_000_000);
-    let checkpoint: Checkpoint = world.checkpoint(50_000_000);
-    vec![checkpoint.to_bytes().expect("a world can be written")]
+    let empty = world.checkpoint(50_000_000);
+    let mut spawn = |kind: &str, x_m: f64, parent: Option<ActorId>| {
+        let pose = Pose::from_xyz_yaw(x_m, -30.0, 0.5, 0.3);
+        let none = std::collections::BTreeMap::new();
+        let spawned = world.spawn(kind, pose, parent, "seed", &none);
+        spawned.expect("the place is free")
+    };
+    let car = spawn("vehicle.tesla.model3", 0.0, None);
+    spawn("vehicle.yamaha.yzf", 8.0, None);
+    spawn("walker.pedestrian.0001", 12.0, None);
+    spawn("static.prop.box01", 16.0, None);
+    spawn("static.trigger.friction", 20.0, None);
+    spawn("sensor.camera.rgb", 1.0, Some(car));
+    (0..5).for_each(|_| world.step(50_000_000));
+    let full = world.checkpoint(300_000_000);
+    let bytes = |it: &Checkpoint| it.to_bytes().expect("a world can be written");
+    vec![bytes(&empty), bytes(&full), bytes(&full)]
 }
 
 /// A result of bytes.
@@ -253,4 +274,16 @@ pub fn results() -> Vec<Vec<u8>> {
     header.n_inputs = 1;
     let body = vec![1u8; header.payload_bytes as usize];
     vec![[bytemuck::bytes_of(&header), &body].concat()]
+}
+
+/// A world on a plane that also has a road with a traffic light.
+pub fn signalled_world() -> World {
+    let mut world = World::new(WorldOptions::default());
+    let road = opendrive().swap_remove(0);
+    let map = MapData {
+        open_drive: String::from_utf8(road).expect("it is a text"),
+        ..MapData::flat(100.0)
+    };
+    world.load(&map).expect("a plane can be loaded");
+    world
 }

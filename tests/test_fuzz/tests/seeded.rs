@@ -71,9 +71,54 @@ targets! {
     results 20_000;
 }
 
+/// The crafted recordings can be read as far as they are meant to: the plain one whole.
+#[test]
+fn crafted_recordings_are_what_they_are_meant_to_be() {
+    use schema_recording::read::{RecordingFile, Selection};
+    let folder = tempfile::tempdir().unwrap();
+    for (name, bytes) in test_fuzz::crafted::recordings() {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        let file = match RecordingFile::open(&path) {
+            Ok(file) => file,
+            Err(error) => {
+                assert!(name.starts_with("metadata"), "{name}: {error:#}");
+                continue;
+            }
+        };
+        let (start, end) = file.span().unwrap_or_default();
+        assert!(start <= end, "{name}: {start} to {end}");
+        let mut samples = file.samples(&Selection::default());
+        let mut n = 0;
+        while samples.next().unwrap().is_some() {
+            n += 1;
+        }
+        match name {
+            "plain" | "chunk_ends_first" | "chunk_ends_first_walked" | "counts" => {
+                assert_eq!((n, samples.damage().total()), (2, 0), "{name}");
+            }
+            "snapshots_near_the_end" | "frames_near_the_end" | "times_near_the_end" => {
+                assert_eq!((n, samples.damage().total()), (3, 0), "{name}");
+            }
+            _ => {}
+        }
+        if name == "plain" {
+            assert_eq!(file.walked_because(), None);
+        }
+    }
+}
+
 /// The seeds are such that the targets get far: each can be read whole.
 #[test]
 fn seeds_can_be_read() {
+    for bytes in test_fuzz::seeds::checkpoints() {
+        let world = test_fuzz::seeds::signalled_world();
+        let read = simd_world::Checkpoint::from_bytes(&bytes, &world);
+        read.map(drop).unwrap();
+        let mut mended = bytes.clone();
+        test_fuzz::targets::mend_checkpoint(&mut mended);
+        assert_eq!(mended, bytes, "whole bytes are not changed by mending");
+    }
     use consumer_carla::recorder::file::Reader;
     for text in test_fuzz::seeds::opendrive() {
         let text = String::from_utf8(text).unwrap();

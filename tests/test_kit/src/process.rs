@@ -1,5 +1,6 @@
 //! One child process with its output, signals and end.
 
+use std::ffi::OsStr;
 use std::io::{BufRead as _, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -67,7 +68,7 @@ impl Process {
         program: &Path,
         args: &[&str],
         dir: &Path,
-        env: &[(&str, &str)],
+        env: &[(&str, &OsStr)],
     ) -> Self {
         let mut child = Command::new(program)
             .args(args)

@@ -1,6 +1,8 @@
-//! What one test has for itself: a directory, a domain, an iceoryx2 root and prefix.
+//! What one test has for itself: a directory, a domain, an iceoryx2 root and prefix, and folders for
+//! data, caches and runtime files.
 
-use std::os::unix::fs::MetadataExt as _;
+use std::ffi::OsStr;
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -29,6 +31,11 @@ impl Sandbox {
         std::fs::create_dir_all(&root).expect("iceoryx2 root");
         schema_bus::write_private_config(dir.path(), &root, &prefix)
             .expect("iceoryx2 configuration");
+        // Programs accept a runtime folder only if nobody else may enter it.
+        std::fs::DirBuilder::new()
+            .mode(0o700)
+            .create(dir.path().join("run"))
+            .expect("runtime folder");
         Sandbox {
             dir,
             domain: format!("t{}x{number}", std::process::id()),
@@ -74,9 +81,31 @@ impl Sandbox {
         path
     }
 
+    /// Folders of a user who has never used Gantry, so that a test does not depend on the maps and
+    /// recordings that the developer has.
+    fn own_folders(&self) -> [(&'static str, PathBuf); 4] {
+        // Compiled shaders stay where they are: they depend on nothing that a test is about, and
+        // compiling them takes seconds.
+        let user = |variable: &str| {
+            std::env::var_os(variable)
+                .filter(|path| !path.is_empty())
+                .map(PathBuf::from)
+        };
+        let caches = user("XDG_CACHE_HOME")
+            .or_else(|| Some(user("HOME")?.join(".cache")))
+            .unwrap_or_else(|| self.path("cache"));
+        let shaders = user("MESA_SHADER_CACHE_DIR").unwrap_or(caches);
+        [
+            ("XDG_DATA_HOME", self.path("data")),
+            ("XDG_CACHE_HOME", self.path("cache")),
+            ("XDG_RUNTIME_DIR", self.path("run")),
+            ("MESA_SHADER_CACHE_DIR", shaders),
+        ]
+    }
+
     /// Starts one of the project's binaries in this sandbox.
     pub fn spawn(&self, binary: &str, args: &[&str]) -> Process {
-        Process::start(binary, &binary_path(binary), args, self.dir.path(), &[])
+        self.spawn_program(binary, &binary_path(binary), args, &[])
     }
 
     /// Starts any program in this sandbox with extra environment.
@@ -87,7 +116,23 @@ impl Sandbox {
         args: &[&str],
         env: &[(&str, &str)],
     ) -> Process {
-        Process::start(name, program, args, self.dir.path(), env)
+        self.spawn_at(self.dir.path(), name, program, args, env)
+    }
+
+    /// As [`Sandbox::spawn_program`], in another working directory.
+    pub(crate) fn spawn_at(
+        &self,
+        place: &Path,
+        name: &str,
+        program: &Path,
+        args: &[&str],
+        env: &[(&str, &str)],
+    ) -> Process {
+        let own = self.own_folders();
+        let own = own.iter().map(|(key, path)| (*key, path.as_os_str()));
+        let given = env.iter().map(|(key, value)| (*key, OsStr::new(*value)));
+        let env: Vec<(&str, &OsStr)> = own.chain(given).collect();
+        Process::start(name, program, args, place, &env)
     }
 
     /// Makes a folder of links to everything in `folder`, for a program that reads files beside it:
@@ -227,4 +272,32 @@ pub fn repository() -> PathBuf {
         .join("../..")
         .canonicalize()
         .expect("repository root")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn programs_have_folders_of_their_own() {
+        let sandbox = Sandbox::new("folders");
+        let line = "echo data $XDG_DATA_HOME cache $XDG_CACHE_HOME run $XDG_RUNTIME_DIR; test -w $XDG_RUNTIME_DIR";
+        let shell = Path::new("/bin/sh");
+        let ended = sandbox
+            .spawn_program("sh", shell, &["-c", line], &[])
+            .wait()
+            .expect_code(0);
+        let at = sandbox.dir().display();
+        assert!(
+            ended.says(&format!("data {at}/data cache {at}/cache run {at}/run")),
+            "{:?}",
+            ended.lines
+        );
+        // What a test gives counts.
+        let given = [("XDG_DATA_HOME", "/elsewhere")];
+        let ended = sandbox
+            .spawn_program("sh", shell, &["-c", line], &given)
+            .wait();
+        assert!(ended.says("data /elsewhere cache"), "{:?}", ended.lines);
+    }
 }

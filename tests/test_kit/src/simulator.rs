@@ -141,7 +141,7 @@ impl Simulator {
     pub fn run_in(&self, folder: &Path, program: impl AsRef<Path>, args: &[&str]) -> Process {
         let place = self.sandbox.links_to(folder);
         self.start_program(program.as_ref(), args, |name, program, args, env| {
-            Process::start(name, program, args, &place, env)
+            self.sandbox.spawn_at(&place, name, program, args, env)
         })
     }
 

@@ -6,6 +6,7 @@
 
 use std::path::Path;
 
+use anyhow::{Context as _, bail};
 use nalgebra::{Isometry3, Point3, Vector3};
 use schema_frames::document::PoseText;
 use schema_frames::{Command, CommandReply, Modality, WalkerControl};
@@ -58,7 +59,7 @@ struct Studio {
 }
 
 impl Studio {
-    fn spawn(&mut self, type_id: &str, up_m: f64, settle: usize) -> Result<ActorId, String> {
+    fn spawn(&mut self, type_id: &str, up_m: f64, settle: usize) -> anyhow::Result<ActorId> {
         let pose = self.stage.places[SPOT] * Isometry3::translation(0.0, 0.0, up_m);
         let command = Command::Spawn {
             type_id: type_id.into(),
@@ -68,13 +69,13 @@ impl Studio {
             attributes: Default::default(),
         };
         let CommandReply::Spawned { actor_id, .. } = self.stage.apply(&command)? else {
-            return Err(format!("{type_id} did not appear"));
+            bail!("{type_id} did not appear");
         };
         (0..settle).for_each(|_| self.stage.step());
         Ok(ActorId(actor_id))
     }
 
-    fn destroy(&mut self, actor: ActorId) -> Result<(), String> {
+    fn destroy(&mut self, actor: ActorId) -> anyhow::Result<()> {
         self.stage
             .apply(&Command::Destroy { actor_id: actor.0 })
             .map(|_| ())
@@ -87,9 +88,9 @@ impl Studio {
         eye: [f64; 3],
         target: [f64; 3],
         fov_deg: f64,
-    ) -> Result<Picture, String> {
+    ) -> anyhow::Result<Picture> {
         let weather = weathers::named(&self.weather)
-            .ok_or_else(|| format!("weather is none of {}", weathers::NAMES.join(", ")))?;
+            .with_context(|| format!("weather is none of {}", weathers::NAMES.join(", ")))?;
         let lens = Intrinsics::from_fov(SIZE_PX[0], SIZE_PX[1], fov_deg.to_radians());
         let mut view = View::new(&self.gpu, ViewSpec::pinhole(lens));
         let mut bytes = vec![0; view.payload_bytes(Modality::Rgb)];
@@ -104,7 +105,7 @@ impl Studio {
             .stage
             .world()
             .record(actor)
-            .ok_or("it is gone")?
+            .context("it is gone")?
             .world_from_actor
             .isometry();
         let world_from_sensor = actor_pose * Isometry3::from_parts(Vector3::from(eye).into(), turn);
@@ -119,13 +120,12 @@ impl Studio {
         };
         let submission = self
             .renderer
-            .render(&self.stage.scene(weather), vec![job])
-            .map_err(|error| error.to_string())?;
-        submission.wait().map_err(|error| error.to_string())?;
+            .render(&self.stage.scene(weather), vec![job])?;
+        submission.wait()?;
         Ok(Picture::of(Modality::Rgb, SIZE_PX.map(|side| side as usize), &bytes).shrunk(2))
     }
 
-    fn vehicles(&mut self) -> Result<Picture, String> {
+    fn vehicles(&mut self) -> anyhow::Result<Picture> {
         let mut tiles = Vec::new();
         for name in VEHICLES {
             let car = self.spawn(&format!("vehicle.{name}"), 0.3, 30)?;
@@ -139,7 +139,7 @@ impl Studio {
                 .stage
                 .world()
                 .record(car)
-                .ok_or("it is gone")?
+                .context("it is gone")?
                 .half_box_m
                 .map(f64::from);
             tiles.push(self.shoot(
@@ -153,7 +153,7 @@ impl Studio {
         Ok(Picture::sheet(&tiles, 4))
     }
 
-    fn doors(&mut self) -> Result<Picture, String> {
+    fn doors(&mut self) -> anyhow::Result<Picture> {
         let mut tiles = Vec::new();
         for name in WITH_DOORS {
             let car = self.spawn(&format!("vehicle.{name}"), 0.3, 20)?;
@@ -167,7 +167,7 @@ impl Studio {
                 .stage
                 .world()
                 .record(car)
-                .ok_or("it is gone")?
+                .context("it is gone")?
                 .half_box_m
                 .map(f64::from);
             tiles.push(self.shoot(car, [x + 1.2, 4.4, 1.6], [0.0, 0.3, 0.8], 65.0)?);
@@ -179,7 +179,7 @@ impl Studio {
         Ok(Picture::sheet(&tiles, 4))
     }
 
-    fn walkers(&mut self) -> Result<Picture, String> {
+    fn walkers(&mut self) -> anyhow::Result<Picture> {
         let mut tiles = Vec::new();
         let ahead: [f32; 3] = (self.stage.places[SPOT].rotation * Vector3::x())
             .cast::<f32>()
@@ -208,7 +208,7 @@ impl Studio {
                         self.stage
                             .world()
                             .record(walker)
-                            .ok_or("it is gone")?
+                            .context("it is gone")?
                             .half_box_m[2],
                     );
                 tiles.push(self.shoot(walker, [2.3, 1.1, 0.25 * tall_m], [0.0, 0.0, 0.0], 52.0)?);
@@ -219,20 +219,19 @@ impl Studio {
     }
 }
 
-fn run() -> Result<(), String> {
+fn run() -> anyhow::Result<()> {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let [folder, rest @ ..] = words.as_slice() else {
-        return Err("say close_ups OUT_DIR [low|high] [WEATHER]".into());
+        bail!("say close_ups OUT_DIR [low|high] [WEATHER]");
     };
     let quality = match rest.first().map(String::as_str) {
         Some("low") => Quality::Low,
         None | Some("high") => Quality::High,
-        Some(other) => return Err(format!("quality is {other:?}, but must be low or high")),
+        Some(other) => bail!("quality is {other:?}, but must be low or high"),
     };
     let folder = Path::new(folder);
-    std::fs::create_dir_all(folder)
-        .map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
-    let gpu = Gpu::open(&GpuOptions::default()).map_err(|error| error.to_string())?;
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let gpu = Gpu::open(&GpuOptions::default())?;
     let weather = rest.get(1).cloned().unwrap_or_else(|| "day".into());
     let mut studio = Studio {
         renderer: CameraRenderer::new(&gpu, quality),
@@ -249,7 +248,7 @@ fn run() -> Result<(), String> {
 
 fn main() {
     if let Err(error) = run() {
-        eprintln!("{error}");
+        eprintln!("{error:#}");
         std::process::exit(2);
     }
 }

@@ -26,7 +26,7 @@ fn main() -> ExitCode {
 
 fn measure(args: &Args, result: &mut BenchResult) -> anyhow::Result<()> {
     let town = &args.town;
-    let stage = Stage::new(town, 11, 10).map_err(anyhow::Error::msg)?;
+    let stage = Stage::new(town, 11, 10)?;
     let whole = stage.scene(Weather::default()).assets;
     let ids: BTreeSet<u32> = whole
         .meshes

@@ -420,7 +420,7 @@ impl Bench<'_> {
             std::process::exit(2);
         };
         let scene = peer::scene(std::path::Path::new(path)).unwrap_or_else(|error| {
-            eprintln!("{error}");
+            eprintln!("{error:#}");
             std::process::exit(2);
         });
         let focal_px = 300.0 / 30f64.to_radians().tan();
@@ -510,7 +510,7 @@ fn measure(options: &Options, result: &mut BenchResult) -> anyhow::Result<()> {
     let in_flight = options
         .in_flight
         .unwrap_or(if gpu.is_software() { 1 } else { 2 });
-    let mut stage = Stage::new(&options.town, 7, options.vehicles).map_err(anyhow::Error::msg)?;
+    let mut stage = Stage::new(&options.town, 7, options.vehicles)?;
     let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     println!(
         "{}; quality {quality:?}; {} with {} vehicles{}, {}; {} frames, {in_flight} in flight, copied {}; load {}",

@@ -4,6 +4,7 @@
 
 use std::path::Path;
 
+use anyhow::{Context as _, bail};
 use schema_frames::Modality;
 use sensor_camera::{CameraRenderer, Output, Place, Quality, View, ViewJob, ViewSpec};
 use sensor_gpu::{Gpu, GpuOptions};
@@ -31,7 +32,7 @@ struct Studio {
 }
 
 impl Studio {
-    fn new(gpu: &Gpu, town: &str, quality: Quality) -> Result<Studio, String> {
+    fn new(gpu: &Gpu, town: &str, quality: Quality) -> anyhow::Result<Studio> {
         Ok(Studio {
             gpu: gpu.clone(),
             renderer: CameraRenderer::new(gpu, quality),
@@ -46,8 +47,8 @@ impl Studio {
         weather: &str,
         size_px: [u32; 2],
         modalities: &[Modality],
-    ) -> Result<Vec<Picture>, String> {
-        let weather = weathers::named(weather).ok_or_else(|| {
+    ) -> anyhow::Result<Vec<Picture>> {
+        let weather = weathers::named(weather).with_context(|| {
             format!(
                 "weather {weather:?} is none of {}",
                 weathers::NAMES.join(", ")
@@ -82,9 +83,8 @@ impl Studio {
             };
             let submission = self
                 .renderer
-                .render(&self.stage.scene(weather), vec![job])
-                .map_err(|error| error.to_string())?;
-            let results = submission.wait().map_err(|error| error.to_string())?;
+                .render(&self.stage.scene(weather), vec![job])?;
+            let results = submission.wait()?;
             lengths = results[0]
                 .outputs
                 .iter()
@@ -99,13 +99,13 @@ impl Studio {
     }
 }
 
-fn look(gpu: &Gpu, folder: &Path, words: &[String]) -> Result<(), String> {
+fn look(gpu: &Gpu, folder: &Path, words: &[String]) -> anyhow::Result<()> {
     let [town, place, quality, weathers @ ..] = words else {
-        return Err("look needs OUT_DIR TOWN PLACE low|high WEATHER …".into());
+        bail!("look needs OUT_DIR TOWN PLACE low|high WEATHER …");
     };
     let place = place
         .parse()
-        .map_err(|_| format!("place is {place:?}, but must be a whole number"))?;
+        .with_context(|| format!("place is {place:?}, but must be a whole number"))?;
     let quality = if quality == "high" {
         Quality::High
     } else {
@@ -129,7 +129,7 @@ const TOWNS: [(&str, usize, usize); 3] = [
     ("Town07", 20, 66),
 ];
 
-fn sheets(gpu: &Gpu, folder: &Path) -> Result<(), String> {
+fn sheets(gpu: &Gpu, folder: &Path) -> anyhow::Result<()> {
     for (town, first, second) in TOWNS {
         let mut studio = Studio::new(gpu, town, Quality::High)?;
         let mut light = Vec::new();
@@ -161,7 +161,7 @@ fn sheets(gpu: &Gpu, folder: &Path) -> Result<(), String> {
 }
 
 /// Six modalities of one view behind the traffic of Town10HD.
-fn front(gpu: &Gpu, folder: &Path) -> Result<(), String> {
+fn front(gpu: &Gpu, folder: &Path) -> anyhow::Result<()> {
     let mut studio = Studio::new(gpu, "Town10HD", Quality::High)?;
     let shown = [
         Modality::Rgb,
@@ -179,26 +179,25 @@ fn front(gpu: &Gpu, folder: &Path) -> Result<(), String> {
     Picture::sheet(&all, 3).write(&folder.join("front.png"))
 }
 
-fn run() -> Result<(), String> {
+fn run() -> anyhow::Result<()> {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let [command, folder, rest @ ..] = words.as_slice() else {
-        return Err("say sheets OUT_DIR, look OUT_DIR … or front OUT_DIR".into());
+        bail!("say sheets OUT_DIR, look OUT_DIR … or front OUT_DIR");
     };
     let folder = Path::new(folder);
-    std::fs::create_dir_all(folder)
-        .map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
-    let gpu = Gpu::open(&GpuOptions::default()).map_err(|error| error.to_string())?;
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let gpu = Gpu::open(&GpuOptions::default())?;
     match command.as_str() {
         "look" => look(&gpu, folder, rest),
         "sheets" => sheets(&gpu, folder),
         "front" => front(&gpu, folder),
-        _ => Err(format!("{command:?} is none of sheets, look and front")),
+        _ => bail!("{command:?} is none of sheets, look and front"),
     }
 }
 
 fn main() {
     if let Err(error) = run() {
-        eprintln!("{error}");
+        eprintln!("{error:#}");
         std::process::exit(2);
     }
 }

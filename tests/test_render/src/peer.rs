@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use anyhow::Context as _;
 use nalgebra::Isometry3;
 use schema_frames::document::Weather;
 use schema_types::{Class, ObjectId, SimTime, Tick};
@@ -16,11 +17,10 @@ const CHUNK_M: f32 = 20.0;
 ///
 /// # Errors
 /// The file cannot be read or is no such PLY.
-pub fn scene(path: &std::path::Path) -> Result<Arc<Scene>, String> {
-    let bytes =
-        std::fs::read(path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
+pub fn scene(path: &std::path::Path) -> anyhow::Result<Arc<Scene>> {
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     let (vertices, triangles) = parse(&bytes)
-        .ok_or_else(|| format!("{} is not a binary PLY of triangles", path.display()))?;
+        .with_context(|| format!("{} is not a binary PLY of triangles", path.display()))?;
     let mut chunks: std::collections::BTreeMap<(i32, i32), MeshBuilder> = Default::default();
     let wall = Surface::new(Class::BUILDINGS, Material::Matte, [170, 160, 140]);
     for corners in triangles {

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use anyhow::Context as _;
 use schema_frames::{DvsEvent, Modality};
 
 /// Quality of JPEG files: no visible blocks, even round the flat areas of labels.
@@ -154,10 +155,9 @@ impl Picture {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn write(&self, path: &Path) -> Result<(), String> {
-        let text =
-            |error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
-        let file = std::fs::File::create(path).map_err(|error| text(&error))?;
+    pub fn write(&self, path: &Path) -> anyhow::Result<()> {
+        let text = || format!("cannot write {}", path.display());
+        let file = std::fs::File::create(path).with_context(text)?;
         let mut encoder = png::Encoder::new(
             std::io::BufWriter::new(file),
             self.size_px[0] as u32,
@@ -168,18 +168,16 @@ impl Picture {
         encoder
             .write_header()
             .and_then(|mut writer| writer.write_image_data(self.rgb.as_flattened()))
-            .map_err(|error| text(&error))
+            .with_context(text)
     }
 
     /// Writes a JPEG file: all colours, no bands, a fifth of the size of a PNG of streets.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn write_jpeg(&self, path: &Path) -> Result<(), String> {
-        let text =
-            |error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
-        let file =
-            std::io::BufWriter::new(std::fs::File::create(path).map_err(|error| text(&error))?);
+    pub fn write_jpeg(&self, path: &Path) -> anyhow::Result<()> {
+        let text = || format!("cannot write {}", path.display());
+        let file = std::io::BufWriter::new(std::fs::File::create(path).with_context(text)?);
         let [width, height] = self.size_px.map(|side| side as u32);
         let mut encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(file, JPEG_QUALITY);
         encoder
@@ -189,7 +187,7 @@ impl Picture {
                 height,
                 image::ExtendedColorType::Rgb8,
             )
-            .map_err(|error| text(&error))
+            .with_context(text)
     }
 }
 

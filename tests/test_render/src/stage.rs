@@ -29,26 +29,24 @@ impl Stage {
     ///
     /// # Errors
     /// There is no such town, or its first spawn point cannot be used.
-    pub fn new(town: &str, seed: u64, n_vehicles: usize) -> Result<Stage, String> {
-        let town = Town::generate(town, seed).map_err(|error| error.to_string())?;
+    pub fn new(town: &str, seed: u64, n_vehicles: usize) -> anyhow::Result<Stage> {
+        let town = Town::generate(town, seed)?;
         let map = MapData::from(&town);
         let mut world = World::new(WorldOptions {
             seed,
             ..Default::default()
         });
-        world.load(&map).map_err(|error| error.to_string())?;
+        world.load(&map)?;
         let mut assets = town.assets;
         assets.episode = 1;
         world.register_meshes(&mut assets);
-        world
-            .spawn_scenario(
-                Some(EgoSpawn {
-                    type_id: "vehicle.tesla.model3",
-                    spawn_idx: 0,
-                }),
-                n_vehicles,
-            )
-            .map_err(|error| error.to_string())?;
+        world.spawn_scenario(
+            Some(EgoSpawn {
+                type_id: "vehicle.tesla.model3",
+                spawn_idx: 0,
+            }),
+            n_vehicles,
+        )?;
         let places = map
             .spawn_points
             .iter()
@@ -102,7 +100,7 @@ impl Stage {
     ///
     /// # Errors
     /// The world's message, if it refuses.
-    pub fn apply(&mut self, command: &Command) -> Result<CommandReply, String> {
+    pub fn apply(&mut self, command: &Command) -> anyhow::Result<CommandReply> {
         let reply = self.world.apply(command);
         let switched = self.world.switched_lamps();
         if self.assets.switched != switched {
@@ -112,7 +110,7 @@ impl Stage {
             });
         }
         match reply {
-            CommandReply::Refused { error } => Err(error),
+            CommandReply::Refused { error } => Err(anyhow::Error::msg(error)),
             reply => Ok(reply),
         }
     }

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use anyhow::{Context as _, bail, ensure};
+use launch_cli::files::MAX_NOTES_BYTES;
 use serde_json::Value;
 
 /// Keys of lists that a path may leave out: `FILE/rgb` finds the row called `rgb`.
@@ -28,7 +29,7 @@ impl Figures {
             if path.extension().is_none_or(|end| end != "json") {
                 continue;
             }
-            let text = std::fs::read_to_string(&path)
+            let text = launch_cli::files::read_text(&path, MAX_NOTES_BYTES)
                 .with_context(|| format!("cannot read {}", path.display()))?;
             let value: Value = serde_json::from_str(&text)
                 .with_context(|| format!("{} is not JSON", path.display()))?;

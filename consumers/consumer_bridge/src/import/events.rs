@@ -45,7 +45,24 @@ pub enum Event {
         answered_nanos: u64,
     },
     /// The answer to the request of this number, or why there is none.
-    Answer(u64, Result<Vec<u8>, String>),
+    Answer(u64, Result<Vec<u8>, NoAnswer>),
+}
+
+/// Why the other machine has not answered a request.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoAnswer {
+    /// What it says itself.
+    #[error("{0}")]
+    Said(String),
+    /// The request could not be sent.
+    #[error("the link takes no request: {0}")]
+    Link(String),
+    /// Nothing came in time.
+    #[error("the machine of the world did not answer; the link may be down")]
+    Silence,
+    /// What came is no answer.
+    #[error("the answer of the other machine cannot be read ({0}); rebuild the older of the two")]
+    Unreadable(String),
 }
 
 /// Complaints about other bridges that are logged; further ones are not.

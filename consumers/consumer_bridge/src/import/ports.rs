@@ -9,7 +9,7 @@ use schema_bus::{
     ResultTopic, check_shared_memory, names,
 };
 use schema_frames::result::MAX_INPUTS;
-use schema_frames::{FrameHeader, InputRecord, Modality, ResultHeader};
+use schema_frames::{About, FrameHeader, InputRecord, Modality, ResultHeader};
 
 use crate::announce::Offer;
 use crate::clock::Clock;
@@ -164,10 +164,7 @@ impl FramePort {
 
 /// A topic of results.
 #[derive(Debug)]
-pub struct ResultPort {
-    publisher: ResultPublisher,
-    is_described: bool,
-}
+pub struct ResultPort(ResultPublisher);
 
 impl ResultPort {
     /// Opens the topic for writing, as it is on the other machine.
@@ -179,23 +176,25 @@ impl ResultPort {
         let mut spec = ResultTopic::new(kind.context("a topic of results has a type")?);
         spec.qos = offer.qos(spec.qos);
         spec.about = offer.about.clone();
-        Ok(ResultPort {
-            publisher: bus.result_publisher(&offer.name, &spec)?,
-            is_described: !offer.about.is_empty(),
-        })
+        Ok(ResultPort(bus.result_publisher(&offer.name, &spec)?))
+    }
+
+    /// Takes over another description.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn describe(&self, bus: &Bus, about: &About) -> Result<(), BusError> {
+        bus.describe_results(&self.0, about)
     }
 
     /// Number of readers now.
     pub fn n_readers(&self) -> usize {
-        self.publisher.n_readers()
+        self.0.n_readers()
     }
 
-    /// Sends the description to readers that joined since the last call, which a writer of results
-    /// otherwise does with its next one.
+    /// Sends the description to readers that joined since the last call.
     pub fn greet(&self) {
-        if self.is_described {
-            drop(self.publisher.loan(0));
-        }
+        self.0.greet();
     }
 
     /// Publishes a result as it was on the other machine.
@@ -217,7 +216,7 @@ impl ResultPort {
             behind.len()
         );
         clock.translate_result(&mut header);
-        let mut loan = self.publisher.loan(raw_bytes)?;
+        let mut loan = self.0.loan(raw_bytes)?;
         decode(
             arrived.envelope.coding,
             None,

@@ -39,8 +39,6 @@ pub struct Topic {
 enum Port {
     Frames(Box<FramePort>),
     Results(ResultPort),
-    /// Between two writers of one topic, of which there can be one only.
-    Changing,
 }
 
 /// What publishing needs to know.
@@ -95,14 +93,14 @@ impl Topic {
     /// Takes over the description that is offered now, if it is another one.
     ///
     /// # Errors
-    /// [`schema_bus::BusError`]; the topic has no writer here then, and is tried again.
+    /// [`schema_bus::BusError`]; it is tried again then.
     pub fn describe(&mut self, bus: &Bus, offer: &Offer) -> anyhow::Result<()> {
-        let is_lost = matches!(self.port, Port::Changing);
-        if self.offer.about == offer.about && !is_lost {
+        if self.offer.about == offer.about {
             return Ok(());
         }
-        self.port = Port::Changing;
-        self.port = Port::Results(ResultPort::open(bus, offer)?);
+        if let Port::Results(port) = &self.port {
+            port.describe(bus, &offer.about)?;
+        }
         self.offer.about = offer.about.clone();
         Ok(())
     }
@@ -118,7 +116,6 @@ impl Topic {
                 port.greet();
                 port.n_readers()
             }
-            Port::Changing => return Ok(()),
         };
         let now = Instant::now();
         if n_readers > 0 {
@@ -152,7 +149,6 @@ impl Topic {
                     .inbox
                     .pop_if(|arrived| is_due(port, arrived, context.world)),
                 Port::Results(_) => self.inbox.pop(),
-                Port::Changing => None,
             };
             let Some(arrived) = arrived else { break };
             let published = match &mut self.port {
@@ -160,7 +156,6 @@ impl Topic {
                     .header(&arrived)
                     .and_then(|header| port.publish(context.bus, header, &arrived, context.clock)),
                 Port::Results(port) => port.publish(&arrived, context.clock),
-                Port::Changing => break,
             };
             count(context.counts, name, &arrived, &published);
             match published {

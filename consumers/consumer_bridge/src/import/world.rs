@@ -23,7 +23,7 @@ use zenoh::{Session, Wait as _};
 use crate::announce::DOCUMENTS;
 use crate::coding::Coding;
 use crate::coding::copy_to;
-use crate::import::events::{Event, Events};
+use crate::import::events::{Event, Events, NoAnswer};
 use crate::import::inbox::Arrived;
 use crate::keys::Keys;
 use crate::wire::Envelope;
@@ -230,7 +230,7 @@ impl MirroredWorld {
         let asked = self.ask(number, &request);
         self.pending.insert(number, request);
         if let Err(error) = asked {
-            self.answer(number, Err(format!("the link takes no request: {error}")));
+            self.answer(number, Err(NoAnswer::Link(error.to_string())));
         }
     }
 
@@ -250,7 +250,8 @@ impl MirroredWorld {
                 let answer = match reply.result() {
                     Ok(sample) => Ok(sample.payload().to_bytes().into_owned()),
                     Err(error) => {
-                        Err(String::from_utf8_lossy(&error.payload().to_bytes()).into_owned())
+                        let said = error.payload().to_bytes();
+                        Err(NoAnswer::Said(String::from_utf8_lossy(&said).into_owned()))
                     }
                 };
                 guard.answer(answer);
@@ -259,20 +260,20 @@ impl MirroredWorld {
     }
 
     /// Hands an answer of the other machine to the client that asked.
-    pub fn answer(&mut self, number: u64, answer: Result<Vec<u8>, String>) {
+    pub fn answer(&mut self, number: u64, answer: Result<Vec<u8>, NoAnswer>) {
         let Some(request) = self.pending.remove(&number) else {
             return;
         };
         let parsed = answer.and_then(|text| {
             serde_json::from_slice::<ReplyBatch>(&text)
-                .map_err(|error| format!("the answer of the other machine cannot be read ({error}); rebuild the older of the two"))
+                .map_err(|error| NoAnswer::Unreadable(error.to_string()))
         });
         match parsed {
             Ok(batch) => {
                 self.note_participants(&request, &batch);
                 self.reply(request, &batch);
             }
-            Err(error) => self.refuse(request, error),
+            Err(error) => self.refuse(request, error.to_string()),
         }
     }
 
@@ -414,7 +415,7 @@ struct Answering {
 }
 
 impl Answering {
-    fn answer(&self, answer: Result<Vec<u8>, String>) {
+    fn answer(&self, answer: Result<Vec<u8>, NoAnswer>) {
         let mut is_answered = self.is_answered.lock();
         if !std::mem::replace(&mut *is_answered, true) {
             self.events.push(Event::Answer(self.number, answer));
@@ -424,8 +425,6 @@ impl Answering {
 
 impl Drop for Answering {
     fn drop(&mut self) {
-        self.answer(Err(
-            "the machine of the world did not answer; the link may be down".to_owned(),
-        ));
+        self.answer(Err(NoAnswer::Silence));
     }
 }

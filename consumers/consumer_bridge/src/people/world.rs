@@ -12,6 +12,8 @@ use foxglove::websocket::{
     AnyClient, GetParametersResponder, Parameter, ParameterHandler, ParameterValue,
     SetParametersResponder,
 };
+use launch_cli::accept::Seldom;
+use launch_cli::logging::cut;
 use parking_lot::Mutex;
 use schema_bus::{Bus, BusOptions, CommandClient, names};
 use schema_frames::{Command, CommandBatch, CommandReply, StepMode, WorldInfo};
@@ -34,6 +36,7 @@ pub struct World {
     info: Mutex<Option<WorldInfo>>,
     document: Mutex<FollowedDocument>,
     speed: Mutex<f64>,
+    warnings: Seldom,
 }
 
 impl World {
@@ -47,6 +50,7 @@ impl World {
             info: Mutex::default(),
             document: Mutex::new(FollowedDocument::optional(names::WORLD_INFO)),
             speed: Mutex::new(1.0),
+            warnings: Seldom::default(),
         }
     }
 
@@ -261,10 +265,15 @@ impl World {
             match done {
                 Ok(()) => applied.push(parameter),
                 Err(error) => {
-                    tracing::warn!(
-                        parameter = parameter.name,
-                        "a Foxglove client cannot set it: {error:#}"
-                    );
+                    if let Some(n_unsaid) = self.warnings.is_due() {
+                        let (name, error) = (cut(&parameter.name), format!("{error:#}"));
+                        tracing::warn!(
+                            parameter = %name,
+                            n_unsaid,
+                            "a Foxglove client cannot set it: {}",
+                            cut(&error)
+                        );
+                    }
                     // It gets the value that holds.
                     applied.extend(self.parameters(std::slice::from_ref(&parameter.name)));
                 }

@@ -103,8 +103,9 @@ impl std::fmt::Debug for Feed {
 }
 
 impl Feed {
-    /// Starts to read the sensor of a stream; `None` if there is no such sensor.
-    pub fn open(stream: u32, shared: &Shared) -> Option<Feed> {
+    /// Starts to read the sensor of a stream; `None` if there is no such sensor. `owner` is the RPC
+    /// connection of a client that is about to connect.
+    pub fn open(stream: u32, owner: Option<u64>, shared: &Shared) -> Option<Feed> {
         let (bus, actor) = (shared.bus.get()?, actor_of(stream)?);
         let ((kind, topics), fov_rad) = {
             let known = shared.world.known();
@@ -132,7 +133,12 @@ impl Feed {
                 wake: WaitSet::new(),
                 poked,
                 encoder: Encoder::new(kind, fov_rad),
-                progress: Arc::new(Progress::new(stream, is_camera.then_some(shut), poke)),
+                progress: Arc::new(Progress::new(
+                    stream,
+                    owner,
+                    is_camera.then_some(shut),
+                    poke,
+                )),
             };
             if !shut {
                 feed.read_topics(bus)?;

@@ -27,12 +27,11 @@
 //! one that ends by itself is the last until the manager is seen to run freely.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
+use consumer_rpc::budget::{Account, Holding};
 use consumer_rpc::server::Later;
-
-use crate::lock::lock;
+use parking_lot::{Mutex, MutexGuard};
 
 /// Longest wait for the first pass of a new Traffic Manager.
 const FIRST_PASS: Duration = Duration::from_secs(1);
@@ -98,6 +97,19 @@ struct Held {
     answer: Vec<u8>,
     until: Instant,
     need: Need,
+    /// What it costs its connection; a connection that cannot pay is closed.
+    _cost: Option<Holding>,
+}
+
+impl Held {
+    fn new(account: &Account, need: Need, answer: Vec<u8>, longest: Duration) -> Held {
+        Held {
+            _cost: account.hold(answer.len() + size_of::<Held>()).ok(),
+            answer,
+            until: Instant::now() + longest,
+            need,
+        }
+    }
 }
 
 /// Where a client is in changing over to another world.
@@ -113,6 +125,7 @@ enum Change {
 
 #[derive(Debug)]
 struct Client {
+    account: Account,
     later: Later,
     /// Answers to the script.
     script: Vec<Held>,
@@ -136,8 +149,9 @@ struct Client {
 }
 
 impl Client {
-    fn new(later: Later) -> Client {
+    fn new(account: Account, later: Later) -> Client {
         Client {
+            account,
             later,
             script: Vec::new(),
             managers: Vec::new(),
@@ -154,12 +168,8 @@ impl Client {
 
     fn hold(&mut self, need: Need, answer: Vec<u8>, longest: Duration) -> Vec<u8> {
         self.n_settings = 0;
-        let until = Instant::now() + longest;
-        self.script.push(Held {
-            answer,
-            until,
-            need,
-        });
+        let held = Held::new(&self.account, need, answer, longest);
+        self.script.push(held);
         Vec::new()
     }
 
@@ -210,12 +220,8 @@ impl Client {
             Change::None if self.n_settings > moment.n_managers => self.release(answer),
             Change::None => answer,
             Change::Leaving | Change::Joining => {
-                let until = Instant::now() + JOIN;
-                self.managers.push(Held {
-                    answer,
-                    until,
-                    need: Need::End,
-                });
+                let held = Held::new(&self.account, Need::End, answer, JOIN);
+                self.managers.push(held);
                 if self.change == Change::Leaving && self.managers.len() >= moment.n_managers {
                     self.change = Change::Joining;
                     return self.release(Vec::new());
@@ -257,19 +263,20 @@ pub struct HeldAnswers(Mutex<BTreeMap<u64, Client>>);
 
 impl HeldAnswers {
     fn clients(&self) -> MutexGuard<'_, BTreeMap<u64, Client>> {
-        lock(&self.0)
+        self.0.lock()
     }
 
     /// Takes the answer to a call and returns what is to be sent now: nothing, or the answer, or
     /// others before it.
     pub fn pass(
         &self,
-        connection: u64,
+        account: &Account,
         later: &Later,
         did: Did,
         moment: Moment,
         answer: Vec<u8>,
     ) -> Vec<u8> {
+        let connection = account.number();
         let mut clients = self.clients();
         if moment.n_managers == 0 {
             // The last manager may just have gone while answers waited for it.
@@ -283,7 +290,7 @@ impl HeldAnswers {
         }
         let client = clients
             .entry(connection)
-            .or_insert_with(|| Client::new(later.clone()));
+            .or_insert_with(|| Client::new(account.clone(), later.clone()));
         let is_behind = moment.is_stepped && client.is_behind();
         match did {
             Did::Manager if moment.is_stepped => {
@@ -362,6 +369,7 @@ mod tests {
 
     /// A client with one manager on connection 1, and the other end of that connection.
     struct Case {
+        account: Account,
         held: HeldAnswers,
         later: Later,
         other_end: TcpStream,
@@ -373,6 +381,7 @@ mod tests {
             let other_end = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
             let (here, _) = listener.accept().unwrap();
             Case {
+                account: Account::of(1),
                 held: HeldAnswers::default(),
                 later: Later::new(here),
                 other_end,
@@ -385,9 +394,13 @@ mod tests {
                 n_managers: 1,
                 is_stepped: true,
             };
-            let sent = self
-                .held
-                .pass(1, &self.later, did, moment, answer.as_bytes().to_vec());
+            let sent = self.held.pass(
+                &self.account,
+                &self.later,
+                did,
+                moment,
+                answer.as_bytes().to_vec(),
+            );
             String::from_utf8(sent).unwrap()
         }
 
@@ -433,9 +446,13 @@ mod tests {
             n_managers: 1,
             is_stepped: false,
         };
-        let sent = case
-            .held
-            .pass(1, &case.later, Did::Birth, moment, b"b".to_vec());
+        let sent = case.held.pass(
+            &case.account,
+            &case.later,
+            Did::Birth,
+            moment,
+            b"b".to_vec(),
+        );
         assert_eq!(sent, b"b", "a free world waits for its births elsewhere");
     }
 
@@ -467,7 +484,9 @@ mod tests {
     fn a_manager_that_works_while_the_script_cues_runs_freely() {
         let case = Case::new();
         case.call(Did::Settings, "s");
-        lock(&case.held.0)
+        case.held
+            .0
+            .lock()
             .values_mut()
             .for_each(|client| client.is_free = false);
         case.call(Did::Cue, "c");
@@ -503,7 +522,7 @@ mod tests {
         };
         let sent = case
             .held
-            .pass(1, &case.later, Did::Other, gone, b"d".to_vec());
+            .pass(&case.account, &case.later, Did::Other, gone, b"d".to_vec());
         assert_eq!(sent, b"sd", "the manager was shut down");
     }
 }

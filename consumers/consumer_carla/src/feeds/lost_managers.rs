@@ -9,12 +9,10 @@
 //! `World.on_tick`.
 
 use std::net::{TcpStream, ToSocketAddrs as _};
-use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use consumer_rpc::place::Place;
-
-use crate::lock::lock;
+use parking_lot::Mutex;
 
 /// For how long clients may lose a snapshot: one look every 2 s, which may take 2 s, and some time for
 /// a busy machine.
@@ -35,7 +33,7 @@ pub struct LostManagers {
 impl LostManagers {
     /// Watches the manager at `place` from now on.
     pub fn watch(&self, place: &Place) {
-        if lock(&self.watched).iter().any(|(known, _)| known == place) {
+        if self.watched.lock().iter().any(|(known, _)| known == place) {
             return;
         }
         let connection = (place.host.as_str(), place.port)
@@ -45,7 +43,7 @@ impl LostManagers {
             .and_then(|connection| connection.set_nonblocking(true).map(|()| connection));
         match connection {
             Ok(connection) => {
-                let mut watched = lock(&self.watched);
+                let mut watched = self.watched.lock();
                 watched.truncate(MAX_WATCHED - 1);
                 watched.insert(0, (place.clone(), connection));
             }
@@ -57,7 +55,7 @@ impl LostManagers {
 
     /// Looks whether one has ended.
     pub fn sweep(&self) {
-        let mut watched = lock(&self.watched);
+        let mut watched = self.watched.lock();
         let before = watched.len();
         watched.retain(|(_, connection)| match connection.peek(&mut [0]) {
             Ok(n) => n > 0,
@@ -68,13 +66,13 @@ impl LostManagers {
         });
         if watched.len() < before {
             tracing::info!("a Traffic Manager has ended; snapshots are repeated for its clients");
-            *lock(&self.lost) = Some(Instant::now());
+            *self.lost.lock() = Some(Instant::now());
         }
     }
 
     /// Whether one has ended so lately that clients may lose a snapshot.
     pub fn is_recent(&self) -> bool {
-        lock(&self.lost).is_some_and(|at| at.elapsed() < WINDOW)
+        self.lost.lock().is_some_and(|at| at.elapsed() < WINDOW)
     }
 }
 

@@ -6,13 +6,12 @@
 
 use std::io::Write as _;
 use std::os::unix::net::UnixStream;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use parking_lot::{Condvar, Mutex};
 use schema_bus::mono_now;
-
-use crate::lock::lock;
 
 /// How long a step waits for a reader whose client has not connected yet.
 const CONNECT_STEP: Duration = Duration::from_secs(1);
@@ -27,6 +26,8 @@ const LOOK: Duration = Duration::from_millis(20);
 #[derive(Debug)]
 pub struct Progress {
     stream: u32,
+    /// The RPC connection of the client that asked for the stream and may not have connected yet.
+    owner: Option<u64>,
     /// The reader has taken everything published before this time (`CLOCK_MONOTONIC`).
     taken_nanos: AtomicU64,
     is_connected: AtomicBool,
@@ -38,11 +39,18 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// The progress of a reader that starts now. A byte written to `poke` wakes the reader.
-    /// `is_shut` is given for cameras only: whether no-rendering mode keeps them closed.
-    pub fn new(stream: u32, is_shut: Option<bool>, poke: UnixStream) -> Progress {
+    /// The progress of a reader that starts now, for a client with the RPC connection `owner` if it
+    /// is about to connect. A byte written to `poke` wakes the reader. `is_shut` is given for cameras
+    /// only: whether no-rendering mode keeps them closed.
+    pub fn new(
+        stream: u32,
+        owner: Option<u64>,
+        is_shut: Option<bool>,
+        poke: UnixStream,
+    ) -> Progress {
         Progress {
             stream,
+            owner,
             taken_nanos: AtomicU64::new(mono_now().0),
             is_connected: AtomicBool::new(false),
             lags: AtomicBool::new(false),
@@ -79,6 +87,12 @@ impl Progress {
         }
     }
 
+    /// Whether a step of the client with this RPC connection waits for the reader. For one whose
+    /// client has not connected yet only that client's own steps wait: anybody may ask for streams.
+    fn delays(&self, connection: u64) -> bool {
+        self.is_connected.load(Ordering::Acquire) || self.owner == Some(connection)
+    }
+
     /// Whether the reader still exists; it holds the other reference.
     fn is_alive(self: &Arc<Self>) -> bool {
         Arc::strong_count(self) > 1
@@ -100,26 +114,27 @@ pub struct Readers {
 impl Readers {
     /// Adds a reader, which keeps the other reference to its progress.
     pub fn add(&self, progress: Arc<Progress>) {
-        lock(&self.active).push(progress);
+        self.active.lock().push(progress);
     }
 
     /// Forgets readers that have ended. Each keeps a socket, and in a world that runs freely no step
     /// looks at them.
     pub fn sweep(&self) {
-        lock(&self.active).retain(|progress| progress.is_alive());
+        self.active.lock().retain(|progress| progress.is_alive());
     }
 
     /// Whether this stream has a reader.
     pub fn has_reader(&self, stream: u32) -> bool {
-        lock(&self.active)
+        self.active
+            .lock()
             .iter()
             .any(|progress| progress.stream == stream && progress.is_alive())
     }
 
     /// Adds the progress of one more listener of a stream that has a reader. A listener gets its
     /// messages from the stream's newest reader, so waiting for it wakes that reader.
-    pub fn add_listener(&self, stream: u32) -> Option<Arc<Progress>> {
-        let mut active = lock(&self.active);
+    pub fn add_listener(&self, stream: u32, owner: Option<u64>) -> Option<Arc<Progress>> {
+        let mut active = self.active.lock();
         let poke = active
             .iter()
             .rev()
@@ -127,7 +142,7 @@ impl Readers {
             .poke
             .try_clone()
             .ok()?;
-        let progress = Arc::new(Progress::new(stream, None, poke));
+        let progress = Arc::new(Progress::new(stream, owner, None, poke));
         active.push(progress.clone());
         Some(progress)
     }
@@ -135,20 +150,22 @@ impl Readers {
     /// Wakes everyone who waits for readers: some progress has changed.
     pub fn ring(&self) {
         // Taking the lock closes the gap between a waiter's check and its wait.
-        drop(lock(&self.active));
+        drop(self.active.lock());
         self.taken.notify_all();
     }
 
-    /// Waits until every reader has taken everything published before `since_nanos`. A client that
-    /// does not take its messages delays only one step; after that it loses frames until it has
-    /// caught up.
-    pub fn settle(&self, since_nanos: u64) {
+    /// Before a step of the client with this RPC connection: waits until every reader has taken
+    /// everything published before `since_nanos`. A client that does not take its messages delays
+    /// only one step; after that it loses frames until it has caught up. A stream that was asked for
+    /// and that nobody has connected to delays steps of who asked, and of nobody else.
+    pub fn settle(&self, since_nanos: u64, connection: u64) {
         let began = Instant::now();
         let is_behind = |progress: &&Arc<Progress>| {
             progress.taken_nanos.load(Ordering::Acquire) < since_nanos
+                && progress.delays(connection)
                 && !progress.lags.load(Ordering::Acquire)
         };
-        let mut active = lock(&self.active);
+        let mut active = self.active.lock();
         active
             .iter()
             .filter(is_behind)
@@ -174,11 +191,7 @@ impl Readers {
                 behind.lags.store(true, Ordering::Release);
                 continue;
             }
-            active = self
-                .taken
-                .wait_timeout(active, LOOK)
-                .unwrap_or_else(PoisonError::into_inner)
-                .0;
+            self.taken.wait_for(&mut active, LOOK);
         }
         active.retain(|progress| progress.is_alive());
     }
@@ -191,14 +204,39 @@ impl Readers {
                 && progress.is_alive()
         };
         let began = Instant::now();
-        let mut active = lock(&self.active);
+        let mut active = self.active.lock();
         while active.iter().any(|progress| is_late(&progress)) && began.elapsed() < SWITCH {
             active.iter().filter(is_late).for_each(|late| late.wake());
-            active = self
-                .taken
-                .wait_timeout(active, LOOK)
-                .unwrap_or_else(PoisonError::into_inner)
-                .0;
+            self.taken.wait_for(&mut active, LOOK);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A reader that never takes anything, and whether the step waited for it until it gave up.
+    #[test]
+    fn a_stream_that_nobody_connects_to_delays_only_who_asked_for_it() {
+        let readers = Readers::default();
+        let (poke, _poked) = UnixStream::pair().unwrap();
+        let unused = Arc::new(Progress::new(7, Some(1), None, poke));
+        unused.taken_nanos.store(0, Ordering::Release);
+        readers.add(unused.clone());
+        for _ in 0..20 {
+            readers.settle(1, 2);
+            assert!(!unused.lags.load(Ordering::Acquire), "nobody waited for it");
+        }
+        readers.settle(1, 1);
+        assert!(unused.lags.load(Ordering::Acquire), "its own client did");
+        // Once its client has connected, everybody's steps wait for it.
+        unused.take(0);
+        unused.connect();
+        let taken = unused.clone();
+        let taker = std::thread::spawn(move || taken.take(1));
+        readers.settle(1, 2);
+        assert_eq!(unused.taken_nanos.load(Ordering::Acquire), 1);
+        taker.join().unwrap();
     }
 }

@@ -3,12 +3,13 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
+use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
+
+use parking_lot::{Condvar, Mutex};
 
 use crate::feeds::progress::Progress;
 use crate::feeds::world_stream::WorldStream;
-use crate::lock::lock;
 use crate::wire::streams::{Recipient, StreamMessage};
 
 /// How often a listener checks whether its client has gone.
@@ -62,13 +63,13 @@ impl Relay {
             filled: Condvar::new(),
             progress,
         });
-        lock(&self.listeners).push(Arc::downgrade(&listener));
+        self.listeners.lock().push(Arc::downgrade(&listener));
         listener
     }
 
     /// Whether there are listeners, connected or expected.
     pub fn has_listeners(&self) -> bool {
-        let mut listeners = lock(&self.listeners);
+        let mut listeners = self.listeners.lock();
         listeners.retain(|listener| listener.strong_count() > 0);
         !listeners.is_empty()
     }
@@ -96,11 +97,11 @@ impl Relay {
     }
 
     fn change_queues(&self, change: impl Fn(&mut Queue)) {
-        lock(&self.listeners).retain(|listener| {
+        self.listeners.lock().retain(|listener| {
             let Some(listener) = listener.upgrade() else {
                 return false;
             };
-            change(&mut lock(&listener.queue));
+            change(&mut listener.queue.lock());
             listener.filled.notify_all();
             true
         });
@@ -117,7 +118,8 @@ pub struct Stations(Mutex<BTreeMap<u32, Arc<Relay>>>);
 impl Stations {
     /// Adds a listener to a station.
     pub fn join(&self, station: u32) -> Arc<Listener> {
-        lock(&self.0)
+        self.0
+            .lock()
             .entry(station)
             .or_insert_with(|| Arc::new(Relay::new(STATION_BACKLOG)))
             .join(None)
@@ -125,12 +127,12 @@ impl Stations {
 
     /// The relay of a station; `None` if nobody ever listened to it.
     pub fn relay(&self, station: u32) -> Option<Arc<Relay>> {
-        lock(&self.0).get(&station).cloned()
+        self.0.lock().get(&station).cloned()
     }
 
     /// Closes the relays of stations that do not exist any more.
     pub fn retain(&self, is_there: impl Fn(u32) -> bool) {
-        lock(&self.0).retain(|station, relay| {
+        self.0.lock().retain(|station, relay| {
             let stays = is_there(*station);
             if !stays {
                 relay.close();
@@ -150,13 +152,9 @@ enum Next {
 
 impl Listener {
     fn next(&self, rested_nanos: u64) -> Next {
-        let mut queue = lock(&self.queue);
+        let mut queue = self.queue.lock();
         if queue.messages.is_empty() && !queue.is_over && queue.promised_nanos <= rested_nanos {
-            queue = self
-                .filled
-                .wait_timeout(queue, LOOK)
-                .unwrap_or_else(PoisonError::into_inner)
-                .0;
+            self.filled.wait_for(&mut queue, LOOK);
         }
         match queue.messages.pop_front() {
             Some(message) => Next::Send(message),

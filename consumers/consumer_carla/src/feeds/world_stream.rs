@@ -1,16 +1,16 @@
 //! The world stream: one snapshot message per tick to every client, before the tick's sensor
 //! messages.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
+use parking_lot::{Condvar, Mutex, MutexGuard};
 
 use crate::feeds::client_streams::{self, ClientStream, ClientStreams, Retired};
 use crate::feeds::held_answers::HeldAnswers;
 use crate::feeds::lost_managers::LostManagers;
-use crate::lock::lock;
 use crate::wire::streams::{Recipient, StreamMessage};
 
 /// Messages that may wait for a slow client; beyond that its newest are dropped.
@@ -59,11 +59,11 @@ pub struct WorldStream {
 
 impl WorldStream {
     fn audience(&self) -> MutexGuard<'_, Audience> {
-        lock(&self.audience)
+        self.audience.lock()
     }
 
     fn client_streams(&self) -> MutexGuard<'_, ClientStreams> {
-        lock(&self.client_streams)
+        self.client_streams.lock()
     }
 
     /// The number of the world stream of the client with this RPC connection.
@@ -146,11 +146,7 @@ impl WorldStream {
                     .for_each(|slow| slow.pace.lags.store(true, Ordering::Release));
                 return;
             }
-            audience = self
-                .written
-                .wait_timeout(audience, left)
-                .unwrap_or_else(PoisonError::into_inner)
-                .0;
+            self.written.wait_for(&mut audience, left);
         }
     }
 

@@ -4,6 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use consumer_kit::WorldAt;
+use launch_cli::logging::cut;
 use schema_frames::document::PoseText;
 use schema_frames::{
     Attachment, Command, CommandReply, LightState, PhysicsAction, VehicleControl,
@@ -461,8 +462,8 @@ fn control(pedals: &Pedals) -> VehicleControl {
 
 fn not_made(born: &Born, error: &str) {
     tracing::warn!(
-        type_id = born.description.type_id,
-        error,
+        type_id = %cut(&born.description.type_id),
+        error = %cut(error),
         "the replay goes on without an actor"
     );
 }

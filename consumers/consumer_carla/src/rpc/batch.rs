@@ -10,7 +10,7 @@ use crate::rpc::call::{Call, Calls};
 use crate::rpc::session::tick_cue;
 use crate::rpc::spawning::{remember, wait_until_seen};
 use crate::spawn::spawn_command;
-use crate::state::known_world::Own;
+use crate::state::commander::answer::CommandError;
 use crate::wire::fields::{Fields, Structures as _, Wrong};
 use crate::wire::msgpack::Value;
 use crate::wire::requests::{Answer, Failure, Outcome};
@@ -108,8 +108,28 @@ fn read_spawn<'v>(fields: &mut Fields<'v>) -> Result<Item<'v>, Wrong> {
     })
 }
 
+/// Why a command of a batch was not run.
+#[derive(Clone, Debug, thiserror::Error)]
+enum ItemError {
+    /// Its fields are wrong.
+    #[error(transparent)]
+    Wrong(#[from] Wrong),
+    /// The simulator refused it, or did not answer.
+    #[error(transparent)]
+    Command(#[from] CommandError),
+    /// It spawns, and the answer is another one.
+    #[error("this is no answer to a spawn")]
+    NoSpawn,
+    /// There is no such actor.
+    #[error("actor {actor} could not be found; it does not exist or was destroyed")]
+    NoActor {
+        /// Its id.
+        actor: u32,
+    },
+}
+
 /// Result of one command: the actor's id, or why it failed.
-type Done = Result<u32, String>;
+type Done = Result<u32, ItemError>;
 
 fn apply_batch(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let (commands, do_tick) = (call.list()?, call.bool()?);
@@ -128,7 +148,7 @@ fn apply_batch(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     }
     let answer = |done: Done| match done {
         Ok(actor) => list![list![1u32, actor]],
-        Err(error) => list![list![0u32, list![error]]],
+        Err(error) => list![list![0u32, list![error.to_string()]]],
     };
     Ok(Answer::Bare(Value::Array(
         done.into_iter().map(answer).collect(),
@@ -136,13 +156,13 @@ fn apply_batch(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
 }
 
 /// Result of a `DestroyActor` command, given the simulator's answer.
-fn destroyed(gateway: &Gateway, actor: u32, answer: Result<(), String>) -> Done {
+fn destroyed(gateway: &Gateway, actor: u32, answer: Result<(), CommandError>) -> Done {
     let went_along = gateway
         .world
         .change(|known| known.gone_along.remove(&actor));
     match answer {
         Ok(()) => gateway.world.change(|known| known.forget(actor)),
-        Err(error) if !went_along => return Err(error),
+        Err(error) if !went_along => return Err(error.into()),
         Err(_) => {}
     }
     Ok(actor)
@@ -179,19 +199,17 @@ fn run_batch(gateway: &Gateway, mut items: Vec<Result<Item<'_>, Wrong>>) -> Vec<
     };
     let (mut replies, lost) = match answer {
         Ok(replies) => (replies.into_iter(), None),
-        Err(error) => (Vec::new().into_iter(), Some(error.to_string())),
+        Err(error) => (Vec::new().into_iter(), Some(error)),
     };
     let (mut controls, mut following, mut newest) = (Vec::new(), Vec::new(), None);
     let mut reply = || match (&lost, replies.next()) {
-        (None, Some(CommandReply::Refused { error })) => Err(error),
+        (None, Some(CommandReply::Refused { error })) => Err(CommandError::Refused(error)),
         (None, Some(reply)) => Ok(reply),
-        (lost, _) => Err(lost
-            .clone()
-            .unwrap_or_else(|| "the simulator's answer is too short".to_owned())),
+        (lost, _) => Err(lost.clone().unwrap_or(CommandError::OtherLength)),
     };
     let done = items
         .into_iter()
-        .map(|item| match item.map_err(|wrong| wrong.to_string())? {
+        .map(|item| match item? {
             Item::Ask {
                 actor,
                 command: Command::Destroy { .. },
@@ -216,17 +234,9 @@ fn run_batch(gateway: &Gateway, mut items: Vec<Result<Item<'_>, Wrong>>) -> Vec<
                 ..
             } => {
                 let CommandReply::Spawned { actor_id, topics } = reply()? else {
-                    return Err("this is no answer to a spawn".to_owned());
+                    return Err(ItemError::NoSpawn);
                 };
-                remember(
-                    gateway,
-                    actor_id,
-                    Own {
-                        description,
-                        parent,
-                        topics,
-                    },
-                );
+                remember(gateway, actor_id, description, parent, topics);
                 newest = Some(actor_id);
                 following.extend(then.iter().map(|command| read(command, Some(actor_id))));
                 Ok(actor_id)
@@ -235,9 +245,7 @@ fn run_batch(gateway: &Gateway, mut items: Vec<Result<Item<'_>, Wrong>>) -> Vec<
                 controls.push(record);
                 Ok(actor)
             }
-            Item::Control { actor, .. } => Err(format!(
-                "actor {actor} could not be found; it does not exist or was destroyed"
-            )),
+            Item::Control { actor, .. } => Err(ItemError::NoActor { actor }),
             Item::Move { actor, .. } => Ok(actor),
             Item::Nothing { actor, what } => {
                 what.into_iter().for_each(|what| gateway.no_effect(what));

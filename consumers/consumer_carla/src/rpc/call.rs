@@ -2,6 +2,8 @@
 
 use std::ops::{Deref, DerefMut};
 
+use consumer_rpc::budget::Account;
+
 use crate::gateway::Gateway;
 use crate::wire::fields::Fields;
 use crate::wire::requests::{Failure, Outcome, Request};
@@ -20,6 +22,8 @@ pub(crate) struct Call<'v> {
     pub method: &'v str,
     /// Number of the client's connection.
     pub connection: u64,
+    /// What the connection owns.
+    pub account: &'v Account,
 }
 
 impl<'v> Deref for Call<'v> {
@@ -36,12 +40,13 @@ impl<'v> DerefMut for Call<'v> {
 }
 
 impl<'v> Call<'v> {
-    /// A request that came over `connection`.
-    pub fn new(request: &'v Request, connection: u64) -> Self {
+    /// A request that came over the connection of `account`.
+    pub fn new(request: &'v Request, account: &'v Account) -> Self {
         Call {
             args: Fields::new("the arguments", &request.args),
             method: &request.method,
-            connection,
+            connection: account.number(),
+            account,
         }
     }
 

@@ -2,12 +2,14 @@
 //! here for their hosts.
 
 use consumer_rpc::place::Place;
+use launch_cli::logging::cut;
 
 use crate::gateway::Gateway;
 use crate::list;
 use crate::rpc::call::{Call, Calls};
 use crate::state::served_manager;
-use crate::wire::requests::{Answer, Outcome};
+use crate::state::traffic_managers::ManagerError;
+use crate::wire::requests::{Answer, Failure, Outcome};
 
 pub(crate) const CALLS: Calls = &[
     ("is_traffic_manager_running", is_manager_running),
@@ -45,14 +47,32 @@ fn place(gateway: &Gateway, port: u16) -> Option<Place> {
 fn add_manager(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let mut pair = call.fields("a Traffic Manager's place")?;
     let (host, port) = (pair.text()?, pair.u16()?);
-    let is_new = gateway.traffic_managers.add(port, host, call.connection);
-    if is_new {
-        tracing::info!(host, port, "a client runs a Traffic Manager");
+    let is_new = gateway.traffic_managers.add(port, host, call.account)?;
+    if is_new && let Some(n_unsaid) = call.account.may_warn() {
+        let host = cut(host);
+        tracing::info!(host = %host, port, n_unsaid, "a client runs a Traffic Manager");
     }
     Ok(Answer::Value(is_new.into()))
 }
 
+impl From<ManagerError> for Failure {
+    fn from(error: ManagerError) -> Self {
+        Failure::Refused(error.to_string())
+    }
+}
+
 fn destroy_manager(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
-    let was_there = gateway.traffic_managers.remove(call.u16()?);
-    Ok(Answer::Value(was_there.into()))
+    let port = call.u16()?;
+    let was_own = gateway.traffic_managers.remove(port, call.connection);
+    if !was_own
+        && gateway.traffic_managers.host(port).is_some()
+        && let Some(n_unsaid) = call.account.may_warn()
+    {
+        tracing::warn!(
+            port,
+            n_unsaid,
+            "a client asked to remove the Traffic Manager of another one, which stays"
+        );
+    }
+    Ok(Answer::Value(was_own.into()))
 }

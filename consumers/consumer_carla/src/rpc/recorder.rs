@@ -7,6 +7,7 @@ use std::time::Duration;
 use schema_frames::Command;
 
 use crate::gateway::Gateway;
+use crate::recorder::NameError;
 use crate::recorder::file::{Reader, Recording};
 use crate::recorder::read_error::{OpenError, ReadError};
 use crate::recorder::replay::{Replay, Wish};
@@ -74,6 +75,12 @@ pub(crate) const CALLS: Calls = &[
     }),
 ];
 
+impl From<NameError> for Failure {
+    fn from(error: NameError) -> Self {
+        Failure::Refused(error.to_string())
+    }
+}
+
 /// Reads the letter of a kind of actor: h (hero), v (vehicle), w (walker), t (traffic light), o
 /// (other) or a (any).
 fn letter(call: &mut Call<'_>) -> Result<char, Failure> {
@@ -110,12 +117,12 @@ fn about(
     name: &str,
     tell: impl FnOnce(&mut Reader<BufReader<File>>) -> Result<String, ReadError>,
 ) -> Outcome {
-    let text = gateway.recorder.existing(name).and_then(|path| {
-        Reader::open(&path)
+    let text = match gateway.recorder.existing(name) {
+        Ok(path) => Reader::open(&path)
             .and_then(|mut reader| tell(&mut reader).map_err(|cause| OpenError::of(&path, cause)))
-            .map_err(|error| error.to_string())
-    });
-    let text = text.unwrap_or_else(|error| format!("{error}\n"));
+            .unwrap_or_else(|error| format!("{error}\n")),
+        Err(error) => format!("{error}\n"),
+    };
     Ok(Answer::Value(text.into()))
 }
 
@@ -165,12 +172,9 @@ fn replay_file(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
         offset,
         with_sensors: replay_sensors,
     };
-    let begun = Replay::begin(
-        recording,
-        wish,
-        gateway.recorder.settings(),
-        &gateway.world.known(),
-    );
+    // A statement of its own, so that the world is unlocked while files are read and compared.
+    let known = gateway.world.known().excerpt();
+    let begun = Replay::begin(recording, wish, gateway.recorder.settings(), &known);
     let (replay, text) = match begun {
         Ok(begun) => begun,
         Err(cause) => {

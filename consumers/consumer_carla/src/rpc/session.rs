@@ -7,11 +7,10 @@ use schema_frames::{Command, CommandReply, StepMode};
 
 use crate::gateway::Gateway;
 use crate::list;
-use crate::lock::lock;
 use crate::rpc::call::{Call, Calls};
 use crate::rpc::maps::{LAYERED, carla_map, is_layered, own_map};
 use crate::state::blueprints;
-use crate::state::commander::CommandError;
+use crate::state::commander::answer::CommandError;
 use crate::state::settings::Settings;
 use crate::wire::axes;
 use crate::wire::msgpack::Value;
@@ -30,7 +29,7 @@ pub(crate) const CALLS: Calls = &[
     ("get_sensor_token", |gateway, call| {
         let stream = call.u32()?;
         if !is_world(stream) {
-            gateway.feeds.expect(stream);
+            gateway.feeds.expect(stream, call.connection);
         }
         Ok(Answer::Value(gateway.token(stream)))
     }),
@@ -68,7 +67,7 @@ fn episode_info(gateway: &Gateway, connection: u64) -> Outcome {
 
 fn get_settings(gateway: &Gateway) -> Outcome {
     let info = gateway.info()?;
-    let settings = lock(&gateway.settings).clone();
+    let settings = gateway.settings.lock().clone();
     let is_stepped = info.mode == StepMode::Stepped;
     let fixed = settings.fixed || is_stepped && settings.own_period_nanos.is_none();
     let delta = if fixed {
@@ -99,7 +98,9 @@ fn set_settings(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
         given.bool()?,
         given.optional_f64()?.filter(|secs| *secs > 0.0),
     );
-    let own_period_nanos = lock(&gateway.settings)
+    let own_period_nanos = gateway
+        .settings
+        .lock()
         .own_period_nanos
         .unwrap_or(info.period_nanos);
     let settings = Settings {
@@ -133,7 +134,7 @@ fn set_settings(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
         tracing::warn!("{sentence}");
     }
     gateway.feeds.set_no_rendering(no_rendering);
-    *lock(&gateway.settings) = settings;
+    *gateway.settings.lock() = settings;
     Ok(Answer::Value(tick.into()))
 }
 
@@ -164,8 +165,8 @@ pub(crate) fn tick_cue(gateway: &Gateway, connection: u64) -> Outcome {
     }
     // The simulator answers a step once the previous tick is fully published. A reader holds two
     // ticks before it loses one, so it is enough to wait for readers here.
-    let mut last_step_nanos = lock(&gateway.last_step_nanos);
-    gateway.feeds.settle(*last_step_nanos);
+    let mut last_step_nanos = gateway.last_step_nanos.lock();
+    gateway.feeds.settle(*last_step_nanos, connection);
     let stepped = gateway.commander.ask_one(Command::Step { n: 1 });
     *last_step_nanos = mono_now().0;
     match stepped? {
@@ -207,10 +208,12 @@ fn load_map(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     });
     loaded.map_err(|error| format!("Map '{asked}' not found ({error})"))?;
     if !asked.is_empty() {
-        *lock(&gateway.layered_map) = is_layered(asked).then(|| map.to_owned());
+        *gateway.layered_map.lock() = is_layered(asked).then(|| map.to_owned());
     }
     if reset_settings {
-        let period_nanos = lock(&gateway.settings)
+        let period_nanos = gateway
+            .settings
+            .lock()
             .own_period_nanos
             .unwrap_or(info.period_nanos);
         let settings = Settings {
@@ -223,7 +226,7 @@ fn load_map(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
             period_nanos,
             settings.longest_substep_nanos(),
         )?;
-        *lock(&gateway.settings) = settings;
+        *gateway.settings.lock() = settings;
         gateway.feeds.set_no_rendering(false);
     }
     let begun = gateway.world.wait_for(SETTLE, |known| {
@@ -254,7 +257,7 @@ fn map_info(gateway: &Gateway) -> Outcome {
         .map(|pose| structures::transform(&axes::transform(&(*pose).into())))
         .collect();
     let mut name = carla_map(&info.map);
-    if lock(&gateway.layered_map).as_ref() == Some(&info.map) {
+    if gateway.layered_map.lock().as_ref() == Some(&info.map) {
         name.push_str(LAYERED);
     }
     Ok(Answer::Value(list![name, points]))

@@ -1,5 +1,6 @@
 //! Calls that make and remove actors.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use schema_frames::{Attachment, Command, CommandReply, StepMode};
@@ -76,26 +77,43 @@ fn spawn(
             "{reply:?} is no answer to a spawn"
         )));
     };
-    remember(
-        gateway,
-        actor_id,
-        Own {
-            description: description.clone(),
-            parent: parent.unwrap_or(0),
-            topics,
-        },
-    );
+    let parent = parent.unwrap_or(0);
+    remember(gateway, actor_id, description.clone(), parent, topics);
     wait_until_seen(gateway, actor_id);
     Ok(Answer::Value(actors::new_actor(
         &gateway.world.known(),
         actor_id,
-        parent.unwrap_or(0),
+        parent,
         &description,
     )))
 }
 
-/// Remembers what a client said about the actor that it spawned.
-pub(crate) fn remember(gateway: &Gateway, id: u32, own: Own) {
+/// Remembers what a client said about the actor that it spawned; without attributes if those of all
+/// actors take too much memory.
+pub(crate) fn remember(
+    gateway: &Gateway,
+    id: u32,
+    mut description: Description,
+    parent: u32,
+    topics: Vec<String>,
+) {
+    let cost = gateway.descriptions.hold(description.n_bytes()).ok();
+    if cost.is_none() {
+        description.attributes = Vec::new();
+        if let Some(n_unsaid) = gateway.descriptions.may_warn() {
+            tracing::warn!(
+                actor = id,
+                n_unsaid,
+                "forgets the attributes of a new actor: those of all actors take too much memory"
+            );
+        }
+    }
+    let own = Own {
+        description,
+        parent,
+        topics,
+        cost: cost.map(Arc::new),
+    };
     gateway.world.change(|known| known.own.insert(id, own));
 }
 

@@ -2,7 +2,12 @@
 //! commands with it.
 //!
 //! Commands that queue up while an answer is awaited are sent as one request, because in
-//! free-running mode the simulator answers only once per tick.
+//! free-running mode the simulator answers only once per tick. They are measured and checked on the
+//! threads of their connections, so that a request of several clients is one that the simulator
+//! reads: what is too large goes alone, and what cannot be read goes nowhere.
+
+pub mod answer;
+pub mod packing;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,16 +15,20 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
+use launch_cli::accept::Seldom;
+use launch_cli::logging::cut;
 use schema_bus::{Bus, CommandClient, ControlWriter, Notifier, names};
 use schema_frames::{Command, CommandBatch, CommandReply, VehicleControlRecord};
 
 use crate::state::known_world::World;
 use crate::wire::requests::Failure;
+use answer::{Answer, CommandError};
+use packing::{Ask, Backlog, Outcome, measure, requests};
 
 /// Jobs that may queue up before connections have to wait.
 const QUEUE: usize = 4096;
-/// Most commands in one request to the simulator.
-const BATCH: usize = 512;
+/// Warnings in ten seconds about commands that failed and whose clients do not read the answer.
+const WARNINGS: u64 = 8;
 /// Longest wait for an answer; loading a map takes seconds.
 const PATIENCE: Duration = Duration::from_secs(60);
 const LOOK_AT_STOP: Duration = Duration::from_millis(100);
@@ -30,36 +39,10 @@ const STEP_BACK: Duration = Duration::from_secs(1);
 /// the newest sample.
 const RESEND_TICKS: u64 = 2;
 
-/// Why commands were not run.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum CommandError {
-    /// The simulator refused the command, with this sentence.
-    #[error("{0}")]
-    Refused(String),
-    /// The simulator did not answer, for this reason.
-    #[error("{0}")]
-    NoAnswer(String),
-    /// The simulator answered another number of commands than it was asked.
-    #[error("the simulator's answer has another length than the question")]
-    OtherLength,
-    /// The commander's thread has ended.
-    #[error("the gateway is shutting down")]
-    ShuttingDown,
-}
-
 impl From<CommandError> for Failure {
     fn from(error: CommandError) -> Self {
         Failure::Refused(error.to_string())
     }
-}
-
-/// Answers to a list of commands.
-#[derive(Clone, Debug)]
-pub struct Answer {
-    /// One reply per command.
-    pub replies: Vec<CommandReply>,
-    /// The last finished tick.
-    pub tick: u64,
 }
 
 /// An answer that has not come yet.
@@ -88,20 +71,6 @@ impl Pending {
     }
 }
 
-fn question(commands: Vec<Command>) -> (Ask, Pending) {
-    let (reply, answer) = bounded(1);
-    let ask = Ask {
-        commands,
-        reply: Some(reply),
-    };
-    (ask, Pending(Ok(answer)))
-}
-
-struct Ask {
-    commands: Vec<Command>,
-    reply: Option<Sender<Result<Answer, CommandError>>>,
-}
-
 enum Job {
     Ask(Ask),
     Control(Vec<VehicleControlRecord>),
@@ -111,27 +80,51 @@ enum Job {
 #[derive(Clone, Debug)]
 pub struct Commander {
     jobs: Sender<Job>,
+    backlog: Arc<Backlog>,
     is_lost: Arc<AtomicBool>,
+    has_ended: Arc<AtomicBool>,
 }
 
-/// The thread's side of the queue.
+/// The thread's side of the queue. When it is dropped, nobody waits for what was queued.
 pub struct Work {
     jobs: Receiver<Job>,
     is_lost: Arc<AtomicBool>,
+    has_ended: Arc<AtomicBool>,
+}
+
+impl Drop for Work {
+    fn drop(&mut self) {
+        // The queue keeps its jobs, and with them the ends of their answers, as long as anybody may
+        // still send. Whoever sends behind the last look sees the flag.
+        self.has_ended.store(true, Ordering::SeqCst);
+        while self.jobs.try_recv().is_ok() {}
+    }
+}
+
+#[cfg(test)]
+impl Work {
+    /// Jobs that nobody works on yet.
+    pub fn n_waiting(&self) -> usize {
+        self.jobs.len()
+    }
 }
 
 /// A commander, and the queue that its thread works on.
 pub fn commander() -> (Commander, Work) {
     let (sender, receiver) = bounded(QUEUE);
     let is_lost = Arc::new(AtomicBool::new(false));
+    let has_ended = Arc::new(AtomicBool::new(false));
     (
         Commander {
             jobs: sender,
+            backlog: Arc::default(),
             is_lost: is_lost.clone(),
+            has_ended: has_ended.clone(),
         },
         Work {
             jobs: receiver,
             is_lost,
+            has_ended,
         },
     )
 }
@@ -142,23 +135,55 @@ impl Commander {
     /// # Errors
     /// If there is no simulator or no answer; a refused command is a reply.
     pub fn ask(&self, commands: Vec<Command>) -> Result<Answer, CommandError> {
-        let (ask, answer) = question(commands);
+        let (reply, answer) = bounded(1);
+        let ask = self.question(commands, Some(reply), true)?;
         self.jobs
             .send(Job::Ask(ask))
             .map_err(|_| CommandError::ShuttingDown)?;
-        answer.wait()
+        self.pending(answer).wait()
+    }
+
+    /// The answer to a job that was queued.
+    fn pending(&self, answer: Receiver<Result<Answer, CommandError>>) -> Pending {
+        match self.has_ended.load(Ordering::SeqCst) {
+            true => Pending(Err(CommandError::ShuttingDown)),
+            false => Pending(Ok(answer)),
+        }
+    }
+
+    /// Commands with all that is to be known of them, and room for them in the queue.
+    fn question(
+        &self,
+        commands: Vec<Command>,
+        reply: Option<Sender<Result<Answer, CommandError>>>,
+        wait: bool,
+    ) -> Result<Ask, CommandError> {
+        let sizes: Vec<_> = commands.iter().map(measure).collect();
+        let n_bytes = sizes.iter().flatten().sum();
+        let room = self.backlog.enter(n_bytes, wait);
+        Ok(Ask {
+            commands,
+            sizes,
+            reply,
+            _room: room.ok_or(CommandError::QueueFull)?,
+        })
     }
 
     /// Queues commands behind those that were queued before, and waits for nothing, not even for
     /// room in the queue: without it they are not run.
     pub fn begin(&self, commands: Vec<Command>) -> Pending {
-        let (ask, answer) = question(commands);
-        match self.jobs.try_send(Job::Ask(ask)) {
-            Ok(()) => answer,
-            Err(TrySendError::Full(_)) => Pending(Err(CommandError::NoAnswer(
-                "too many commands wait for the simulator".to_owned(),
-            ))),
-            Err(TrySendError::Disconnected(_)) => Pending(Err(CommandError::ShuttingDown)),
+        let (reply, answer) = bounded(1);
+        let queued = self.question(commands, Some(reply), false).and_then(|ask| {
+            self.jobs
+                .try_send(Job::Ask(ask))
+                .map_err(|error| match error {
+                    TrySendError::Full(_) => CommandError::QueueFull,
+                    TrySendError::Disconnected(_) => CommandError::ShuttingDown,
+                })
+        });
+        match queued {
+            Ok(()) => self.pending(answer),
+            Err(error) => Pending(Err(error)),
         }
     }
 
@@ -178,10 +203,9 @@ impl Commander {
     /// Runs a command without waiting; a refusal is logged.
     pub fn tell(&self, command: Command) {
         // Sending fails only when the thread has ended, and then the program is about to end.
-        let _ = self.jobs.send(Job::Ask(Ask {
-            commands: vec![command],
-            reply: None,
-        }));
+        if let Ok(ask) = self.question(vec![command], None, true) {
+            let _ = self.jobs.send(Job::Ask(ask));
+        }
     }
 
     /// States whether the client that stepped the world has gone. If so, the command client is
@@ -209,6 +233,7 @@ pub fn run(domain: &str, world: &World, work: &Work, stop: &AtomicBool) -> anyho
         daemon: bus.notifier(names::CONTROL_WAKE)?,
         held: BTreeMap::new(),
         last_asked: Instant::now(),
+        warnings: Seldom::of(WARNINGS),
         world,
         name,
         bus,
@@ -238,6 +263,7 @@ struct Thread<'w> {
     /// Controls of the last ticks by actor, each with the last tick at which it may be sent.
     held: BTreeMap<u32, (u64, VehicleControlRecord)>,
     last_asked: Instant,
+    warnings: Seldom,
     world: &'w World,
     name: String,
     bus: Bus,
@@ -321,64 +347,83 @@ impl Thread<'_> {
         }
         match self.writer.send(tick, &records) {
             Ok(_) => drop(self.daemon.notify()),
-            Err(error) => tracing::warn!(%error, "controls could not be sent"),
+            Err(error) => self.warn(&error.to_string(), "controls could not be sent"),
         }
     }
 
+    /// Sends the commands of all asks, in order, and hands out the replies. A request that fails
+    /// fails those whose commands it has.
     fn ask(&mut self, asks: Vec<Ask>) {
-        if asks.is_empty() {
-            return;
-        }
-        let commands: Vec<Command> = asks
-            .iter()
-            .flat_map(|ask| ask.commands.iter().cloned())
-            .collect();
-        for command in &commands {
+        for command in asks.iter().flat_map(|ask| &ask.commands) {
             if let Command::Destroy { actor_id } = command {
                 self.held.remove(actor_id);
             }
         }
-        let mut result = Ok(Answer {
-            replies: Vec::with_capacity(commands.len()),
-            tick: 0,
-        });
-        for batch in commands.chunks(BATCH) {
-            match (self.request(batch.to_vec()), &mut result) {
-                (Ok(part), Ok(answer)) if part.replies.len() == batch.len() => {
-                    answer.replies.extend(part.replies);
-                    answer.tick = part.tick;
-                }
-                (Ok(_), _) => result = Err(CommandError::OtherLength),
-                (Err(error), _) => result = Err(error),
+        let sizes: Vec<&[_]> = asks.iter().map(|ask| ask.sizes.as_slice()).collect();
+        let requests = requests(&sizes);
+        let mut outcomes = vec![Outcome::default(); asks.len()];
+        let mut silence = None;
+        for parts in requests {
+            let commands: Vec<Command> = parts
+                .iter()
+                .flat_map(|part| {
+                    asks[part.ask].commands[part.commands.clone()]
+                        .iter()
+                        .cloned()
+                })
+                .collect();
+            let n_commands = commands.len();
+            // Without a simulator that answers, the other requests would only take their time.
+            let answer = match &silence {
+                None => self.request(commands),
+                Some(error) => Err(CommandError::clone(error)),
+            };
+            if let Err(error) = &answer {
+                silence = Some(error.clone());
             }
-            if result.is_err() {
-                break;
+            let answer = answer.and_then(|answer| {
+                if answer.replies.len() == n_commands {
+                    return Ok(answer);
+                }
+                Err(match &answer.replies[..] {
+                    [CommandReply::Refused { error }] => CommandError::Refused(error.clone()),
+                    _ => CommandError::OtherLength,
+                })
+            });
+            let replies: &[CommandReply] = answer.as_ref().map_or(&[], |answer| &answer.replies);
+            let mut replies = replies.iter();
+            for part in parts {
+                let outcome = &mut outcomes[part.ask];
+                match &answer {
+                    Ok(answer) => outcome.tick = answer.tick,
+                    Err(error) => outcome.error = Some(error.clone()),
+                }
+                outcome
+                    .replies
+                    .extend(part.commands.zip(replies.by_ref().cloned()));
             }
         }
-        let mut replies = result
-            .as_ref()
-            .map_or(Vec::new(), |answer| answer.replies.clone())
-            .into_iter();
-        for ask in asks {
-            let part = result.clone().map(|answer| Answer {
-                replies: replies.by_ref().take(ask.commands.len()).collect(),
-                tick: answer.tick,
-            });
-            match (ask.reply, part) {
+        for (ask, outcome) in asks.into_iter().zip(outcomes) {
+            match (ask.reply, outcome.answer(&ask.sizes)) {
                 // If the connection has ended meanwhile, nobody waits for the answer.
-                (Some(reply), part) => drop(reply.send(part)),
-                (None, Ok(answer)) => answer.replies.iter().for_each(log_refusal),
-                (None, Err(error)) => tracing::warn!(%error, "a command was lost"),
+                (Some(reply), answer) => drop(reply.send(answer)),
+                (None, Ok(answer)) => answer.replies.iter().for_each(|reply| {
+                    if let CommandReply::Refused { error } = reply {
+                        self.warn(
+                            error,
+                            "the simulator refused a call whose answer the client does not read",
+                        );
+                    }
+                }),
+                (None, Err(error)) => self.warn(&error.to_string(), "a command was lost"),
             }
         }
     }
-}
 
-fn log_refusal(reply: &CommandReply) {
-    if let CommandReply::Refused { error } = reply {
-        tracing::warn!(
-            error,
-            "the simulator refused a call whose answer the client does not read"
-        );
+    fn warn(&self, error: &str, what: &str) {
+        if let Some(n_unsaid) = self.warnings.is_due() {
+            let error = cut(error);
+            tracing::warn!(error = %error, n_unsaid, "{what}");
+        }
     }
 }

@@ -2,13 +2,14 @@
 //! thread and read by all connections.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use consumer_kit::WorldAt;
+use consumer_rpc::budget::Holding;
+use parking_lot::{Condvar, Mutex, MutexGuard};
 use schema_frames::{ActorInfo, Catalogue, CatalogueEntry, SpawnPoints, WorldInfo};
 
-use crate::lock::lock;
 use crate::wire::description::Description;
 use crate::wire::lenient;
 use crate::wire::sensor_kinds::{self, Kind};
@@ -49,6 +50,8 @@ pub struct Own {
     pub parent: u32,
     /// Its topics, if it is a sensor.
     pub topics: Vec<String>,
+    /// What it costs of the memory for all descriptions.
+    pub cost: Option<Arc<Holding>>,
 }
 
 impl Known {
@@ -82,6 +85,17 @@ impl Known {
             self.own.remove(id);
         }
         self.actors = actors;
+    }
+
+    /// A copy of the actors, the catalogue and the snapshot, for work that takes longer than the lock
+    /// may be held.
+    pub fn excerpt(&self) -> Known {
+        Known {
+            catalogue: self.catalogue.clone(),
+            actors: self.actors.clone(),
+            snapshot: self.snapshot.clone(),
+            ..Known::default()
+        }
     }
 
     /// CARLA's id of the running episode, once a simulator was seen.
@@ -192,7 +206,7 @@ pub struct World {
 impl World {
     /// Locks what is known. Hold the lock briefly: the next snapshot waits for it.
     pub fn known(&self) -> MutexGuard<'_, Known> {
-        lock(&self.known)
+        self.known.lock()
     }
 
     /// Changes something and wakes everyone who waits for changes.
@@ -218,11 +232,7 @@ impl World {
             if left.is_zero() {
                 return None;
             }
-            known = self
-                .changed
-                .wait_timeout(known, left)
-                .unwrap_or_else(PoisonError::into_inner)
-                .0;
+            self.changed.wait_for(&mut known, left);
         }
     }
 

@@ -1,10 +1,10 @@
 //! The navigation mesh of the running map, as a file that clients download for their own crowds.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
+use parking_lot::Mutex;
 use schema_roads::RoadMap;
 
-use crate::lock::lock;
 use crate::wire::navigation_mesh;
 
 /// The navigation mesh of a map.
@@ -54,7 +54,7 @@ pub struct NavigationFiles(Mutex<NavigationFile>);
 impl NavigationFiles {
     /// The file of a map, given its OpenDRIVE text and its name.
     pub fn of(&self, map: Arc<str>, map_name: &str) -> NavigationFile {
-        let mut made = lock(&self.0);
+        let mut made = self.0.lock();
         if made.map != map {
             *made = NavigationFile::make(map, map_name);
         }

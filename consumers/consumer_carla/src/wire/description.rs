@@ -23,6 +23,13 @@ pub struct Description {
 }
 
 impl Description {
+    /// Memory that it takes, about.
+    pub fn n_bytes(&self) -> usize {
+        let attribute = |it: &Attribute| size_of::<Attribute>() + it.name.len() + it.value.len();
+        let attributes: usize = self.attributes.iter().map(attribute).sum();
+        size_of::<Description>() + self.type_id.len() + attributes
+    }
+
     /// Value of an attribute.
     pub fn attribute(&self, name: &str) -> Option<&str> {
         self.attributes

@@ -1,5 +1,6 @@
 //! Calls as clients write them, and CARLA's responses to them.
 
+use consumer_rpc::budget::OverBudget;
 use consumer_rpc::message;
 
 use crate::list;
@@ -32,6 +33,12 @@ pub enum Failure {
 impl From<String> for Failure {
     fn from(error: String) -> Self {
         Failure::Refused(error)
+    }
+}
+
+impl From<OverBudget> for Failure {
+    fn from(error: OverBudget) -> Self {
+        Failure::Refused(error.to_string())
     }
 }
 

@@ -9,13 +9,15 @@ use consumer_carla::list;
 use consumer_carla::rpc;
 use consumer_carla::state::commander::commander;
 use consumer_carla::state::known_world::World;
+use consumer_carla::state::traffic_managers::MAX_TRAFFIC_MANAGERS;
 use consumer_carla::wire::msgpack::Value;
 use consumer_carla::wire::requests::{Answer, Failure, Request, response};
+use consumer_rpc::budget::Account;
 use schema_frames::WorldInfo;
 use schema_frames::document::{StepMode, Weather};
 
-/// A gateway that knows a world and has nobody to command.
-fn gateway() -> Gateway {
+/// A world in which a simulator has been seen.
+pub fn world() -> World {
     let world = World::default();
     let info = WorldInfo {
         source: "live".into(),
@@ -34,7 +36,12 @@ fn gateway() -> Gateway {
         batches: Vec::new(),
     };
     world.change(|known| known.info = Some(info));
-    let world = Arc::new(world);
+    world
+}
+
+/// A gateway that knows a world and has nobody to command.
+fn gateway() -> Gateway {
+    let world = Arc::new(world());
     Gateway::new(
         world.clone(),
         commander().0,
@@ -44,16 +51,22 @@ fn gateway() -> Gateway {
 }
 
 fn call(gateway: &Gateway, method: &str, args: Vec<Value>) -> Result<Answer, Failure> {
-    rpc::serve(
-        gateway,
-        1,
-        &Request {
-            id: 1,
-            method: method.into(),
-            is_async: false,
-            args,
-        },
-    )
+    call_of(gateway, &Account::of(1), method, args)
+}
+
+fn call_of(
+    gateway: &Gateway,
+    account: &Account,
+    method: &str,
+    args: Vec<Value>,
+) -> Result<Answer, Failure> {
+    let request = Request {
+        id: 1,
+        method: method.into(),
+        is_async: false,
+        args,
+    };
+    rpc::serve(gateway, account, &request)
 }
 
 fn odd(rng: &mut fastrand::Rng, depth: u32) -> Value {
@@ -160,6 +173,63 @@ fn a_traffic_manager_is_forgotten_with_its_connection() {
     );
 }
 
+/// Names of hosts are names, there are only so many managers, and nobody removes another's.
+#[test]
+fn traffic_managers_are_bounded_and_belong_to_who_registered_them() {
+    let gateway = gateway();
+    let (one, other) = (Account::of(1), Account::of(2));
+    let add = |account: &Account, host: &str, port: u16| {
+        let place = vec![list![host, port]];
+        call_of(&gateway, account, "add_traffic_manager_running", place)
+    };
+    let long = "a".repeat(254);
+    let refused = add(&one, &long, 8000).unwrap_err();
+    assert!(
+        matches!(&refused, Failure::Refused(error) if error.contains("254 bytes") && error.contains("253")),
+        "{refused:?}"
+    );
+    assert_eq!(add(&one, &long[1..], 8000), Ok(Answer::Value(true.into())));
+    let remove = |account: &Account| {
+        call_of(
+            &gateway,
+            account,
+            "destroy_traffic_manager",
+            vec![8000u16.into()],
+        )
+    };
+    assert_eq!(remove(&other), Ok(Answer::Value(false.into())));
+    let running = || call(&gateway, "is_traffic_manager_running", vec![8000u16.into()]);
+    assert_eq!(running(), Ok(Answer::Value(true.into())), "it stays");
+    assert_eq!(remove(&one), Ok(Answer::Value(true.into())));
+    assert_eq!(running(), Ok(Answer::Value(false.into())));
+    assert_eq!(add(&one, "h", 8000), Ok(Answer::Value(true.into())));
+    gateway.closed(1);
+    assert_eq!(
+        add(&other, "h", 8000),
+        Ok(Answer::Value(true.into())),
+        "gone"
+    );
+    // One connection cannot take all ports.
+    let n_taken = (1..=u16::MAX)
+        .take_while(|port| add(&other, "h", *port).is_ok())
+        .count();
+    assert!(n_taken < MAX_TRAFFIC_MANAGERS, "{n_taken}");
+    assert!(other.is_over(), "its connection is closed");
+    // Nor can many.
+    for account in (3..40).map(Account::of) {
+        let mut ports = 9000..u16::MAX;
+        while ports
+            .next()
+            .is_some_and(|port| add(&account, "h", port).is_ok())
+        {}
+    }
+    let full = add(&Account::of(40), "h", 65_000).unwrap_err();
+    assert!(
+        matches!(&full, Failure::Refused(error) if error.contains("1024")),
+        "{full:?}"
+    );
+}
+
 #[test]
 fn sensors_and_unknown_calls_are_sentences() {
     let gateway = gateway();
@@ -176,4 +246,12 @@ fn sensors_and_unknown_calls_are_sentences() {
         panic!()
     };
     assert!(error.contains("'nothing' with argument count 1"), "{error}");
+    // Names of methods are echoed, and logged, only so far.
+    let Err(Failure::Unknown(error)) = call(&gateway, &"x".repeat(8 << 20), vec![]) else {
+        panic!()
+    };
+    assert!(
+        error.len() < 1000 && error.contains("8388608 bytes"),
+        "{error}"
+    );
 }

@@ -3,5 +3,6 @@
 mod calls;
 mod carla_logs;
 mod compatibility;
+mod memory;
 mod recordings;
 mod sockets;

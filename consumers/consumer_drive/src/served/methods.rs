@@ -3,24 +3,43 @@
 //! Where client and server of CARLA 0.9.16 call a method by different names, both stand in the
 //! table.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use consumer_driver::parameters::{RoadOption, SpeedRule, VehicleParameters};
 use consumer_driver::plane::Side;
+use consumer_rpc::budget::{Account, Share};
 use consumer_rpc::fields::{Fields, Wrong};
 use consumer_rpc::list;
 use consumer_rpc::msgpack::Value;
 use schema_frames::Command;
 
-use crate::desk::Desk;
+use crate::desk::{Desk, Setting};
 use crate::requests::Counter;
 
+/// Who calls.
+pub(crate) struct Client<'c> {
+    /// Where the session is asked.
+    pub counter: &'c Counter,
+    /// What the connection owns.
+    pub account: &'c Account,
+    /// The request's part of it, until the session has run it.
+    pub request: Arc<Share>,
+    /// The method's name in the table.
+    pub method: &'static str,
+}
+
 /// The function that serves a method.
-pub(crate) type Run = fn(&Counter, &mut Fields<'_>) -> Result<Value, Wrong>;
+pub(crate) type Run = fn(&Client<'_>, &mut Fields<'_>) -> Result<Value, Wrong>;
+
+/// What a setting of a vehicle costs its connection beside its items, bytes.
+const SETTING_BYTES: usize = 128;
+/// What a point of a path costs.
+const POINT_BYTES: usize = size_of::<[f64; 3]>();
 
 /// How long a call waits until it counts. Clients wait 2 s for an answer, and a session that reads a
 /// large map may take longer; what was asked then counts a little later.
-const PATIENCE: Duration = Duration::from_millis(1500);
+pub(crate) const PATIENCE: Duration = Duration::from_millis(1500);
 
 /// Most points of a path and most decisions of a route.
 const MAX_ITEMS: usize = 100_000;
@@ -32,47 +51,45 @@ const METHODS: &[(&str, Run)] = &[
     ("health_check_remote_TM", |_, _| nothing()),
     ("register_vehicle", register),
     ("unregister_vehicle", unregister),
-    ("set_percentage_speed_difference", |counter, args| {
-        one(counter, args, |args| {
+    ("set_percentage_speed_difference", |client, args| {
+        one(client, args, |args| {
             let percent = args.f64()?.min(100.0);
             Ok(move |own: &mut VehicleParameters| own.speed = SpeedRule::Difference(percent))
         })
     }),
-    ("set_global_percentage_speed_difference", |counter, args| {
+    ("set_global_percentage_speed_difference", |client, args| {
         let percent = args.f64()?.min(100.0);
-        change(counter, move |desk| {
+        change(client, move |desk| {
             desk.parameters_mut().speed_difference_percent = percent
-        });
-        nothing()
+        })
     }),
-    ("set_desired_speed", |counter, args| {
-        one(counter, args, |args| {
+    ("set_desired_speed", |client, args| {
+        one(client, args, |args| {
             let speed_mps = args.f64()?.max(0.0) * KMH;
             Ok(move |own: &mut VehicleParameters| own.speed = SpeedRule::Desired(speed_mps))
         })
     }),
-    ("set_lane_offset", |counter, args| {
-        one(counter, args, |args| {
+    ("set_lane_offset", |client, args| {
+        one(client, args, |args| {
             let left_m = -args.f64()?;
             Ok(move |own: &mut VehicleParameters| own.lane_offset_m = Some(left_m))
         })
     }),
-    ("set_global_lane_offset", |counter, args| {
+    ("set_global_lane_offset", |client, args| {
         let left_m = -args.f64()?;
-        change(counter, move |desk| {
+        change(client, move |desk| {
             desk.parameters_mut().lane_offset_m = left_m
-        });
-        nothing()
+        })
     }),
-    ("update_vehicle_lights", |counter, args| {
-        one(counter, args, |args| {
+    ("update_vehicle_lights", |client, args| {
+        one(client, args, |args| {
             let updates = args.bool()?;
             Ok(move |own: &mut VehicleParameters| own.updates_lights = Some(updates))
         })
     }),
     ("set_collision_detection", collision_detection),
-    ("set_force_lane_change", |counter, args| {
-        one(counter, args, |args| {
+    ("set_force_lane_change", |client, args| {
+        one(client, args, |args| {
             let side = if args.bool()? {
                 Side::Right
             } else {
@@ -81,36 +98,35 @@ const METHODS: &[(&str, Run)] = &[
             Ok(move |own: &mut VehicleParameters| own.forced_lane_change = Some(side))
         })
     }),
-    ("set_auto_lane_change", |counter, args| {
-        one(counter, args, |args| {
+    ("set_auto_lane_change", |client, args| {
+        one(client, args, |args| {
             let changes = args.bool()?;
             Ok(move |own: &mut VehicleParameters| own.changes_lanes = changes)
         })
     }),
-    ("set_distance_to_leading_vehicle", |counter, args| {
-        one(counter, args, |args| {
+    ("set_distance_to_leading_vehicle", |client, args| {
+        one(client, args, |args| {
             let gap_m = args.f64()?.max(0.0);
             Ok(move |own: &mut VehicleParameters| own.distance_to_leader_m = Some(gap_m))
         })
     }),
-    ("set_global_distance_to_leading_vehicle", |counter, args| {
+    ("set_global_distance_to_leading_vehicle", |client, args| {
         let gap_m = args.f64()?.max(0.0);
-        change(counter, move |desk| {
+        change(client, move |desk| {
             desk.parameters_mut().distance_to_leader_m = gap_m
-        });
-        nothing()
+        })
     }),
-    ("set_percentage_running_light", |counter, args| {
-        percentage(counter, args, |own| &mut own.ignore_lights_percent)
+    ("set_percentage_running_light", |client, args| {
+        percentage(client, args, |own| &mut own.ignore_lights_percent)
     }),
-    ("set_percentage_running_sign", |counter, args| {
-        percentage(counter, args, |own| &mut own.ignore_signs_percent)
+    ("set_percentage_running_sign", |client, args| {
+        percentage(client, args, |own| &mut own.ignore_signs_percent)
     }),
-    ("set_percentage_ignore_walkers", |counter, args| {
-        percentage(counter, args, |own| &mut own.ignore_walkers_percent)
+    ("set_percentage_ignore_walkers", |client, args| {
+        percentage(client, args, |own| &mut own.ignore_walkers_percent)
     }),
-    ("set_percentage_ignore_vehicles", |counter, args| {
-        percentage(counter, args, |own| &mut own.ignore_vehicles_percent)
+    ("set_percentage_ignore_vehicles", |client, args| {
+        percentage(client, args, |own| &mut own.ignore_vehicles_percent)
     }),
     ("keep_slow_lane_rule_percentage", keep_right),
     ("set_percentage_keep_slow_lane_rule", keep_right),
@@ -118,115 +134,135 @@ const METHODS: &[(&str, Run)] = &[
     ("set_percentage_random_left_lanechange", random_left),
     ("random_right_lanechange_percentage", random_right),
     ("set_percentage_random_right_lanechange", random_right),
-    ("set_hybrid_physics_mode", |counter, args| {
+    ("set_hybrid_physics_mode", |client, args| {
         let is_hybrid = args.bool()?;
-        change(counter, move |desk| {
+        change(client, move |desk| {
             desk.switch(|switches| switches.is_hybrid = is_hybrid)
-        });
-        nothing()
+        })
     }),
-    ("set_hybrid_physics_radius", |counter, args| {
+    ("set_hybrid_physics_radius", |client, args| {
         let radius_m = args.f64()?.max(0.0);
-        change(counter, move |desk| {
+        change(client, move |desk| {
             desk.switch(|switches| switches.hybrid_radius_m = radius_m)
-        });
-        nothing()
+        })
     }),
-    ("set_osm_mode", |counter, args| {
+    ("set_osm_mode", |client, args| {
         let is_on = args.bool()?;
-        change(counter, move |desk| {
+        change(client, move |desk| {
             desk.parameters_mut().removes_at_dead_ends = is_on
-        });
-        nothing()
+        })
     }),
-    ("set_path", |counter, args| {
+    ("set_path", |client, args| {
         let id = actor(args)?;
-        set_path(counter, id, args)
+        set_path(client, id, args)
     }),
-    ("update_custom_path", |counter, args| {
+    ("update_custom_path", |client, args| {
         let id = args.u32()?;
-        set_path(counter, id, args)
+        set_path(client, id, args)
     }),
-    ("remove_custom_path", |counter, args| {
+    ("remove_custom_path", |client, args| {
         let id = args.u32()?;
-        change(counter, move |desk| {
-            desk.vehicle_mut(id).custom_path_m.clear()
-        });
-        nothing()
+        vehicle(client, id, 0, 0, |own| own.custom_path_m.clear())
     }),
-    ("set_imported_route", |counter, args| {
+    ("set_imported_route", |client, args| {
         let id = actor(args)?;
-        set_route(counter, id, args)
+        set_route(client, id, args)
     }),
-    ("update_imported_route", |counter, args| {
+    ("update_imported_route", |client, args| {
         let id = args.u32()?;
-        set_route(counter, id, args)
+        set_route(client, id, args)
     }),
-    ("remove_imported_route", |counter, args| {
+    ("remove_imported_route", |client, args| {
         let id = args.u32()?;
-        change(counter, move |desk| desk.vehicle_mut(id).route.clear());
-        nothing()
+        vehicle(client, id, 0, 0, |own| own.route.clear())
     }),
-    ("set_respawn_dormant_vehicles", |counter, args| {
+    ("set_respawn_dormant_vehicles", |client, args| {
         let respawns = args.bool()?;
-        change(counter, move |desk| {
+        change(client, move |desk| {
             desk.switch(|switches| switches.respawns = respawns)
-        });
-        nothing()
+        })
     }),
-    (
-        "set_boundaries_respawn_dormant_vehicles",
-        |counter, args| {
-            let (least, greatest) = (args.f64()?.max(0.0), args.f64()?);
-            change(counter, move |desk| {
-                desk.switch(|switches| switches.respawn_m = [least, greatest.max(least)])
-            });
-            nothing()
-        },
-    ),
-    ("get_next_action", |counter, args| {
-        Ok(actions(counter, args)?
-            .into_iter()
-            .next()
-            .unwrap_or(list![]))
+    ("set_boundaries_respawn_dormant_vehicles", |client, args| {
+        let (least, greatest) = (args.f64()?.max(0.0), args.f64()?);
+        change(client, move |desk| {
+            desk.switch(|switches| switches.respawn_m = [least, greatest.max(least)])
+        })
     }),
-    ("get_all_actions", |counter, args| {
-        Ok(Value::Array(actions(counter, args)?))
+    ("get_next_action", |client, args| {
+        Ok(actions(client, args)?.into_iter().next().unwrap_or(list![]))
     }),
-    ("set_synchronous_mode", |counter, args| {
+    ("get_all_actions", |client, args| {
+        Ok(Value::Array(actions(client, args)?))
+    }),
+    ("set_synchronous_mode", |client, args| {
         let is_on = args.bool()?;
-        change(counter, move |desk| desk.set_lockstep(is_on));
-        nothing()
+        change(client, move |desk| desk.set_lockstep(is_on))
     }),
     // A step waits for the controls however long they take, so that runs repeat.
     ("set_synchronous_mode_timeout_in_milisecond", |_, args| {
         args.f64().map(|_| Value::Nil)
     }),
-    ("set_random_device_seed", |counter, args| {
+    ("set_random_device_seed", |client, args| {
         let seed = args.uint(u64::MAX)?;
-        change(counter, move |desk| {
+        change(client, move |desk| {
             desk.set_seed(seed);
             // As CARLA's does, so that runs with the same seed begin with the same lights.
             desk.command(Command::ResetTrafficLights { actor_id: None });
-        });
-        nothing()
+        })
     }),
     ("synchronous_tick", |_, _| Ok(true.into())),
-    ("shut_down", |counter, _| {
-        change(counter, Desk::reset);
-        nothing()
-    }),
+    ("shut_down", |client, _| change(client, Desk::reset)),
 ];
 
-/// The function that serves a method.
-pub(crate) fn find(name: &str) -> Option<Run> {
-    let entry = METHODS.iter().find(|(method, _)| *method == name);
-    entry.map(|(_, run)| *run)
+/// A method's name, and the function that serves it.
+pub(crate) fn find(name: &str) -> Option<(&'static str, Run)> {
+    METHODS.iter().find(|(method, _)| *method == name).copied()
 }
 
 /// Changes the desk; returns when the change counts, or has waited long.
-pub(crate) fn change(counter: &Counter, change: impl FnOnce(&mut Desk) + Send + 'static) {
-    counter.ask(change, PATIENCE);
+fn change(
+    client: &Client<'_>,
+    change: impl FnOnce(&mut Desk) + Send + 'static,
+) -> Result<Value, Wrong> {
+    ask(client, change)?;
+    nothing()
+}
+
+/// Asks the desk; `None` if that takes long. The request is charged until the session has run it.
+fn ask<R: Send + 'static>(
+    client: &Client<'_>,
+    question: impl FnOnce(&mut Desk) -> R + Send + 'static,
+) -> Result<Option<R>, Wrong> {
+    let request = client.request.clone();
+    let question = move |desk: &mut Desk| {
+        let answer = question(desk);
+        drop(request);
+        answer
+    };
+    let asked = client.counter.ask(question, PATIENCE);
+    asked.map_err(|error| Wrong::Value(error.to_string()))
+}
+
+/// Changes what holds for a vehicle, and about `other` if the method sets something for a pair. The
+/// setting has `n_bytes` and is charged until it is set anew or the vehicle is gone.
+fn vehicle(
+    client: &Client<'_>,
+    id: u32,
+    other: u32,
+    n_bytes: usize,
+    set: impl FnOnce(&mut VehicleParameters) + Send + 'static,
+) -> Result<Value, Wrong> {
+    let cost = client.account.hold(SETTING_BYTES + n_bytes);
+    let setting = Setting {
+        vehicle: id,
+        method: client.method,
+        other,
+        cost: cost.map_err(|error| Wrong::Value(error.to_string()))?,
+    };
+    match ask(client, move |desk| desk.set_vehicle(setting, set))? {
+        Some(Err(error)) => Err(Wrong::Value(error.to_string())),
+        Some(Ok(())) | None => nothing(),
+    }
 }
 
 /// Nothing, as methods without a result return it.
@@ -249,21 +285,19 @@ fn actors(args: &mut Fields<'_>) -> Result<Vec<u32>, Wrong> {
     each.iter_mut().map(Fields::u32).collect()
 }
 
-fn register(counter: &Counter, args: &mut Fields<'_>) -> Result<Value, Wrong> {
+fn register(client: &Client<'_>, args: &mut Fields<'_>) -> Result<Value, Wrong> {
     let ids = actors(args)?;
-    change(counter, move |desk| desk.register(&ids));
-    nothing()
+    change(client, move |desk| desk.register(&ids))
 }
 
-fn unregister(counter: &Counter, args: &mut Fields<'_>) -> Result<Value, Wrong> {
+fn unregister(client: &Client<'_>, args: &mut Fields<'_>) -> Result<Value, Wrong> {
     let ids = actors(args)?;
-    change(counter, move |desk| desk.unregister(&ids));
-    nothing()
+    change(client, move |desk| desk.unregister(&ids))
 }
 
 /// Changes what holds for the vehicle that is the first argument.
 fn one<'v, C>(
-    counter: &Counter,
+    client: &Client<'_>,
     args: &mut Fields<'v>,
     read: impl FnOnce(&mut Fields<'v>) -> Result<C, Wrong>,
 ) -> Result<Value, Wrong>
@@ -272,47 +306,44 @@ where
 {
     let id = actor(args)?;
     let set = read(args)?;
-    change(counter, move |desk| set(desk.vehicle_mut(id)));
-    nothing()
+    vehicle(client, id, 0, 0, set)
 }
 
 fn percentage(
-    counter: &Counter,
+    client: &Client<'_>,
     args: &mut Fields<'_>,
     field: fn(&mut VehicleParameters) -> &mut f64,
 ) -> Result<Value, Wrong> {
-    one(counter, args, |args| {
+    one(client, args, |args| {
         let percent = args.f64()?.clamp(0.0, 100.0);
         Ok(move |own: &mut VehicleParameters| *field(own) = percent)
     })
 }
 
-fn keep_right(counter: &Counter, args: &mut Fields<'_>) -> Result<Value, Wrong> {
-    percentage(counter, args, |own| &mut own.keep_right_percent)
+fn keep_right(client: &Client<'_>, args: &mut Fields<'_>) -> Result<Value, Wrong> {
+    percentage(client, args, |own| &mut own.keep_right_percent)
 }
 
-fn random_left(counter: &Counter, args: &mut Fields<'_>) -> Result<Value, Wrong> {
-    percentage(counter, args, |own| &mut own.random_left_percent)
+fn random_left(client: &Client<'_>, args: &mut Fields<'_>) -> Result<Value, Wrong> {
+    percentage(client, args, |own| &mut own.random_left_percent)
 }
 
-fn random_right(counter: &Counter, args: &mut Fields<'_>) -> Result<Value, Wrong> {
-    percentage(counter, args, |own| &mut own.random_right_percent)
+fn random_right(client: &Client<'_>, args: &mut Fields<'_>) -> Result<Value, Wrong> {
+    percentage(client, args, |own| &mut own.random_right_percent)
 }
 
-fn collision_detection(counter: &Counter, args: &mut Fields<'_>) -> Result<Value, Wrong> {
+fn collision_detection(client: &Client<'_>, args: &mut Fields<'_>) -> Result<Value, Wrong> {
     let (id, other, detects) = (actor(args)?, actor(args)?, args.bool()?);
-    change(counter, move |desk| {
-        let ignored = &mut desk.vehicle_mut(id).ignored;
+    vehicle(client, id, other, 0, move |own| {
         if detects {
-            ignored.remove(&other);
+            own.ignored.remove(&other);
         } else {
-            ignored.insert(other);
+            own.ignored.insert(other);
         }
-    });
-    nothing()
+    })
 }
 
-fn set_path(counter: &Counter, id: u32, args: &mut Fields<'_>) -> Result<Value, Wrong> {
+fn set_path(client: &Client<'_>, id: u32, args: &mut Fields<'_>) -> Result<Value, Wrong> {
     let items = args.list()?;
     within("a path", items.len())?;
     let mut points = Fields::new("a path", items);
@@ -320,13 +351,11 @@ fn set_path(counter: &Counter, id: u32, args: &mut Fields<'_>) -> Result<Value, 
         .iter()
         .map(|_| points.vector().map(|[x, y, z]| [x, -y, z]))
         .collect::<Result<_, _>>()?;
-    change(counter, move |desk| {
-        desk.vehicle_mut(id).custom_path_m = path
-    });
-    nothing()
+    let n_bytes = path.len() * POINT_BYTES;
+    vehicle(client, id, 0, n_bytes, |own| own.custom_path_m = path)
 }
 
-fn set_route(counter: &Counter, id: u32, args: &mut Fields<'_>) -> Result<Value, Wrong> {
+fn set_route(client: &Client<'_>, id: u32, args: &mut Fields<'_>) -> Result<Value, Wrong> {
     let codes: Vec<u8> = match args.value()? {
         Value::Bin(codes) => codes.clone(),
         Value::Array(items) => {
@@ -351,8 +380,8 @@ fn set_route(counter: &Counter, id: u32, args: &mut Fields<'_>) -> Result<Value,
             })
         })
         .collect::<Result<_, _>>()?;
-    change(counter, move |desk| desk.vehicle_mut(id).route = route);
-    nothing()
+    let n_bytes = route.len();
+    vehicle(client, id, 0, n_bytes, |own| own.route = route)
 }
 
 fn within(what: &str, n_items: usize) -> Result<(), Wrong> {
@@ -379,11 +408,9 @@ fn option(code: u8) -> Option<RoadOption> {
 }
 
 /// The decisions ahead of a vehicle: number, place and rotation.
-fn actions(counter: &Counter, args: &mut Fields<'_>) -> Result<Vec<Value>, Wrong> {
+fn actions(client: &Client<'_>, args: &mut Fields<'_>) -> Result<Vec<Value>, Wrong> {
     let id = args.u32()?;
-    let ahead = counter
-        .ask(move |desk| desk.actions(id), PATIENCE)
-        .unwrap_or_default();
+    let ahead = ask(client, move |desk| desk.actions(id))?.unwrap_or_default();
     let written = ahead.iter().map(|action| {
         let code = OPTIONS.iter().position(|option| *option == action.option);
         let [x, y, z] = action.position_m.map(|metres| metres as f32);

@@ -124,7 +124,7 @@ impl Exporter for Coco {
             let path = format!("images/{}/{file}", scenario.split);
             jobs.push(Job::new(path, move || picture::colour(frame, form)));
             let (width, height) = (frame.header.width, frame.header.height);
-            self.ids[0] += 1;
+            self.ids[0] = self.ids[0].saturating_add(1);
             let image = json!({
                 "id": self.ids[0], "file_name": file, "width": width, "height": height,
                 "license": 0, "scenario": scenario.name, "camera": camera.name, "tick": tick.tick,
@@ -132,7 +132,7 @@ impl Exporter for Coco {
             });
             let mut lines = vec![(0, image)];
             for object in objects(scenario, tick, &camera.name, self.options.min_pixels) {
-                self.ids[1] += 1;
+                self.ids[1] = self.ids[1].saturating_add(1);
                 let mut annotation = self.annotation(&object, width, height);
                 annotation["id"] = json!(self.ids[1]);
                 annotation["image_id"] = json!(self.ids[0]);

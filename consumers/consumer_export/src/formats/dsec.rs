@@ -88,8 +88,8 @@ impl Counter {
         }
         let times = self.times.as_mut().context("it was just begun")?;
         writeln!(times, "{time}")?;
-        self.n += 1;
-        Ok(self.n - 1)
+        self.n = self.n.saturating_add(1);
+        Ok(self.n.saturating_sub(1))
     }
 
     fn finish(self) -> anyhow::Result<u64> {

@@ -1,6 +1,8 @@
 //! Prophesee RAW files with EVT 3.0 events: one per event camera, `<part>/<scenario>/<camera>.raw`,
 //! with its calibration and poses beside it.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 pub mod words;
 
 use std::collections::BTreeMap;
@@ -56,7 +58,7 @@ impl Evt3 {
 /// Microseconds at which an event happened, since the simulator started.
 pub fn micros(header: &FrameHeader, event: &DvsEvent) -> u64 {
     let window_start = header.sim_nanos.saturating_sub(header.window_nanos);
-    (window_start + u64::from(event.nanos_in_window)) / 1000
+    window_start.saturating_add(u64::from(event.nanos_in_window)) / 1000
 }
 
 /// The events of a frame in EVT 3.0's terms.
@@ -163,16 +165,16 @@ impl Exporter for Evt3 {
                 continue;
             };
             let events = events(frame);
-            let mut words = Vec::with_capacity(events.len() * 4);
+            let mut words = Vec::with_capacity(events.len().saturating_mul(4));
             stream
                 .encoder
                 .encode(&events, &mut words)
                 .with_context(|| format!("{} at tick {}", frame.topic, tick.tick))?;
             stream
                 .encoder
-                .pass_time(frame.header.sim_nanos / 1000, &mut words);
+                .pass_time(frame.header.sim_nanos / 1000, &mut words)?;
             stream.raw.write_all(&words)?;
-            stream.n_events += events.len() as u64;
+            stream.n_events = stream.n_events.saturating_add(events.len() as u64);
             writeln!(stream.poses, "{}", trajectory::line(&frame.header))?;
         }
         Ok(())

@@ -291,7 +291,7 @@ impl Kitti {
                 image.clone(),
                 format!("flow/training/image_2/{pair}_10.{ending}"),
             ));
-            self.n_pairs += 1;
+            self.n_pairs = self.n_pairs.saturating_add(1);
         }
         tree.write_all(jobs)?;
         for (of, path) in links {
@@ -311,8 +311,8 @@ impl Kitti {
             let line = text::oxts(scenario, world, &self.motion);
             oxts.write_all(line.as_bytes()).context(cannot)?;
         }
-        self.n_frames += 1;
-        self.n_here += 1;
+        self.n_frames = self.n_frames.saturating_add(1);
+        self.n_here = self.n_here.saturating_add(1);
         Ok(())
     }
 }

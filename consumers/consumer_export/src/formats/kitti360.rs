@@ -11,6 +11,7 @@ use std::io::Write as _;
 use std::sync::Arc;
 
 use anyhow::Context as _;
+use launch_cli::files::MAX_NOTES_BYTES;
 use nalgebra::{Isometry3, Matrix4, UnitQuaternion, Vector3};
 use schema_frames::Modality;
 use serde_json::{Value, json};
@@ -185,8 +186,13 @@ impl Exporter for Kitti360 {
                 let ids: Vec<u32> = instance.elements();
                 let mut number =
                     |(label, id): (&u8, &u32)| match boxes::has_instances(*label) && *id != 0 {
-                        true => u16::from(*label) * 1000 + self.instances.number(*label, *id),
-                        false => u16::from(*label) * 1000,
+                        true => {
+                            let number = self.instances.number(*label, *id);
+                            u16::from(*label)
+                                .saturating_mul(1000)
+                                .saturating_add(number)
+                        }
+                        false => u16::from(*label).saturating_mul(1000),
                     };
                 let pixels: Vec<u16> = labels.iter().zip(&ids).map(&mut number).collect();
                 jobs.push(Job::new(
@@ -229,7 +235,7 @@ impl Exporter for Kitti360 {
         let world_from_camera =
             colour.header.world_from_sensor.isometry() * schema_types::space::sensor_from_camera();
         let now = tick.sim_nanos;
-        let since = now - *self.start_nanos.get_or_insert(now);
+        let since = now.saturating_sub(*self.start_nanos.get_or_insert(now));
         let files = self.files.as_mut().expect("a scenario has begun");
         let cannot = "cannot write the poses of a scenario";
         let n = self.n_here;
@@ -253,7 +259,7 @@ impl Exporter for Kitti360 {
             let number = self.instances.number(label, body.id);
             files.boxes.add(&body, label, number, n)?;
         }
-        self.n_here += 1;
+        self.n_here = self.n_here.saturating_add(1);
         Ok(())
     }
 
@@ -361,7 +367,7 @@ impl Kitti360 {
         }
         for (name, text) in files {
             let path = format!("calibration/{name}");
-            let there = std::fs::read_to_string(tree.path(&path));
+            let there = launch_cli::files::read_text(&tree.path(&path), MAX_NOTES_BYTES);
             if there.is_ok_and(|there| there != text) {
                 return Err(launch_cli::wrong_usage(format!(
                     "{} has another calibration than the scenarios before it, and kitti-360 has one for all; export it into a folder of its own",

@@ -366,7 +366,7 @@ impl Running {
             self.write_sample(scenario, sample.clone())?;
             self.first_sample.get_or_insert_with(|| sample.clone());
             self.samples.push((sample, micros(tick.sim_nanos)));
-            self.n_samples += 1;
+            self.n_samples = self.n_samples.saturating_add(1);
         }
         self.sweeps.flush(&mut self.tables)?;
         tree.write_all(jobs)

@@ -160,7 +160,7 @@ impl Exporter for SemanticKitti {
         }
         tree.write_all(jobs)?;
         self.write_pose(frame, lidar, camera)?;
-        self.n_here += 1;
+        self.n_here = self.n_here.saturating_add(1);
         Ok(())
     }
 
@@ -225,6 +225,11 @@ impl SemanticKitti {
         let files = self.files.as_mut().expect("a scenario has begun");
         let cannot = "cannot write the poses of a scenario";
         writeln!(files.poses, "{}", row34(&matrix(&pose))).context(cannot)?;
-        writeln!(files.times, "{:.9e}", (now - start) as f64 * 1e-9).context(cannot)
+        writeln!(
+            files.times,
+            "{:.9e}",
+            now.saturating_sub(start) as f64 * 1e-9
+        )
+        .context(cannot)
     }
 }

@@ -124,7 +124,7 @@ impl Exporter for Yolo {
             tree.write(&label("segment"), || {
                 Ok(outlines(&objects, width, height).into_bytes())
             })?;
-            self.n_images += 1;
+            self.n_images = self.n_images.saturating_add(1);
         }
         Ok(())
     }

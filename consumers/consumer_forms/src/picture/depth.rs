@@ -3,6 +3,8 @@
 
 use png::{BitDepth, ColorType, Compression, Encoder, Filter};
 
+use super::error::PictureError;
+
 /// Numbers a metre has.
 pub const PER_METRE: f32 = 100.0;
 /// Greatest distance that has a number, metres; farther ones are shown there.
@@ -19,15 +21,15 @@ pub fn rounding_m(distance_m: f32) -> f32 {
 /// finite or above zero becomes 0, "no distance".
 ///
 /// # Errors
-/// A sentence if the size is none or beyond the payload.
-pub fn depth(size_px: [u32; 2], stride: usize, payload: &[u8]) -> Result<Vec<u8>, String> {
+/// [`PictureError::Distances`] if the size is none or beyond the payload.
+pub fn depth(size_px: [u32; 2], stride: usize, payload: &[u8]) -> Result<Vec<u8>, PictureError> {
     let [width, height] = size_px.map(|side| side as usize);
     let n_bytes = height.saturating_sub(1) as u64 * stride as u64 + width as u64 * 4;
     if width == 0 || height == 0 || stride < width * 4 || (payload.len() as u64) < n_bytes {
-        return Err(format!(
-            "{} bytes are not {width} × {height} distances",
-            payload.len()
-        ));
+        return Err(PictureError::Distances {
+            n_bytes: payload.len(),
+            size_px,
+        });
     }
     let mut numbers = vec![0u8; width * height * 2];
     for (row, numbers) in numbers.chunks_exact_mut(width * 2).enumerate() {
@@ -45,10 +47,9 @@ pub fn depth(size_px: [u32; 2], stride: usize, payload: &[u8]) -> Result<Vec<u8>
     // Along a row of the road the distance is the same, along a column of a wall, too: this filter
     // guesses from both.
     encoder.set_filter(Filter::Paeth);
-    let written = encoder
+    encoder
         .write_header()
-        .and_then(|mut writer| writer.write_image_data(&numbers));
-    written.map_err(|error| error.to_string())?;
+        .and_then(|mut writer| writer.write_image_data(&numbers))?;
     Ok(file)
 }
 
@@ -121,6 +122,7 @@ mod tests {
         assert!(
             depth([4, 4], 16, &[0; 63])
                 .unwrap_err()
+                .to_string()
                 .contains("63 bytes")
         );
         assert!(depth([4, 4], 15, &[0; 64]).is_err());

@@ -12,6 +12,8 @@ use std::ptr::null_mut;
 
 use openh264_sys2 as sys;
 
+use super::error::PictureError;
+
 /// Fewest and most pixels along the shorter side, as OpenH264 takes them.
 const SHORT_SIDE_PX: std::ops::RangeInclusive<u32> = 16..=2160;
 /// Most along the longer side.
@@ -90,24 +92,21 @@ impl H264 {
     /// An encoder with the quantiser `qp` of [`QP`]: the lower, the better and larger.
     ///
     /// # Errors
-    /// A sentence if the size, odd pixels left out, or the quantiser is none for OpenH264.
-    pub fn new(size_px: [u32; 2], qp: u8) -> Result<H264, String> {
+    /// [`PictureError`] if the size, odd pixels left out, or the quantiser is none for OpenH264.
+    pub fn new(size_px: [u32; 2], qp: u8) -> Result<H264, PictureError> {
         let [width, height] = size_px.map(|px| px & !1);
         let (short, long) = (width.min(height), width.max(height));
         if !SHORT_SIDE_PX.contains(&short) || long > MAX_LONG_SIDE_PX {
-            return Err(format!(
-                "H.264 takes images of 16 × 16 to 3840 × 2160 pixels, not {} × {}",
-                size_px[0], size_px[1]
-            ));
+            return Err(PictureError::VideoSize(size_px));
         }
         if !QP.contains(&qp) {
-            return Err(format!("a quantiser of H.264 is 1 to 51, not {qp}"));
+            return Err(PictureError::Quantiser(qp));
         }
         let mut raw = null_mut();
         // SAFETY: the pointer is valid for the call, which stores an encoder there or fails.
         let code = unsafe { sys::source::APILoader::WelsCreateSVCEncoder(&raw mut raw) };
         if code != 0 || raw.is_null() {
-            return Err(format!("OpenH264 makes no encoder (code {code})"));
+            return Err(PictureError::NoEncoder(code));
         }
         let encoder = H264 {
             raw,
@@ -124,14 +123,14 @@ impl H264 {
         unsafe { **self.raw }
     }
 
-    fn begin(&self, qp: u8) -> Result<(), String> {
+    fn begin(&self, qp: u8) -> Result<(), PictureError> {
         let table = self.table();
         let [width, height] = self.size_px.map(|px| px as i32);
         let mut settings = sys::SEncParamExt::default();
         let (Some(defaults), Some(initialize), Some(set)) =
             (table.GetDefaultParams, table.InitializeExt, table.SetOption)
         else {
-            return Err("OpenH264 lacks a function".to_string());
+            return Err(PictureError::NoFunction);
         };
         let mut quiet = sys::WELS_LOG_QUIET;
         // SAFETY: the encoder lives; the number is read during the call only.
@@ -182,19 +181,19 @@ impl H264 {
     /// Codes the next picture, as a key frame if `is_key`, and appends it to `out`.
     ///
     /// # Errors
-    /// A sentence if the picture has another size or OpenH264 fails; `out` is as it was.
+    /// [`PictureError`] if the picture has another size or OpenH264 fails; `out` is as it was.
     pub fn encode(
         &mut self,
         picture: &Planes,
         is_key: bool,
         out: &mut Vec<u8>,
-    ) -> Result<(), String> {
+    ) -> Result<(), PictureError> {
         if [picture.width, picture.height] != self.size_px {
-            return Err("the picture has not the size of its stream".to_string());
+            return Err(PictureError::OtherSize);
         }
         let table = self.table();
         let (Some(force), Some(encode)) = (table.ForceIntraFrame, table.EncodeFrame) else {
-            return Err("OpenH264 lacks a function".to_string());
+            return Err(PictureError::NoFunction);
         };
         if is_key {
             // SAFETY: the encoder lives and is initialized.
@@ -224,10 +223,7 @@ impl H264 {
             sys::videoFrameTypeIDR | sys::videoFrameTypeP
         );
         if !is_made || (is_key && self.found.eFrameType != sys::videoFrameTypeIDR) {
-            return Err(format!(
-                "OpenH264 made a frame of type {}",
-                self.found.eFrameType
-            ));
+            return Err(PictureError::FrameType(self.found.eFrameType));
         }
         let n_layers = self.found.iLayerNum.max(0) as usize;
         for layer in self.found.sLayerInfo.iter().take(n_layers) {
@@ -256,10 +252,10 @@ impl Drop for H264 {
     }
 }
 
-fn told(code: i32, what: &str) -> Result<(), String> {
+fn told(code: i32, what: &'static str) -> Result<(), PictureError> {
     match code {
         0 => Ok(()),
-        code => Err(format!("OpenH264 refuses {what} (code {code})")),
+        code => Err(PictureError::Refused { what, code }),
     }
 }
 
@@ -307,7 +303,7 @@ mod tests {
 
     #[test]
     fn what_is_no_video_is_refused_with_a_sentence() {
-        let refused = |size, qp| H264::new(size, qp).unwrap_err();
+        let refused = |size, qp| H264::new(size, qp).unwrap_err().to_string();
         assert!(refused([17, 15], 23).contains("not 17 × 15"));
         assert!(refused([5000, 100], 23).contains("3840"));
         assert!(refused([64, 64], 52).contains("not 52"));

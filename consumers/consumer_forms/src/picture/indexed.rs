@@ -2,12 +2,19 @@
 
 use png::{BitDepth, ColorType, Compression, Encoder, Filter};
 
+use super::error::PictureError;
+
 /// The PNG of a picture whose pixels are numbers of colours, tightly packed. Numbers beyond the
 /// list of colours are refused by readers, so there must be none.
 ///
 /// # Errors
-/// A sentence if there are no colours or too many, or the size is not that of the pixels.
-pub fn indexed(size_px: [u32; 2], colours: &[[u8; 3]], numbers: &[u8]) -> Result<Vec<u8>, String> {
+/// [`PictureError::Palette`] for no colours or too many, [`PictureError::Png`] if the size is not
+/// that of the pixels.
+pub fn indexed(
+    size_px: [u32; 2],
+    colours: &[[u8; 3]],
+    numbers: &[u8],
+) -> Result<Vec<u8>, PictureError> {
     file(size_px, colours, numbers, &[])
 }
 
@@ -15,7 +22,11 @@ pub fn indexed(size_px: [u32; 2], colours: &[[u8; 3]], numbers: &[u8]) -> Result
 ///
 /// # Errors
 /// As [`indexed`].
-pub fn overlay(size_px: [u32; 2], colours: &[[u8; 3]], numbers: &[u8]) -> Result<Vec<u8>, String> {
+pub fn overlay(
+    size_px: [u32; 2],
+    colours: &[[u8; 3]],
+    numbers: &[u8],
+) -> Result<Vec<u8>, PictureError> {
     file(size_px, colours, numbers, &[0])
 }
 
@@ -25,12 +36,9 @@ fn file(
     colours: &[[u8; 3]],
     numbers: &[u8],
     opacities: &[u8],
-) -> Result<Vec<u8>, String> {
+) -> Result<Vec<u8>, PictureError> {
     if colours.is_empty() || colours.len() > 256 {
-        return Err(format!(
-            "a palette has 1 to 256 colours, not {}",
-            colours.len()
-        ));
+        return Err(PictureError::Palette(colours.len()));
     }
     let mut file = Vec::with_capacity(numbers.len() / 16 + 1024);
     let mut encoder = Encoder::new(&mut file, size_px[0], size_px[1]);
@@ -43,10 +51,9 @@ fn file(
     encoder.set_compression(Compression::Fastest);
     // Rows are like those above them: what is left is mostly zeros.
     encoder.set_filter(Filter::Up);
-    let written = encoder
+    encoder
         .write_header()
-        .and_then(|mut writer| writer.write_image_data(numbers));
-    written.map_err(|error| error.to_string())?;
+        .and_then(|mut writer| writer.write_image_data(numbers))?;
     Ok(file)
 }
 
@@ -78,7 +85,8 @@ mod tests {
 
     #[test]
     fn what_is_no_picture_is_refused() {
-        assert!(indexed([1, 1], &[], &[0]).unwrap_err().contains("not 0"));
+        let no_colours = indexed([1, 1], &[], &[0]).unwrap_err();
+        assert!(no_colours.to_string().contains("not 0"));
         assert!(indexed([2, 2], &[[0; 3]], &[0]).is_err());
         assert!(indexed([0, 0], &[[0; 3]], &[]).is_err());
     }

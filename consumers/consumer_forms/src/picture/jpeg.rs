@@ -2,6 +2,8 @@
 
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 
+use super::error::PictureError;
+
 /// Order of a pixel's bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pixels {
@@ -17,18 +19,19 @@ const MAX_SIDE_PX: u32 = 65_535;
 /// The picture of tightly packed `pixels` at a `quality` of 1 to 100.
 ///
 /// # Errors
-/// A sentence if the size is none for JPEG or not that of the pixels.
+/// [`PictureError::JpegSize`], [`PictureError::Jpeg`] if the size is not that of the pixels.
 pub fn jpeg(
     size_px: [u32; 2],
     order: Pixels,
     pixels: &[u8],
     quality: u8,
-) -> Result<Vec<u8>, String> {
+) -> Result<Vec<u8>, PictureError> {
     let [width, height] = size_px;
     if size_px.iter().any(|side| !(1..=MAX_SIDE_PX).contains(side)) {
-        return Err(format!(
-            "a JPEG has 1 to {MAX_SIDE_PX} pixels along each side, not {width} × {height}"
-        ));
+        return Err(PictureError::JpegSize {
+            size_px,
+            most: MAX_SIDE_PX,
+        });
     }
     let mut file = Vec::with_capacity(pixels.len() / 16 + 1024);
     let mut encoder = Encoder::new(&mut file, quality);
@@ -37,9 +40,7 @@ pub fn jpeg(
         Pixels::Bgra => ColorType::Bgra,
         Pixels::Rgb => ColorType::Rgb,
     };
-    encoder
-        .encode(pixels, width as u16, height as u16, order)
-        .map_err(|error| error.to_string())?;
+    encoder.encode(pixels, width as u16, height as u16, order)?;
     Ok(file)
 }
 
@@ -68,7 +69,10 @@ mod tests {
 
     #[test]
     fn a_wrong_size_is_refused() {
-        let refused = |size, n| jpeg(size, Pixels::Rgb, &vec![0; n], 80).unwrap_err();
+        let refused = |size, n| {
+            let error = jpeg(size, Pixels::Rgb, &vec![0; n], 80).unwrap_err();
+            error.to_string()
+        };
         assert!(refused([0, 4], 0).contains("not 0 × 4"));
         assert!(refused([70_000, 1], 210_000).contains("70000"));
         assert!(!refused([4, 4], 47).is_empty());

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use launch_cli::Machine as ThisMachine;
+use schema_frames::Modality;
 use sha2::{Digest as _, Sha256};
 
 use crate::capture::{Capture, Mode, Usage};
@@ -33,6 +34,9 @@ pub struct Assembly<'a> {
     used: BTreeMap<Key, BTreeMap<String, Used>>,
     faults: BTreeMap<Key, Vec<String>>,
     warnings: Vec<String>,
+    /// Inputs that are truth on purpose.
+    given_truth: Vec<String>,
+    has_crash: bool,
 }
 
 /// What a process used in all scenarios.
@@ -56,12 +60,23 @@ impl<'a> Assembly<'a> {
             used: BTreeMap::new(),
             faults: BTreeMap::new(),
             warnings: Vec::new(),
+            given_truth: Vec::new(),
+            has_crash: false,
         }
     }
 
     /// A scenario, and all runs in it.
     pub fn add(&mut self, truth: &TruthRecording, captures: &[Capture]) {
         self.adapter.clone_from(&truth.adapter);
+        for input in &truth.inputs {
+            // Results of the suite's own programs have no sensor.
+            let is_given = input.sensor.is_empty()
+                || is_truth(&input.topic)
+                || self.suite.exact_inputs.contains(&input.topic);
+            if is_given && !self.given_truth.contains(&input.topic) {
+                self.given_truth.push(input.topic.clone());
+            }
+        }
         self.scenarios.push(ScenarioInfo {
             name: truth.scenario.name.clone(),
             settings: truth.scenario.settings(),
@@ -70,6 +85,7 @@ impl<'a> Assembly<'a> {
             query_hz: self.suite.query_hz,
         });
         for capture in captures {
+            self.has_crash |= capture.has_crashed;
             let key = (
                 capture.program.clone(),
                 capture.mode,
@@ -112,7 +128,11 @@ impl<'a> Assembly<'a> {
             self.fill(run, options);
         }
         let mut hash = Sha256::new();
-        for part in [&self.suite.text, build, &self.suite.seed.to_string()] {
+        let seed = match self.suite.is_drawn {
+            true => format!("{} drawn", self.suite.seed),
+            false => self.suite.seed.to_string(),
+        };
+        for part in [&self.suite.text, build, &seed] {
             hash.update((part.len() as u64).to_le_bytes());
             hash.update(part);
         }
@@ -125,6 +145,12 @@ impl<'a> Assembly<'a> {
             settings: settings(self.source, options),
             build: build.to_owned(),
             seed: self.suite.seed,
+            has_drawn_seed: self.suite.is_drawn,
+            // Where programs drive, others drive beside them by the same snapshots.
+            is_sealed: !self.suite.is_closed_loop(),
+            given_truth: self.given_truth,
+            has_crash: self.has_crash,
+            training_maps: self.suite.matrix.training_maps.clone(),
             began: rfc3339(self.began),
             took_secs: self.began.elapsed().map_or(0.0, |took| took.as_secs_f64()),
             machine: Machine {
@@ -171,6 +197,21 @@ impl<'a> Assembly<'a> {
             })
             .collect();
     }
+}
+
+/// Whether an input is truth itself: an exact image.
+fn is_truth(topic: &str) -> bool {
+    let last = topic.rsplit('/').next().unwrap_or_default();
+    matches!(
+        Modality::from_name(last),
+        Some(
+            Modality::Depth
+                | Modality::Semantic
+                | Modality::Instance
+                | Modality::Flow
+                | Modality::Normals
+        )
+    )
 }
 
 /// The command as a user repeats it.
@@ -296,6 +337,7 @@ mod tests {
             n_refused: 0,
             usage: Vec::new(),
             faults: Vec::new(),
+            has_crashed: false,
             drive_recording: None,
         };
         const SEC: u64 = 1_000_000_000;

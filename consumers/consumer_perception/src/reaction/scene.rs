@@ -1,6 +1,7 @@
 //! What is put on the road for a trial, and where: numbers drawn from the seed, in the road's own
 //! space, whose x axis runs from the ego's start along its lane and whose y axis points to the left.
 
+use anyhow::Context as _;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schema_frames::{ActorInfo, ActorRecord, Catalogue};
 use schema_types::noise::Noise;
@@ -144,14 +145,14 @@ pub struct Prop {
 /// time from the beginning to the command.
 ///
 /// # Errors
-/// A sentence if the catalogue lacks what a suite names.
+/// If the catalogue lacks what a suite names.
 pub fn props(
     plan: &Plan,
     suite: &Suite,
     road: &Road,
     catalogue: &Catalogue,
     until_go_secs: f64,
-) -> Result<Vec<Prop>, String> {
+) -> anyhow::Result<Vec<Prop>> {
     let none = KindSettings::default();
     let settings = suite.kind.get(&plan.kind).unwrap_or(&none);
     let half = |type_id: &str| {
@@ -160,7 +161,7 @@ pub fn props(
             .iter()
             .find(|entry| entry.type_id == type_id)
             .map(|entry| entry.body_box.half_m.map(f64::from))
-            .ok_or_else(|| format!("the simulator has no actor {type_id:?}"))
+            .with_context(|| format!("the simulator has no actor {type_id:?}"))
     };
     let lane_m = settings.lane_m.unwrap_or(LANE_M);
     let ego_x = suite.speed_mps * until_go_secs;
@@ -333,7 +334,9 @@ mod tests {
         let at_go = car.pose.translation.x + 2.0 * car.speed_mps;
         assert!((at_go - 2.0 * suite.speed_mps - plan.distance_m).abs() < 1e-9);
         assert_eq!(car.pose.translation.y, LANE_M);
-        let missing = props(&plan, &suite, &road, &Catalogue::default(), 2.0).unwrap_err();
+        let missing = props(&plan, &suite, &road, &Catalogue::default(), 2.0)
+            .unwrap_err()
+            .to_string();
         assert!(missing.contains(&plan.type_id), "{missing}");
     }
 

@@ -143,7 +143,7 @@ fn begin(
         &session.catalogue,
         until_go_secs,
     )
-    .map_err(|sentence| anyhow::Error::new(Refused(sentence)))?;
+    .map_err(|error| anyhow::Error::new(Refused(error.to_string())))?;
     let mut commands = vec![session.back()];
     commands.extend(props.iter().map(|prop| Command::Spawn {
         type_id: prop.type_id.clone(),

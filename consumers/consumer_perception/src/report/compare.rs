@@ -9,6 +9,7 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 pub use consumer_report::interval::interval;
+use launch_cli::values::number;
 use launch_cli::{ColorWhen, Exit, wrong_usage};
 
 use super::terminal;
@@ -47,11 +48,11 @@ pub struct CompareArgs {
     pub all: bool,
 
     /// A change counts only from this share of A's value on, e.g. 0.02
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = share)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = number("share", 0.0..=10.0))]
     pub at_least: f64,
 
     /// Confidence of the intervals
-    #[arg(long, value_name = "SHARE", default_value_t = 0.95, value_parser = confidence)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.95, value_parser = number("confidence", 0.5..=0.9999))]
     pub confidence: f64,
 
     /// How often scenarios are drawn anew
@@ -88,19 +89,6 @@ fn renamed(text: &str) -> Result<(String, String), String> {
                 .into(),
         ),
     }
-}
-
-fn share(text: &str) -> Result<f64, String> {
-    let value = text
-        .parse()
-        .ok()
-        .filter(|value| (0.0..=10.0).contains(value));
-    value.ok_or_else(|| "a share is a number from 0 to 10, such as 0.02".into())
-}
-
-fn confidence(text: &str) -> Result<f64, String> {
-    let value = text.parse().ok().filter(|value| (0.5..1.0).contains(value));
-    value.ok_or_else(|| "a confidence is a number from 0.5 to below 1, such as 0.95".into())
 }
 
 /// Compares two reports and prints what changed.

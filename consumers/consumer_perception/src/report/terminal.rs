@@ -72,6 +72,11 @@ fn head(report: &Report, paint: Paint) -> String {
     for line in wrapped(&parts.join(", "), WIDTH) {
         let _ = writeln!(text, "{}", paint.set(Mark::Soft, &line));
     }
+    for sentence in report.fairness() {
+        for line in wrapped(&sentence, WIDTH) {
+            let _ = writeln!(text, "{}", paint.set(Mark::Soft, &line));
+        }
+    }
     text
 }
 

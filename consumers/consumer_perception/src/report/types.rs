@@ -35,6 +35,21 @@ pub struct Report {
     pub build: String,
     /// Seed of all that is random.
     pub seed: u64,
+    /// Whether the seed was drawn for this report, so that nobody knew these drives beforehand.
+    #[serde(default)]
+    pub has_drawn_seed: bool,
+    /// Whether programs reached their inputs and nothing else of the world.
+    #[serde(default)]
+    pub is_sealed: bool,
+    /// Inputs that are truth, which the suite gives on purpose.
+    #[serde(default)]
+    pub given_truth: Vec<String>,
+    /// Whether a process of a program ended by itself with something else than exit code 0.
+    #[serde(default)]
+    pub has_crash: bool,
+    /// Maps on which programs may have been trained; no scenario has one of them.
+    #[serde(default)]
+    pub training_maps: Vec<String>,
     /// When it began, RFC 3339.
     pub began: String,
     /// How long it took, seconds.
@@ -47,6 +62,37 @@ pub struct Report {
     pub runs: Vec<Run>,
     /// What a reader must know before believing a figure: a pace that was missed, a busy machine.
     pub warnings: Vec<String>,
+}
+
+impl Report {
+    /// What programs reached, and whether they could have known the drives, a sentence each.
+    pub fn fairness(&self) -> Vec<String> {
+        let mut sentences = vec![match self.is_sealed {
+            true => {
+                "sealed: programs reached their inputs and nothing else of the world".to_owned()
+            }
+            false => {
+                "not sealed: programs could read the world's snapshots and documents".to_owned()
+            }
+        }];
+        if !self.given_truth.is_empty() {
+            sentences.push(format!("given on purpose: {}", self.given_truth.join(", ")));
+        }
+        sentences.push(match self.has_drawn_seed {
+            true => format!("seed {} was drawn for this report", self.seed),
+            false => format!(
+                "seed {} is public: everybody can make these drives beforehand; to cite figures, use --seed",
+                self.seed
+            ),
+        });
+        if !self.training_maps.is_empty() {
+            sentences.push(format!(
+                "training maps, which are not scored on: {}",
+                self.training_maps.join(", ")
+            ));
+        }
+        sentences
+    }
 }
 
 /// The machine.

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use consumer_report::{Folder, FolderError};
+use launch_cli::files::{MAX_NOTES_BYTES, read_text};
 use launch_cli::wrong_usage;
 
 use super::coco::CocoFiles;
@@ -88,7 +89,7 @@ pub fn read(path: &Path) -> anyhow::Result<Report> {
         path.to_owned()
     };
     let name = path.display();
-    let text = std::fs::read_to_string(&path).map_err(|error| {
+    let text = read_text(&path, MAX_NOTES_BYTES).map_err(|error| {
         wrong_usage(format!(
             "cannot read the report {name}: {error}; `gantry bench perception` writes one"
         ))

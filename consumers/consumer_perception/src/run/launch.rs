@@ -4,12 +4,13 @@ use std::fmt::Write as _;
 use std::fs;
 
 use anyhow::Context as _;
-use schema_frames::JournalHead;
+use schema_frames::{JournalHead, Seal};
 use schema_recording::journal::Piece;
 use schema_recording::read::{RecordingFile, TopicKind, What};
 use toml::{Table, Value};
 
 use super::job::{Drive, Job, Source, drive_recording};
+use crate::suite::ProgramProcess;
 use crate::up::{cores, process_table};
 
 /// Name of the process that publishes the world.
@@ -38,7 +39,7 @@ pub(super) fn launch(job: &Job<'_>, inputs: &[String]) -> anyhow::Result<Table> 
         }
         Source::Replay => replay(job, inputs),
         Source::Live => {
-            let (words, recorded) = simulator(job)?;
+            let (words, recorded) = simulator(job, inputs)?;
             launch = recorded;
             words
         }
@@ -130,6 +131,18 @@ fn closed_loop(job: &Job<'_>, launch: &mut Table) -> Vec<String> {
     words
 }
 
+/// What the program is shown of the world besides its inputs, and who commands: this process.
+fn seal(job: &Job<'_>, inputs: &[String]) -> Seal {
+    let joins = |process: &&ProgramProcess| process.lockstep && job.drive.is_in_lockstep();
+    let participants = job.program.processes.iter().filter(joins);
+    Seal {
+        owner_pid: std::process::id(),
+        participants: participants.map(|process| process.name.clone()).collect(),
+        topics: inputs.to_vec(),
+        exact_topics: job.suite.exact_inputs.clone(),
+    }
+}
+
 /// The command of a replay that stands still until it is told to begin.
 fn replay(job: &Job<'_>, inputs: &[String]) -> Vec<String> {
     let truth = job.truth;
@@ -156,6 +169,7 @@ fn replay(job: &Job<'_>, inputs: &[String]) -> Vec<String> {
         let input = truth.inputs.iter().find(|input| input.topic == **topic);
         input.is_some_and(|input| input.sensor.is_empty())
     };
+    words.extend(["--sealed".into(), seal(job, inputs).to_json()]);
     words.push("--results".into());
     let results: Vec<String> = inputs.iter().filter(of_programs).cloned().collect();
     match results.is_empty() {
@@ -169,7 +183,7 @@ fn replay(job: &Job<'_>, inputs: &[String]) -> Vec<String> {
 }
 
 /// The command of a simulator that runs the recorded run again, and the launch file of that run.
-fn simulator(job: &Job<'_>) -> anyhow::Result<(Vec<String>, Table)> {
+fn simulator(job: &Job<'_>, inputs: &[String]) -> anyhow::Result<(Vec<String>, Table)> {
     let (head, lines) = journal(job)?;
     fs::create_dir_all(job.folder)
         .with_context(|| format!("cannot make the folder {}", job.folder.display()))?;
@@ -195,6 +209,8 @@ fn simulator(job: &Job<'_>) -> anyhow::Result<(Vec<String>, Table)> {
         &head.lidars_on,
         "--await-participant",
         "bench",
+        "--sealed",
+        &seal(job, inputs).to_json(),
     ]
     .map(str::to_owned)
     .into();

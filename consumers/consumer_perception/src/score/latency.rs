@@ -275,6 +275,7 @@ mod tests {
             n_refused: 0,
             usage: Vec::new(),
             faults: Vec::new(),
+            has_crashed: false,
             drive_recording: None,
         }
     }

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use launch_cli::files::{MAX_SETTINGS_BYTES, read_text};
 use launch_cli::wrong_usage;
 use serde::de::DeserializeOwned;
 
@@ -24,7 +25,7 @@ impl SuiteFile {
     /// # Errors
     /// [`wrong_usage`] if it cannot be read.
     pub fn read(path: &Path) -> anyhow::Result<SuiteFile> {
-        let text = std::fs::read_to_string(path).map_err(|error| {
+        let text = read_text(path, MAX_SETTINGS_BYTES).map_err(|error| {
             wrong_usage(format!("cannot read the suite {}: {error}", path.display()))
         })?;
         Ok(SuiteFile {

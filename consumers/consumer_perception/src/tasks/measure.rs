@@ -63,6 +63,9 @@ pub struct Context<'a> {
     pub scenario: &'a Scenario,
     /// What is scored.
     pub spec: &'a Spec,
+    /// Whether programs saw a sealed world: the poses that they say are then relative to the
+    /// carrier, of which frames told them the mount alone.
+    pub is_sealed: bool,
 }
 
 /// A result, ready to be read.

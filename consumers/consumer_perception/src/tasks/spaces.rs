@@ -7,18 +7,20 @@ use schema_frames::{ResultHeader, Space};
 use schema_types::Pose;
 
 use crate::evidence::moment::Moment;
-use crate::tasks::Unreadable;
+use crate::tasks::{Context, Unreadable};
 
 /// The carrier's poses so far, for results in its space.
 #[derive(Clone, Debug, Default)]
 pub struct EgoPoses {
     world_from_ego: HashMap<u64, Isometry3<f64>>,
+    is_sealed: bool,
 }
 
 impl EgoPoses {
     /// Forgets all: a scenario begins.
-    pub fn clear(&mut self) {
+    pub fn begin(&mut self, context: &Context<'_>) {
         self.world_from_ego.clear();
+        self.is_sealed = context.is_sealed;
     }
 
     /// Sees a tick.
@@ -34,6 +36,29 @@ impl EgoPoses {
         self.world_from_ego.get(&tick).copied()
     }
 
+    /// The carrier's pose at a result's tick.
+    ///
+    /// # Errors
+    /// A sentence if that tick was not seen.
+    pub fn of(&self, header: &ResultHeader) -> Result<Isometry3<f64>, Unreadable> {
+        let tick = header.tick;
+        self.at(tick).ok_or_else(|| {
+            format!("answers tick {tick}, of which the vehicle's pose was not recorded").into()
+        })
+    }
+
+    /// The place in the world of what a result's header says: of its sensor, or of its space.
+    ///
+    /// # Errors
+    /// As [`EgoPoses::of`].
+    pub fn said(&self, header: &ResultHeader) -> Result<Isometry3<f64>, Unreadable> {
+        let said = header.world_from_space.isometry();
+        match self.is_sealed {
+            true => Ok(self.of(header)? * said),
+            false => Ok(said),
+        }
+    }
+
     /// From a result's space into the world. In sensor or image space its header says it; in the
     /// vehicle's space too, unless it was left out, and then the vehicle's pose at the result's tick
     /// holds.
@@ -41,19 +66,10 @@ impl EgoPoses {
     /// # Errors
     /// A sentence if the space has no place in the world.
     pub fn world_from_space(&self, header: &ResultHeader) -> Result<Isometry3<f64>, Unreadable> {
-        let said = header.world_from_space.isometry();
         match header.space() {
             Some(Space::World) => Ok(Isometry3::identity()),
-            Some(Space::Sensor | Space::Image) => Ok(said),
-            Some(Space::Vehicle) if header.world_from_space != Pose::IDENTITY => Ok(said),
-            Some(Space::Vehicle) => {
-                let pose = self.world_from_ego.get(&header.tick);
-                pose.copied().ok_or_else(|| {
-                    let tick = header.tick;
-                    format!("is in the vehicle's space at tick {tick}, which was not recorded")
-                        .into()
-                })
-            }
+            Some(Space::Vehicle) if header.world_from_space == Pose::IDENTITY => self.of(header),
+            Some(Space::Sensor | Space::Image | Space::Vehicle) => self.said(header),
             Some(Space::None) | None => {
                 Err("has no space; say sensor, vehicle or world when the topic is opened".into())
             }

@@ -39,6 +39,8 @@ pub(super) struct Found {
 pub struct Options {
     /// Folder in which recordings are kept.
     pub cache: PathBuf,
+    /// Most bytes of recordings in it; the one that was not used for longest goes first.
+    pub cache_limit_bytes: u64,
     /// GPU for the simulator, as `simd --adapter` takes it.
     pub adapter: Option<String>,
     /// Longest time without a finished tick before the simulator counts as hanging.

@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use launch_cli::wrong_usage;
 use schema_frames::header::HASHED_HEADER_BYTES;
 use schema_frames::result::HASHED_RESULT_BYTES;
@@ -183,7 +183,7 @@ fn inputs(
     scenario: &Scenario,
     rig: &str,
     topics: &[String],
-) -> Result<Vec<InputTopic>, String> {
+) -> anyhow::Result<Vec<InputTopic>> {
     let mut inputs = scenario.rig_inputs(suite)?;
     for input in &mut inputs {
         if let Some(rest) = input.topic.strip_prefix("ego/") {
@@ -193,7 +193,7 @@ fn inputs(
     // Sensors that speak only when something happens may have been silent.
     let lacks = |input: &&InputTopic| input.rate_hz.is_some() && !topics.contains(&input.topic);
     match inputs.iter().find(lacks) {
-        Some(input) => Err(format!("lacks {}, which the suite shows", input.topic)),
+        Some(input) => bail!("lacks {}, which the suite shows", input.topic),
         None => Ok(inputs),
     }
 }

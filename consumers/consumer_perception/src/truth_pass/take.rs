@@ -11,7 +11,7 @@ use toml::{Table, Value};
 
 use super::found::Options;
 use crate::scenario::Scenario;
-use crate::suite::Suite;
+use crate::suite::{Suite, SuiteFault};
 use crate::up::process_table;
 
 /// Time in which the recorder ends after it was asked to.
@@ -21,7 +21,7 @@ const END_WITHIN: Duration = Duration::from_secs(600);
 ///
 /// # Errors
 /// A sentence if a weather or a time of day is unknown.
-pub fn launch(suite: &Suite, scenario: &Scenario, options: &Options) -> Result<Table, String> {
+pub fn launch(suite: &Suite, scenario: &Scenario, options: &Options) -> Result<Table, SuiteFault> {
     let mut launch = scenario.launch_with_truth(suite)?;
     let mut processes = Table::new();
     let mut words: Vec<Value> = ["simd", "--on-lost-client", "wait"].map(Into::into).into();
@@ -45,8 +45,12 @@ pub fn launch(suite: &Suite, scenario: &Scenario, options: &Options) -> Result<T
     .collect();
     processes.insert("simd".into(), simulator.into());
     if suite.drive {
+        let mut words: Vec<Value> = vec!["gantry-drive".into()];
+        if let Some(factor) = suite.speed_factor {
+            words.extend(["--speed-factor".into(), format!("{factor:.2}").into()]);
+        }
         let driver: Table = [
-            ("cmd", Value::Array(vec!["gantry-drive".into()])),
+            ("cmd", Value::Array(words)),
             ("lockstep", true.into()),
             ("required", true.into()),
             ("after", Value::Array(vec!["simd".into()])),

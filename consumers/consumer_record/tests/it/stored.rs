@@ -295,7 +295,7 @@ fn a_ring_is_dumped_on_request_while_it_goes_on() {
     // The first job that the writer takes is the document, so that the dump holds nothing else.
     match answers.recv().unwrap() {
         Ok(done) => assert!(done.n_messages >= 1 && done.secs < 0.3, "{done:?}"),
-        Err(error) => assert!(error.contains("nothing was recorded yet"), "{error}"),
+        Err(error) => assert!(error.0.contains("nothing was recorded yet"), "{error}"),
     }
 }
 

@@ -6,6 +6,8 @@ use consumer_forms::ros2::read as ros2;
 use foxglove::messages as fox;
 use schema_frames::Modality;
 
+use super::error::ForeignError;
+
 /// Most pixels of an image that is decoded.
 const MAX_PIXELS: u64 = 64 << 20;
 
@@ -45,22 +47,20 @@ impl Picture {
     }
 
     /// What its pixels are.
-    pub fn modality(&self) -> Result<Modality, String> {
+    pub fn modality(&self) -> Result<Modality, ForeignError> {
         match self.encoding.as_str() {
             "32FC1" | "16UC1" => Ok(Modality::Depth),
             "rgb8" | "bgr8" | "8UC3" | "rgba8" | "bgra8" | "8UC4" | "mono8" | "8UC1" | "mono16" => {
                 Ok(Modality::Rgb)
             }
-            other => Err(format!(
-                "its pixels are {other:?}, known are rgb8, bgr8, rgba8, bgra8, mono8, mono16, 16UC1 and 32FC1"
-            )),
+            other => Err(ForeignError::Pixels(other.to_owned())),
         }
     }
 
     /// Writes it as pixels of `modality`.
-    pub fn write(&self, modality: Modality, out: &mut Vec<u8>) -> Result<(), String> {
+    pub fn write(&self, modality: Modality, out: &mut Vec<u8>) -> Result<(), ForeignError> {
         if self.modality()? != modality {
-            return Err(format!("its pixels have become {:?}", self.encoding));
+            return Err(ForeignError::PixelsChanged(self.encoding.clone()));
         }
         let pixel_bytes = match self.encoding.as_str() {
             "mono8" | "8UC1" => 1,
@@ -68,17 +68,17 @@ impl Picture {
             "rgb8" | "bgr8" | "8UC3" => 3,
             _ => 4,
         };
-        let row_bytes = self.width as usize * pixel_bytes;
+        let (width, height) = (self.width as usize, self.height as usize);
+        let row_bytes = width.saturating_mul(pixel_bytes);
         let step = (self.step as usize).max(row_bytes);
-        if self.width as u64 * self.height as u64 > MAX_PIXELS
-            || self.data.len() < (self.height as usize).saturating_sub(1) * step + row_bytes
-        {
-            return Err(format!(
-                "{} bytes are no image of {} × {} pixels",
-                self.data.len(),
-                self.width,
-                self.height
-            ));
+        let n_pixels = u64::from(self.width).saturating_mul(u64::from(self.height));
+        let needed = height.saturating_sub(1).saturating_mul(step);
+        if n_pixels > MAX_PIXELS || self.data.len() < needed.saturating_add(row_bytes) {
+            return Err(ForeignError::Size {
+                n_bytes: self.data.len(),
+                width: self.width,
+                height: self.height,
+            });
         }
         if row_bytes == 0 {
             return Ok(());
@@ -108,39 +108,36 @@ impl Picture {
 }
 
 /// Decodes a PNG or JPEG file; returns its width and height.
-pub fn decode(coded: &[u8], out: &mut Vec<u8>) -> Result<[u32; 2], String> {
+pub fn decode(coded: &[u8], out: &mut Vec<u8>) -> Result<[u32; 2], ForeignError> {
     if coded.starts_with(b"\x89PNG") {
         return decode_png(coded, out);
     }
     if !coded.starts_with(&[0xff, 0xd8]) {
-        return Err("it is coded as neither PNG nor JPEG".into());
+        return Err(ForeignError::Coding);
     }
     let mut reader = image::ImageReader::with_format(Cursor::new(coded), image::ImageFormat::Jpeg);
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(MAX_PIXELS * 4);
     reader.limits(limits);
-    let image = reader
-        .decode()
-        .map_err(|error| format!("its JPEG cannot be decoded: {error}"))?;
+    let image = reader.decode().map_err(ForeignError::Jpeg)?;
     let pixels = image.to_rgb8();
     out.extend(pixels.pixels().flat_map(|p| [p.0[2], p.0[1], p.0[0], 255]));
     Ok([pixels.width(), pixels.height()])
 }
 
-fn decode_png(coded: &[u8], out: &mut Vec<u8>) -> Result<[u32; 2], String> {
-    let bad = |error: png::DecodingError| format!("its PNG cannot be decoded: {error}");
+fn decode_png(coded: &[u8], out: &mut Vec<u8>) -> Result<[u32; 2], ForeignError> {
     let limits = png::Limits {
-        bytes: MAX_PIXELS as usize * 4,
+        bytes: (MAX_PIXELS as usize).saturating_mul(4),
     };
     let mut decoder = png::Decoder::new_with_limits(Cursor::new(coded), limits);
     decoder.set_transformations(png::Transformations::normalize_to_color8());
-    let mut reader = decoder.read_info().map_err(bad)?;
+    let mut reader = decoder.read_info().map_err(ForeignError::Png)?;
     let room = reader.output_buffer_size().unwrap_or(usize::MAX);
     if room as u64 > MAX_PIXELS * 4 {
-        return Err(format!("its PNG unpacks to {room} bytes"));
+        return Err(ForeignError::PngSize(room));
     }
     let mut pixels = vec![0; room];
-    let frame = reader.next_frame(&mut pixels).map_err(bad)?;
+    let frame = reader.next_frame(&mut pixels).map_err(ForeignError::Png)?;
     let pixels = &pixels[..frame.buffer_size()];
     match frame.color_type {
         png::ColorType::Grayscale => out.extend(pixels.iter().flat_map(|p| [*p, *p, *p, 255])),
@@ -207,6 +204,7 @@ mod tests {
             short
                 .write(Modality::Rgb, &mut out)
                 .unwrap_err()
+                .to_string()
                 .contains("1000 × 1000")
         );
         let huge = picture("mono8", u32::MAX, u32::MAX, u32::MAX, &[0; 10]);
@@ -222,14 +220,14 @@ mod tests {
         writer.write_image_data(&[10, 20, 30, 40, 50, 60]).unwrap();
         writer.finish().unwrap();
         let mut out = Vec::new();
-        assert_eq!(decode(&file, &mut out), Ok([2, 1]));
+        assert_eq!(decode(&file, &mut out).unwrap(), [2, 1]);
         assert_eq!(out, [30, 20, 10, 255, 60, 50, 40, 255]);
         let mut jpeg = Vec::new();
         let grey = image::RgbImage::from_pixel(8, 8, image::Rgb([100, 100, 100]));
         grey.write_to(&mut Cursor::new(&mut jpeg), image::ImageFormat::Jpeg)
             .unwrap();
         out.clear();
-        assert_eq!(decode(&jpeg, &mut out), Ok([8, 8]));
+        assert_eq!(decode(&jpeg, &mut out).unwrap(), [8, 8]);
         assert!(out.chunks(4).all(|p| p[0].abs_diff(100) < 3 && p[3] == 255));
         for bad in [&file[..20], &jpeg[..20], b"RIFF", b""] {
             assert!(decode(bad, &mut out).is_err());

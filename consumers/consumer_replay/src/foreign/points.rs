@@ -6,6 +6,8 @@ use foxglove::messages as fox;
 use foxglove::messages::packed_element_field::NumericType;
 use schema_frames::LidarPoint;
 
+use super::error::ForeignError;
+
 fn of_foxglove(code: i32) -> Option<Number> {
     Some(match NumericType::try_from(code).ok()? {
         NumericType::Uint8 => Number::U8,
@@ -70,17 +72,17 @@ impl Cloud {
     }
 
     /// Writes its points; returns their number. Points that are not finite are left out.
-    pub fn write(&self, out: &mut Vec<u8>) -> Result<u32, String> {
+    pub fn write(&self, out: &mut Vec<u8>) -> Result<u32, ForeignError> {
         let field = |names: &[&str]| {
             let mut fields = self.fields.iter();
             fields.find(|(name, ..)| names.contains(&name.as_str()))
         };
         let axes = [field(&["x"]), field(&["y"]), field(&["z"])];
         let [Some(x), Some(y), Some(z)] = axes else {
-            return Err("its points have no x, y and z".into());
+            return Err(ForeignError::NoAxes);
         };
         if self.stride == 0 {
-            return Err("its points have 0 bytes".into());
+            return Err(ForeignError::EmptyPoints);
         }
         let intensity = field(&["intensity", "i", "reflectivity"]);
         let channel = field(&["ring", "channel", "line"]);
@@ -88,7 +90,7 @@ impl Cloud {
         for point in self.data.chunks_exact(self.stride) {
             let read = |of: &(String, usize, Number)| number(of.2, point, of.1);
             let (Some(x), Some(y), Some(z)) = (read(x), read(y), read(z)) else {
-                return Err("a field lies beyond its point".into());
+                return Err(ForeignError::FieldBeyond);
             };
             if !(x.is_finite() && y.is_finite() && z.is_finite()) {
                 continue;
@@ -100,7 +102,7 @@ impl Cloud {
                 channel: channel.and_then(read).unwrap_or(0.0) as u16,
             };
             out.extend_from_slice(bytemuck::bytes_of(&point));
-            n += 1;
+            n = n.saturating_add(1);
         }
         Ok(n)
     }
@@ -143,7 +145,7 @@ mod tests {
             data,
         };
         let mut out = Vec::new();
-        assert_eq!(cloud.write(&mut out), Ok(2));
+        assert_eq!(cloud.write(&mut out).unwrap(), 2);
         let last: LidarPoint = bytemuck::pod_read_unaligned(&out[16..]);
         assert_eq!(
             (last.hit_in_sensor_m, last.intensity, last.channel),
@@ -154,6 +156,7 @@ mod tests {
             broken
                 .write(&mut out)
                 .unwrap_err()
+                .to_string()
                 .contains("beyond its point")
         );
     }

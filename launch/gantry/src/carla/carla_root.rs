@@ -21,6 +21,7 @@ use std::os::unix::fs::{OpenOptionsExt as _, symlink};
 use std::path::Path;
 
 use anyhow::{Context as _, ensure};
+use launch_cli::files::{MAX_SETTINGS_BYTES, read_text};
 use launch_cli::{Exit, wrong_usage};
 
 use crate::cli::CarlaRootArgs;
@@ -79,7 +80,7 @@ pub fn run(args: &CarlaRootArgs) -> anyhow::Result<Exit> {
 /// Whether the folder is one that this word made; else it is new or empty.
 fn check_place(dir: &Path) -> anyhow::Result<bool> {
     let shown = dir.display();
-    if let Ok(script) = std::fs::read_to_string(dir.join(SCRIPT)) {
+    if let Ok(script) = read_text(&dir.join(SCRIPT), MAX_SETTINGS_BYTES) {
         ensure!(
             script.contains(MARK),
             wrong_usage(format!(

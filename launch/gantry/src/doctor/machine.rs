@@ -79,7 +79,7 @@ fn bus(domain: &str) -> Vec<Finding> {
             return vec![Finding::fail(
                 WHAT,
                 format!("{error:#}"),
-                "`ls -ld /dev/shm /tmp/iceoryx2*; df /dev/shm /tmp` shows whose they are and their free space",
+                "`ls -ld /dev/shm /tmp/iceoryx2* $XDG_RUNTIME_DIR/iceoryx2*; df /dev/shm /tmp` shows whose they are and their free space",
             )];
         }
     };

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Context as _;
+use launch_cli::files::MAX_SETTINGS_BYTES;
 
 use super::origin::Origin;
 use crate::cli::Lang;
@@ -117,7 +118,7 @@ pub fn files(name: &str, lang: Lang, origin: &Origin) -> anyhow::Result<Vec<(Pat
     if let (Lang::Rust, Some(checkout)) = (lang, origin.checkout()) {
         // The versions that Gantry was tested with; cargo drops what the project does not need.
         let lock = checkout.join("Cargo.lock");
-        let text = std::fs::read_to_string(&lock)
+        let text = launch_cli::files::read_text(&lock, MAX_SETTINGS_BYTES)
             .with_context(|| format!("cannot read {}", lock.display()))?;
         files.push(("Cargo.lock".into(), text));
     }

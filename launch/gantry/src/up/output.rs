@@ -1,14 +1,14 @@
 //! The output of the processes: on the terminal with a coloured prefix, and with the time in one log
-//! file per process.
+//! file per process, of which the newest part is kept.
 
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
 
 use anyhow::Context as _;
-use launch_cli::{CommonArgs, LogFormat};
+use launch_cli::{BasicArgs, LogFormat};
 
 use super::run_dir::utc;
 
@@ -17,6 +17,8 @@ const COLOURS: [&str; 6] = ["36", "32", "35", "33", "34", "96"];
 /// Longest line that is not cut, bytes.
 const MAX_LINE_BYTES: u64 = 64 * 1024;
 const OWN_NAME: &str = "gantry";
+/// Longest log of one process; when it is full, it becomes `NAME.log.1` in place of the one before.
+pub const MAX_LOG_BYTES: u64 = 64 << 20;
 
 /// The pipe that a line came through. The launcher writes the line to the same one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,11 +43,61 @@ pub struct Sink {
     output: Output,
     name: String,
     colour: &'static str,
-    file: Arc<Mutex<File>>,
+    log: Arc<Mutex<Log>>,
+}
+
+/// The log of one process.
+struct Log {
+    path: PathBuf,
+    file: File,
+    n_bytes: u64,
+    most: u64,
+}
+
+impl Log {
+    fn open(path: PathBuf, most: u64) -> std::io::Result<Log> {
+        let file = File::options().create(true).append(true).open(&path)?;
+        let n_bytes = file.metadata()?.len();
+        Ok(Log {
+            path,
+            file,
+            n_bytes,
+            most,
+        })
+    }
+
+    /// Writes a line. A disk that is full does not end the processes.
+    fn write(&mut self, line: &str) {
+        if self.n_bytes > 0 && self.n_bytes + line.len() as u64 > self.most {
+            self.turn_over();
+        }
+        if self.file.write_all(line.as_bytes()).is_ok() {
+            self.n_bytes += line.len() as u64;
+        }
+    }
+
+    /// Begins the log anew, and keeps what it had beside it.
+    fn turn_over(&mut self) {
+        let before = self.path.with_extension("log.1");
+        let renamed = std::fs::rename(&self.path, &before);
+        let Ok(next) = renamed.and_then(|()| Log::open(self.path.clone(), self.most)) else {
+            // Without a new file it is this one that is written on, from its beginning.
+            let _ = self.file.set_len(0);
+            self.n_bytes = 0;
+            return;
+        };
+        *self = next;
+        let most = self.most >> 20;
+        let now = utc(SystemTime::now());
+        self.write(&format!(
+            "{now} the log had {most} MiB and begins anew; what came before is in {}\n",
+            before.display()
+        ));
+    }
 }
 
 impl Output {
-    pub fn new(names: &[&str], common: &CommonArgs) -> Self {
+    pub fn new(names: &[&str], basic: &BasicArgs) -> Self {
         Output {
             width: names
                 .iter()
@@ -53,9 +105,9 @@ impl Output {
                 .chain([OWN_NAME.len()])
                 .max()
                 .unwrap_or(0),
-            coloured: common.color.on_stderr(),
-            json: common.log_format == LogFormat::Json,
-            quiet: common.quiet > 0,
+            coloured: basic.color.on_stderr(),
+            json: basic.log_format == LogFormat::Json,
+            quiet: basic.quiet > 0,
             gate: Arc::default(),
         }
     }
@@ -75,16 +127,13 @@ impl Output {
     /// The sink of the `idx`th process, with its log file.
     pub fn sink(&self, idx: usize, name: &str, folder: &Path) -> anyhow::Result<Sink> {
         let path = folder.join(format!("{name}.log"));
-        let file = File::options()
-            .create(true)
-            .append(true)
-            .open(&path)
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        let cannot = format!("cannot write {}", path.display());
+        let log = Log::open(path, MAX_LOG_BYTES).context(cannot)?;
         Ok(Sink {
             output: self.clone(),
             name: name.to_owned(),
             colour: COLOURS[idx % COLOURS.len()],
-            file: Arc::new(Mutex::new(file)),
+            log: Arc::new(Mutex::new(log)),
         })
     }
 
@@ -123,8 +172,8 @@ impl Sink {
 
     /// Writes a line into the log file only.
     pub fn note(&self, text: &str) {
-        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        let _ = file.write_all(format!("{} {text}\n", utc(SystemTime::now())).as_bytes());
+        let mut log = self.log.lock().unwrap_or_else(PoisonError::into_inner);
+        log.write(&format!("{} {text}\n", utc(SystemTime::now())));
     }
 
     /// Copies a pipe until it closes. `seen` looks at every line.
@@ -177,13 +226,35 @@ mod tests {
     }
 
     #[test]
+    fn a_log_keeps_its_newest_part() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.log");
+        let mut log = Log::open(path.clone(), 1000).unwrap();
+        for n in 0..1000 {
+            log.write(&format!("line {n:04}\n"));
+        }
+        let (now, before) = (path.clone(), folder.path().join("a.log.1"));
+        let all = [&before, &now].map(|file| std::fs::read_to_string(file).unwrap());
+        assert!(all.iter().all(|text| text.len() <= 1000), "{all:?}");
+        assert!(
+            all[1].lines().next().unwrap().contains("begins anew"),
+            "{all:?}"
+        );
+        assert!(all[1].ends_with("line 0999\n"), "{all:?}");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+        // A log that is there already is written on.
+        let again = Log::open(path, 1000).unwrap();
+        assert_eq!(again.n_bytes, all[1].len() as u64);
+    }
+
+    #[test]
     fn a_pipe_is_cut_into_lines_that_survive_any_bytes() {
         let folder = tempfile::tempdir().unwrap();
-        let common = CommonArgs {
+        let basic = BasicArgs {
             log_format: LogFormat::Json,
             ..Default::default()
         };
-        let sink = Output::new(&["a"], &common)
+        let sink = Output::new(&["a"], &basic)
             .sink(0, "a", folder.path())
             .unwrap();
         let mut lines = Vec::new();

@@ -164,7 +164,8 @@ impl Run<'_> {
             }
         }
         // A domain in the process's own environment is meant for it.
-        if !has(args, "--domain") && !process.env.contains_key(DOMAIN_VARIABLE) {
+        let is_free = !has(args, "--domain") && !process.env.contains_key(DOMAIN_VARIABLE);
+        if is_free && programs::takes_domain(&process.cmd) {
             args.extend(["--domain".into(), common.domain.clone()]);
         }
         if common.log_format == LogFormat::Json && !has(args, "--log-format") {
@@ -199,6 +200,8 @@ fn sign_of(when: &ReadyWhen) -> Option<ReadySign> {
 
 #[cfg(test)]
 mod tests {
+    use launch_cli::BasicArgs;
+
     use super::*;
 
     const LAUNCH: &str = "version = 1\n[process.world]\ncmd = [\"simd\"]\n[process.view]\ncmd = [\"gantry-view\"]\nstop = { grace = \"9s\" }\n\
@@ -206,11 +209,11 @@ mod tests {
 
     #[test]
     fn flags_reach_our_programs_and_only_them() {
-        let common = CommonArgs {
-            domain: "lab".into(),
+        let common = BasicArgs {
             verbose: 2,
             ..Default::default()
-        };
+        }
+        .on("lab");
         let launch = Launch::parse(LAUNCH, "x").unwrap();
         let run = Run {
             launch: &launch,

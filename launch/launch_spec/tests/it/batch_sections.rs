@@ -1,6 +1,6 @@
 //! `[batch.NAME]`: what it finds, what it needs, and the sentences of what cannot be one.
 
-use launch_spec::Launch;
+use launch_spec::{Launch, LaunchErrors};
 use schema_frames::Modality;
 
 /// Two rigs with two cameras and a lidar each.
@@ -22,9 +22,8 @@ modalities = ["rgb", "depth"]
 kind = "lidar"
 "#;
 
-fn parsed(batch: &str) -> Result<Launch, String> {
+fn parsed(batch: &str) -> Result<Launch, LaunchErrors> {
     Launch::parse(&format!("{FILE}[batch.fleet]\n{batch}\n"), "x.toml")
-        .map_err(|errors| errors.to_string())
 }
 
 fn launch(batch: &str) -> Launch {
@@ -32,7 +31,7 @@ fn launch(batch: &str) -> Launch {
 }
 
 fn refused(batch: &str) -> String {
-    parsed(batch).expect_err(batch)
+    parsed(batch).expect_err(batch).to_string()
 }
 
 #[test]

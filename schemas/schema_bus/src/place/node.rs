@@ -11,7 +11,7 @@ use iceoryx2::service::Service as _;
 use crate::contract::error::BusError;
 use crate::contract::names::{valid_domain, valid_topic};
 use crate::memory::leftovers::Leftovers;
-use crate::memory::root::{SHM, own_place};
+use crate::memory::root::{Machine, SHM};
 use crate::memory::shortage;
 use crate::place::gpu_socket;
 use crate::place::iceoryx_error::with_shortage;
@@ -25,8 +25,9 @@ pub type Service = ipc_threadsafe::Service;
 /// Where iceoryx2 keeps its files, for tests that must not meet other processes. By default this is
 /// what iceoryx2 itself would use: `config/iceoryx2.toml` in the working directory, then the
 /// user's, then the machine's configuration, then `/tmp/iceoryx2` and the prefix `iox2_`. If that
-/// folder, or what lies in `/dev/shm` with it, is another user's, it is `/tmp/iceoryx2-UID` and
-/// `iox2_UID_` instead.
+/// folder, or what lies in `/dev/shm` with it, is another user's, it is `iceoryx2` in
+/// `XDG_RUNTIME_DIR` if that is this user's alone, else `/tmp/iceoryx2-UID`, and `iox2_UID_` instead;
+/// of names that others have taken, the next one (`-1`, `-2` and so on).
 #[derive(Clone, Debug, Default)]
 pub struct BusOptions {
     /// Folder of iceoryx2's bookkeeping.
@@ -178,12 +179,16 @@ impl BusOptions {
         let is_given =
             self.iceoryx_root.is_some() || *root != *Config::default().global.root_path();
         if !is_given {
-            let (root, prefix) = (root.to_string(), config.global.prefix.to_string());
-            let user = nix::unistd::geteuid().as_raw();
-            let own = own_place(Path::new(&root), &prefix, Path::new(SHM), user);
-            let own = own.map_err(|cause| BusError::Node {
+            let machine = Machine {
+                root: root.to_string().into(),
+                prefix: config.global.prefix.to_string(),
+                shm: SHM.into(),
+                runtime: std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from),
+            };
+            let own = machine.own_place(nix::unistd::geteuid().as_raw());
+            let own = own.map_err(|error| BusError::Node {
                 program: program.into(),
-                cause,
+                cause: error.to_string(),
             })?;
             if let Some(own) = own {
                 return BusOptions {

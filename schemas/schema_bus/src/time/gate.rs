@@ -175,6 +175,12 @@ impl Gate {
         self.is_cued(last_tick) && self.missing(last_tick).next().is_none()
     }
 
+    /// The name under which a participant joined; `None` if there is none of that number.
+    pub fn name_of(&self, number: u32) -> Option<String> {
+        let found = self.participants.iter().find(|p| p.number == number);
+        found.map(|participant| participant.name.clone())
+    }
+
     /// All participants.
     pub fn participants(&self) -> &[Participant] {
         &self.participants

@@ -343,6 +343,56 @@ fn the_description_reaches_readers_that_come_before_and_after() {
 }
 
 #[test]
+fn a_description_that_comes_later_costs_a_reader_nothing_that_was_sent() {
+    let place = Place::new("described");
+    let (writer, reader) = (place.bus("writer"), place.bus("reader"));
+    let publisher = writer
+        .result_publisher("lanes/raw", &ResultTopic::new(ResultType::Text))
+        .unwrap();
+    let mut samples = reader.result_reader("lanes/raw").unwrap();
+    let send = |byte: u8| {
+        let mut loan = publisher.loan(1).unwrap();
+        loan.write(&[byte]).unwrap();
+        loan.send().unwrap();
+    };
+    send(1);
+    writer
+        .describe_results(&publisher, &About::default())
+        .unwrap();
+    let of_bytes = About {
+        schema: Some(BytesSchema::default()),
+        ..About::default()
+    };
+    let wrong = writer.describe_results(&publisher, &of_bytes).unwrap_err();
+    assert!(matches!(wrong, BusError::Description { .. }), "{wrong}");
+    let missing = reader.document_reader("lanes/raw/about").unwrap_err();
+    assert!(matches!(missing, BusError::NoSuchTopic { .. }), "{missing}");
+    let classes = |names: &[&str]| About {
+        classes: names.iter().map(|name| (*name).into()).collect(),
+        ..About::default()
+    };
+    writer
+        .describe_results(&publisher, &classes(&["kerb"]))
+        .unwrap();
+    let mut about = reader.document_reader("lanes/raw/about").unwrap();
+    publisher.greet();
+    let mut is_said = |names: &[&str]| {
+        let text = about.latest().unwrap().expect("the description has come");
+        assert_eq!(text.json::<About>().unwrap(), classes(names));
+    };
+    is_said(&["kerb"]);
+    send(2);
+    writer
+        .describe_results(&publisher, &classes(&["kerb", "line"]))
+        .unwrap();
+    is_said(&["kerb", "line"]);
+    for byte in [1, 2] {
+        assert_eq!(&samples.next().unwrap().unwrap()[..], [byte]);
+    }
+    assert_eq!((samples.counts().lost, samples.counts().restarts), (0, 0));
+}
+
+#[test]
 fn a_launcher_keeps_a_topic_with_other_capacities_for_who_comes() {
     let place = Place::new("kept");
     let (launcher, writer) = (place.bus("launcher"), place.bus("writer"));

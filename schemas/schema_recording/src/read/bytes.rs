@@ -33,8 +33,10 @@ impl Window {
         if self.inside(at, want).is_none() {
             self.fill(at, want)?;
         }
-        let from = (at - self.at) as usize;
-        Ok(&self.buffer[from..self.buffer.len().min(from.saturating_add(want))])
+        // Both ways the window begins at or before `at`.
+        let from = usize::try_from(at.saturating_sub(self.at)).unwrap_or(usize::MAX);
+        let rest = self.buffer.get(from..).unwrap_or_default();
+        Ok(&rest[..want.min(rest.len())])
     }
 
     /// The bytes in the window from `at` on, if it has `len` of them.
@@ -45,7 +47,7 @@ impl Window {
 
     /// Where the window is.
     pub fn range(&self) -> std::ops::Range<u64> {
-        self.at..self.at + self.buffer.len() as u64
+        self.at..self.at.saturating_add(self.buffer.len() as u64)
     }
 
     fn fill(&mut self, at: u64, want: usize) -> io::Result<()> {
@@ -73,7 +75,7 @@ pub(crate) fn read_up_to(file: &File, out: &mut [u8], at: u64) -> io::Result<usi
     while n_read < out.len() {
         match file.read_at(&mut out[n_read..], at.saturating_add(n_read as u64)) {
             Ok(0) => break,
-            Ok(n) => n_read += n,
+            Ok(n) => n_read = n_read.saturating_add(n),
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             Err(error) => return Err(error),
         }

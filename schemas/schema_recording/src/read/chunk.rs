@@ -5,13 +5,14 @@
 //! checksum is computed over what goes by, so that it is compared if every byte was read.
 
 use std::fs::File;
-use std::io::{self, Read};
+use std::io;
 use std::sync::Arc;
 
 use mcap::records::op;
 
 use super::bytes::{RECORD_HEAD_BYTES, Window, record_head, u32_at, u64_at};
 use super::piece::Piece;
+use crate::walk::{self, RecordError};
 
 /// Most bytes of a compressed chunk, packed or unpacked.
 pub const MAX_CHUNK_BYTES: u64 = 256 << 20;
@@ -33,15 +34,16 @@ impl ChunkHead {
     /// Reads it from the first bytes of a chunk's body.
     pub fn parse(body: &[u8]) -> Option<ChunkHead> {
         let name_bytes = u32_at(body, 28)? as usize;
-        let name = body.get(32..32usize.checked_add(name_bytes)?)?;
+        let name_end = name_bytes.checked_add(32)?;
+        let name = body.get(32..name_end)?;
         Some(ChunkHead {
             start_nanos: u64_at(body, 0)?,
             end_nanos: u64_at(body, 8)?,
             unpacked_bytes: u64_at(body, 16)?,
             crc: u32_at(body, 24)?,
             compression: std::str::from_utf8(name).ok()?.to_string(),
-            packed_bytes: u64_at(body, 32 + name_bytes)?,
-            len: 40 + name_bytes as u64,
+            packed_bytes: u64_at(body, name_end)?,
+            len: (name_end as u64).checked_add(8)?,
         })
     }
 }
@@ -121,13 +123,15 @@ impl PieceReader {
         let bad =
             |what: String| Fault::Damaged(format!("the chunk at byte {} {what}", piece.offset));
         let start = self.window.look(piece.offset, 128)?;
-        if record_head(start) != Some((op::CHUNK, piece.len - RECORD_HEAD_BYTES)) {
+        let body_bytes = piece.len.checked_sub(RECORD_HEAD_BYTES);
+        if body_bytes.is_none_or(|len| record_head(start) != Some((op::CHUNK, len))) {
             return Err(bad("is not where the summary puts it".into()));
         }
         let head = ChunkHead::parse(&start[RECORD_HEAD_BYTES as usize..])
             .ok_or_else(|| bad("has an impossible header".into()))?;
-        let data_at = piece.offset + RECORD_HEAD_BYTES + head.len;
-        let room = piece.len.saturating_sub(RECORD_HEAD_BYTES + head.len);
+        let head_bytes = RECORD_HEAD_BYTES.saturating_add(head.len);
+        let data_at = piece.offset.saturating_add(head_bytes);
+        let room = piece.len.saturating_sub(head_bytes);
         if head.packed_bytes > room {
             return Err(bad(format!(
                 "claims {} bytes of records and has {room}",
@@ -165,17 +169,13 @@ impl PieceReader {
             self.unpacked.resize(len, 0);
         }
         let out = &mut self.unpacked[..len];
-        let unpacked = match head.compression.as_str() {
-            "lz4" => lz4::Decoder::new(&self.packed[..]).and_then(|from| fill(from, out)),
-            "zstd" => zstd::stream::read::Decoder::with_buffer(&self.packed[..])
-                .and_then(|from| fill(from, out)),
-            other => {
-                return Err(Fault::Damaged(format!(
-                    "is compressed with {other:?}, known are lz4 and zstd"
-                )));
-            }
-        };
-        unpacked.map_err(|error| Fault::Damaged(format!("cannot be unpacked: {error}")))?;
+        walk::unpack_into(&head.compression, &self.packed, out).map_err(|error| match error {
+            RecordError::Compression(other) => Fault::Damaged(format!(
+                "is compressed with {other:?}, known are lz4 and zstd"
+            )),
+            RecordError::Packed(error) => Fault::Damaged(format!("cannot be unpacked: {error}")),
+            other => Fault::Damaged(other.to_string()),
+        })?;
         if head.crc != 0 && crc32fast::hash(out) != head.crc {
             return Err(Fault::Damaged(
                 "does not have the checksum that is given for it".into(),
@@ -204,13 +204,17 @@ impl PieceReader {
         let at = self.next;
         let head = self.look(at, RECORD_HEAD_BYTES as usize)?;
         let head = record_head(head);
-        let body_at = at + RECORD_HEAD_BYTES;
-        match head {
-            Some((opcode, len)) if body_at.saturating_add(len) <= self.len => {
-                self.next = body_at + len;
+        let body_at = at.saturating_add(RECORD_HEAD_BYTES);
+        let whole = head.and_then(|(opcode, len)| {
+            let end = body_at.checked_add(len)?;
+            (end <= self.len).then_some((opcode, len, end))
+        });
+        match whole {
+            Some((opcode, len, end)) => {
+                self.next = end;
                 Ok(Some((opcode, body_at, len)))
             }
-            _ => {
+            None => {
                 self.next = self.len;
                 self.crc = None;
                 Err(Fault::Damaged(
@@ -224,14 +228,20 @@ impl PieceReader {
     pub fn look(&mut self, at: u64, want: usize) -> io::Result<&[u8]> {
         let want = want.min(usize::try_from(self.len.saturating_sub(at)).unwrap_or(usize::MAX));
         match self.place {
-            Where::Memory => Ok(&self.unpacked[at as usize..at as usize + want]),
+            Where::Memory => {
+                let from = usize::try_from(at).unwrap_or(usize::MAX);
+                let rest = self.unpacked.get(from..).unwrap_or_default();
+                rest.get(..want)
+                    .ok_or_else(|| io::ErrorKind::UnexpectedEof.into())
+            }
             Where::File(base) => {
-                if self.window.inside(base + at, want).is_none() {
+                let place = base.saturating_add(at);
+                if self.window.inside(place, want).is_none() {
                     // The window moves on, so what is in it is computed first.
                     let end = self.window.range().end.saturating_sub(base);
                     self.hash_to(end.min(at));
                 }
-                let bytes = self.window.look(base + at, want)?;
+                let bytes = self.window.look(place, want)?;
                 if bytes.len() < want {
                     return Err(io::ErrorKind::UnexpectedEof.into());
                 }
@@ -246,23 +256,24 @@ impl PieceReader {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
         let Where::File(base) = self.place else {
-            let at = at as usize;
-            out.copy_from_slice(&self.unpacked[at..at + out.len()]);
+            let n_bytes = out.len();
+            out.copy_from_slice(self.look(at, n_bytes)?);
             return Ok(());
         };
-        if let Some(bytes) = self.window.inside(base + at, out.len()) {
+        let place = base.saturating_add(at);
+        if let Some(bytes) = self.window.inside(place, out.len()) {
             out.copy_from_slice(bytes);
             return Ok(());
         }
         let end = self.window.range().end.saturating_sub(base);
         self.hash_to(end.min(at));
-        self.window.read_exact(out, base + at)?;
+        self.window.read_exact(out, place)?;
         self.hash_to(at);
         if let Some((_, hasher, done)) = &mut self.crc
             && *done == at
         {
             hasher.update(out);
-            *done += out.len() as u64;
+            *done = done.saturating_add(out.len() as u64);
         }
         Ok(())
     }
@@ -272,10 +283,11 @@ impl PieceReader {
         let (Where::File(base), Some((_, hasher, done))) = (self.place, &mut self.crc) else {
             return;
         };
-        if *done >= end {
+        let Some(n_bytes) = end.checked_sub(*done).filter(|n| *n > 0) else {
             return;
-        }
-        if let Some(bytes) = self.window.inside(base + *done, (end - *done) as usize) {
+        };
+        let n_bytes = usize::try_from(n_bytes).unwrap_or(usize::MAX);
+        if let Some(bytes) = self.window.inside(base.saturating_add(*done), n_bytes) {
             hasher.update(bytes);
             *done = end;
         }
@@ -289,14 +301,5 @@ impl PieceReader {
             Some((given, hasher, done)) => done == self.len && hasher.finalize() != given,
             None => false,
         }
-    }
-}
-
-/// Fills `out`, and makes sure that there is no more.
-fn fill(mut from: impl Read, out: &mut [u8]) -> io::Result<()> {
-    from.read_exact(out)?;
-    match from.read(&mut [0])? {
-        0 => Ok(()),
-        _ => Err(io::Error::other("it is longer than it claims")),
     }
 }

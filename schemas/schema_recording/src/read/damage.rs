@@ -17,7 +17,7 @@ impl Damage {
     /// is room.
     pub(crate) fn note(&mut self, kind: &'static str, sentence: impl FnOnce() -> String) {
         let n = self.counts.entry(kind).or_insert(0);
-        *n += 1;
+        *n = n.saturating_add(1);
         if *n <= 3 && self.sentences.len() < MAX_SENTENCES {
             self.sentences.push(sentence());
         }

@@ -17,11 +17,14 @@ pub(crate) fn spans<const N: usize>(
     (start, len): Span,
 ) -> io::Result<[Option<Span>; N]> {
     let mut found = [None; N];
-    let end = start + len;
+    let end = start.saturating_add(len);
     let mut at = start;
     while at < end {
-        let left = end - at;
-        let bytes = reader.look(at, MAX_TAG_BYTES.min(left as usize))?;
+        let left = end.saturating_sub(at);
+        let bytes = reader.look(
+            at,
+            MAX_TAG_BYTES.min(usize::try_from(left).unwrap_or(usize::MAX)),
+        )?;
         let mut rest = bytes;
         let Some(tag) = crate::wire::take_varint(&mut rest) else {
             break;
@@ -33,15 +36,19 @@ pub(crate) fn spans<const N: usize>(
             5 => Some(4),
             _ => None,
         };
-        let head = (bytes.len() - rest.len()) as u64;
-        let Some(skip) = skip.filter(|skip| *skip <= left - head) else {
+        let head = bytes.len().saturating_sub(rest.len()) as u64;
+        let body_at = at.saturating_add(head);
+        let next = skip.and_then(|skip| Some((skip, body_at.checked_add(skip)?)));
+        let Some((skip, next)) = next.filter(|(_, next)| *next <= end) else {
             break;
         };
-        let number = (tag >> 3) as usize;
-        if tag & 7 == 2 && (1..=N).contains(&number) {
-            found[number - 1] = Some((at + head, skip));
+        let number = usize::try_from(tag >> 3).unwrap_or(0);
+        if tag & 7 == 2
+            && let Some(place) = number.checked_sub(1).and_then(|idx| found.get_mut(idx))
+        {
+            *place = Some((body_at, skip));
         }
-        at += head + skip;
+        at = next;
     }
     Ok(found)
 }

@@ -75,7 +75,7 @@ impl Samples {
             .check(usize::try_from(header.payload_bytes).unwrap_or(usize::MAX))
             .map_err(|error| Trouble::Bad("header", format!("{topic}: {error}")))?;
         let (at, len) = inputs.unwrap_or((0, 0));
-        let wanted_bytes = header.n_inputs as u64 * size_of::<InputRecord>() as u64;
+        let wanted_bytes = bytes_of::<InputRecord>(header.n_inputs);
         if len != wanted_bytes {
             return Err(Trouble::Bad(
                 "header",
@@ -130,7 +130,7 @@ impl Samples {
         };
         let bytes = match data_field {
             Some(field) => spans::<{ DATA_FIELD as usize }>(&mut self.reader, message.data)?
-                .get(field as usize - 1)
+                .get((field as usize).wrapping_sub(1))
                 .copied()
                 .flatten()
                 .unwrap_or((message.data.0, 0)),
@@ -180,8 +180,7 @@ impl Samples {
         check_magic(header.magic, SNAPSHOT_MAGIC, header.schema_version)
             .map_err(|error| bad(error.to_string()))?;
         let (at, len) = records.unwrap_or((0, 0));
-        if len != header.n_actors as u64 * size_of::<ActorRecord>() as u64 || len > MAX_CHUNK_BYTES
-        {
+        if len != bytes_of::<ActorRecord>(header.n_actors) || len > MAX_CHUNK_BYTES {
             return Err(bad(format!(
                 "{len} bytes of records, the header says {} actors",
                 header.n_actors
@@ -247,6 +246,11 @@ impl Samples {
         self.text.resize(len as usize, 0);
         Ok(self.reader.copy(at, &mut self.text)?)
     }
+}
+
+/// Bytes of so many records.
+fn bytes_of<T>(n: u32) -> u64 {
+    u64::from(n).saturating_mul(size_of::<T>() as u64)
 }
 
 /// Why a header that is plain data is not one of this version.

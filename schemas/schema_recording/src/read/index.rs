@@ -112,13 +112,13 @@ impl Index {
         file_bytes: u64,
     ) -> anyhow::Result<Result<Index, SummaryError>> {
         const FOOTER_BYTES: u64 = RECORD_HEAD_BYTES + 20;
-        let tail = FOOTER_BYTES + 8;
-        if file_bytes < 8 + tail {
+        const TAIL_BYTES: u64 = FOOTER_BYTES + 8;
+        let footer_at = file_bytes.checked_sub(TAIL_BYTES).filter(|at| *at >= 8);
+        let Some(footer_at) = footer_at else {
             return Ok(Err(SummaryError::TooShort));
-        }
-        let footer_at = file_bytes - tail;
-        let end = window.look(footer_at, tail as usize)?.to_vec();
-        if end.len() as u64 != tail || end[FOOTER_BYTES as usize..] != mcap::MAGIC[..] {
+        };
+        let end = window.look(footer_at, TAIL_BYTES as usize)?.to_vec();
+        if end.len() as u64 != TAIL_BYTES || end[FOOTER_BYTES as usize..] != mcap::MAGIC[..] {
             return Ok(Err(SummaryError::Unfinished));
         }
         let footer = (record_head(&end), u64_at(&end, 9), u32_at(&end, 25));
@@ -128,10 +128,12 @@ impl Index {
         if start == 0 {
             return Ok(Err(SummaryError::None));
         }
-        if start < 8 || start > footer_at || footer_at - start > MAX_SUMMARY_BYTES {
+        let summary_bytes = footer_at.checked_sub(start);
+        let summary_bytes = summary_bytes.filter(|n| start >= 8 && *n <= MAX_SUMMARY_BYTES);
+        let Some(summary_bytes) = summary_bytes else {
             return Ok(Err(SummaryError::Place(start)));
-        }
-        let mut summary = vec![0; (footer_at - start) as usize];
+        };
+        let mut summary = vec![0; summary_bytes as usize];
         window.read_exact(&mut summary, start)?;
         if crc != 0 {
             let mut hasher = crc32fast::Hasher::new();
@@ -164,25 +166,20 @@ impl Index {
         statistics: &mut Option<Statistics>,
     ) -> Result<(), SummaryError> {
         while !summary.is_empty() {
-            let (opcode, len) = record_head(summary).ok_or(SummaryError::CutRecord)?;
-            let body = usize::try_from(len)
-                .ok()
-                .and_then(|len| summary[RECORD_HEAD_BYTES as usize..].get(..len))
-                .ok_or(SummaryError::LongRecord)?;
-            summary = &summary[RECORD_HEAD_BYTES as usize + body.len()..];
+            record_head(summary).ok_or(SummaryError::CutRecord)?;
+            let taken = walk::take_record(&mut summary).map_err(|_| SummaryError::LongRecord)?;
+            let (opcode, body) = taken.ok_or(SummaryError::CutRecord)?;
             match walk::record(opcode, body)? {
                 Record::ChunkIndex(chunk) => {
                     let channels = chunk
                         .message_index_offsets
                         .into_keys()
                         .collect::<Box<[u16]>>();
+                    let times = (chunk.message_start_time, chunk.message_end_time);
+                    let place = (chunk.chunk_start_offset, chunk.chunk_length);
                     self.pieces.push(Piece {
-                        offset: chunk.chunk_start_offset,
-                        len: chunk.chunk_length,
-                        start_nanos: chunk.message_start_time,
-                        end_nanos: chunk.message_end_time,
-                        is_loose: false,
                         channels: Some(channels).filter(|channels| !channels.is_empty()),
+                        ..Piece::of_chunk(place, times)
                     });
                 }
                 Record::AttachmentIndex(of) => self.attachments.push(Stored {
@@ -253,7 +250,8 @@ impl Index {
         }
         for piece in self.pieces.first().into_iter().chain(self.pieces.last()) {
             let head = record_head(window.look(piece.offset, RECORD_HEAD_BYTES as usize)?);
-            if head != Some((op::CHUNK, piece.len - RECORD_HEAD_BYTES)) {
+            let body_bytes = piece.len.checked_sub(RECORD_HEAD_BYTES);
+            if body_bytes.is_none_or(|len| head != Some((op::CHUNK, len))) {
                 return Ok(Err(SummaryError::NoChunk(piece.offset)));
             }
         }
@@ -301,17 +299,18 @@ impl Index {
         let mut inside = PieceReader::new(window.file());
         loop {
             let head = window.look(at, 128)?;
-            if head.get(..8) == Some(mcap::MAGIC) && at + 8 == file_bytes {
+            if head.get(..8) == Some(mcap::MAGIC) && file_bytes.checked_sub(8) == Some(at) {
                 index.is_complete = true;
                 break;
             }
             let Some((opcode, len)) = record_head(head) else {
                 break;
             };
-            let body_at = at + RECORD_HEAD_BYTES;
+            let body_at = at.saturating_add(RECORD_HEAD_BYTES);
             let Some(next) = body_at.checked_add(len).filter(|end| *end <= file_bytes) else {
                 break;
             };
+            let record_bytes = next.saturating_sub(at);
             let body = &head[RECORD_HEAD_BYTES as usize..];
             let body = &body[..body.len().min(len.min(119) as usize)];
             // A chunk's index records stand right behind it.
@@ -322,14 +321,10 @@ impl Index {
                 op::CHUNK => {
                     if let Some(head) = ChunkHead::parse(body) {
                         open_chunk = Some(index.pieces.len());
-                        index.pieces.push(Piece {
-                            offset: at,
-                            len: next - at,
-                            start_nanos: head.start_nanos,
-                            end_nanos: head.end_nanos,
-                            is_loose: false,
-                            channels: None,
-                        });
+                        let times = (head.start_nanos, head.end_nanos);
+                        index
+                            .pieces
+                            .push(Piece::of_chunk((at, record_bytes), times));
                     }
                 }
                 op::MESSAGE_INDEX => {
@@ -342,7 +337,7 @@ impl Index {
                 }
                 op::MESSAGE => {
                     let nanos = u64_at(body, 6).unwrap_or(0);
-                    index.add_loose(at, next - at, nanos);
+                    index.add_loose(at, record_bytes, nanos);
                 }
                 op::SCHEMA | op::CHANNEL if len <= MAX_SUMMARY_BYTES => {
                     let mut whole = vec![0; len as usize];
@@ -357,7 +352,7 @@ impl Index {
                         index.attachments.push(Stored {
                             name,
                             offset: at,
-                            len: next - at,
+                            len: record_bytes,
                         });
                     }
                 }
@@ -367,7 +362,7 @@ impl Index {
                         index.metadata.push(Stored {
                             name,
                             offset: at,
-                            len: next - at,
+                            len: record_bytes,
                         });
                     }
                 }
@@ -415,10 +410,10 @@ impl Index {
         match self.pieces.last_mut() {
             Some(last)
                 if last.is_loose
-                    && last.offset + last.len == offset
+                    && last.offset.checked_add(last.len) == Some(offset)
                     && last.len < crate::write::CHUNK_BYTES =>
             {
-                last.len += len;
+                last.len = last.len.saturating_add(len);
                 last.start_nanos = last.start_nanos.min(nanos);
                 last.end_nanos = last.end_nanos.max(nanos);
             }
@@ -437,6 +432,7 @@ impl Index {
 /// The text with its length before it at `at`.
 fn text_at(bytes: &[u8], at: usize) -> Option<String> {
     let len = u32_at(bytes, at)? as usize;
-    let text = bytes.get(at + 4..at.checked_add(4)?.checked_add(len)?)?;
+    let begin = at.checked_add(4)?;
+    let text = bytes.get(begin..begin.checked_add(len)?)?;
     String::from_utf8(text.to_vec()).ok()
 }

@@ -14,3 +14,18 @@ pub(crate) struct Piece {
     /// Channels that have messages in it; `None` if that is not written.
     pub channels: Option<Box<[u16]>>,
 }
+
+impl Piece {
+    /// A chunk at a place, head included, with the times of its first and last message: those of a
+    /// file may be the wrong way round.
+    pub fn of_chunk((offset, len): (u64, u64), (a_nanos, b_nanos): (u64, u64)) -> Piece {
+        Piece {
+            offset,
+            len,
+            start_nanos: a_nanos.min(b_nanos),
+            end_nanos: a_nanos.max(b_nanos),
+            is_loose: false,
+            channels: None,
+        }
+    }
+}

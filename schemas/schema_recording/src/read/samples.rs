@@ -180,7 +180,7 @@ impl Samples {
     /// The place before the sample that [`Samples::next`] gives next.
     pub fn mark(&self) -> Mark {
         let (piece, at) = match self.is_open {
-            true => (self.next_piece - 1, self.reader.position()),
+            true => (self.next_piece.saturating_sub(1), self.reader.position()),
             false => (self.next_piece, 0),
         };
         Mark {
@@ -200,7 +200,7 @@ impl Samples {
         self.next_piece = mark.place.piece;
         self.is_open = false;
         if let Some(piece) = index.pieces.get(mark.place.piece).filter(|_| mark.is_open) {
-            self.next_piece += 1;
+            self.next_piece = self.next_piece.saturating_add(1);
             match self.reader.open(piece) {
                 Ok(()) => {
                     self.reader.go_to(mark.place.at);
@@ -237,7 +237,7 @@ impl Samples {
     /// Reads this piece of the file and none after it.
     pub(crate) fn only_piece(&mut self, piece: usize) {
         self.start_at(piece);
-        self.end_piece = piece + 1;
+        self.end_piece = piece.saturating_add(1);
     }
 
     /// The next sample; `None` at the end.
@@ -317,11 +317,11 @@ impl Samples {
             if opcode != op::MESSAGE {
                 continue;
             }
-            if len < MESSAGE_HEADER_BYTES {
+            let Some(data_bytes) = len.checked_sub(MESSAGE_HEADER_BYTES) else {
                 self.damage
                     .note("message", || format!("a message of {len} bytes"));
                 continue;
-            }
+            };
             let head = match self.reader.look(at, MESSAGE_HEADER_BYTES as usize) {
                 Ok(head) => head,
                 Err(error) => {
@@ -331,14 +331,14 @@ impl Samples {
             };
             let message = Message {
                 place: Place {
-                    piece: self.next_piece - 1,
+                    piece: self.next_piece.saturating_sub(1),
                     at,
                 },
                 channel: u16_at(head, 0).unwrap_or_default(),
                 sequence: u32_at(head, 2).unwrap_or_default(),
                 log_nanos: u64_at(head, 6).unwrap_or_default(),
                 publish_nanos: u64_at(head, 14).unwrap_or_default(),
-                data: (at + MESSAGE_HEADER_BYTES, len - MESSAGE_HEADER_BYTES),
+                data: (at.saturating_add(MESSAGE_HEADER_BYTES), data_bytes),
             };
             if (self.from_nanos..self.to_nanos).contains(&message.log_nanos)
                 || (self.to_nanos == u64::MAX && message.log_nanos == u64::MAX)
@@ -368,11 +368,11 @@ impl Samples {
             let Some(piece) = pieces.get(self.next_piece) else {
                 return Ok(false);
             };
-            self.next_piece += 1;
+            self.next_piece = self.next_piece.saturating_add(1);
             if !is_wanted(piece, &self.wanted, (self.from_nanos, self.to_nanos)) {
                 continue;
             }
-            let number = self.next_piece - 1;
+            let number = self.next_piece.saturating_sub(1);
             let opened = match self.ahead.take(number, &mut self.reader) {
                 Some(()) => Ok(()),
                 None => self.reader.open(piece),
@@ -380,7 +380,7 @@ impl Samples {
             match opened {
                 Ok(()) => {
                     self.is_open = true;
-                    self.n_opened += 1;
+                    self.n_opened = self.n_opened.saturating_add(1);
                     self.unpack_ahead();
                     let oldest = self.n_opened.saturating_sub(MAX_PIECES_APART);
                     while self

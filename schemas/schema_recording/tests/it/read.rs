@@ -580,7 +580,7 @@ fn files_of_others_are_told_in_sentences_or_read_as_foreign() {
     let path = folder.path().join("a.mcap");
     let said = |path: &Path| format!("{:#}", RecordingFile::open(path).unwrap_err());
     assert!(said(&path).contains("cannot open"));
-    assert!(said(folder.path()).contains("is not a file"));
+    assert!(said(folder.path()).contains("it is a folder, not a file"));
     std::fs::write(&path, b"").unwrap();
     assert!(said(&path).contains("is empty"));
     std::fs::write(&path, b"ID3 some music").unwrap();

@@ -33,14 +33,18 @@ pub(super) fn find(
     let seen: Vec<Seen<'_>> = active
         .iter()
         .map(|active| &*jobs[active.job_idx].view)
-        .map(|view| (view.drawn, view.previous.as_ref(), &*view.hidden))
+        .map(|view| Seen {
+            lens: view.drawn,
+            previous: view.previous.as_ref(),
+            hidden: &view.hidden,
+        })
         .collect();
     let by_walls = gpu.is_software();
     let find = |(active, seen): (&mut Active, Seen<'_>)| {
         let (motion, drawn) = (&active.motion, &mut active.drawn);
         visible::visible(scene, assets, seen, motion, by_walls, drawn);
         if active.set.is_lit() {
-            active.lamps_in_view = lamps::reaching(&shining, quality, &seen.0, motion);
+            active.lamps_in_view = lamps::reaching(&shining, quality, &seen.lens, motion);
         }
     };
     // A single view is done before other threads would wake up.

@@ -11,7 +11,8 @@ use crate::view::ViewJob;
 /// but the last, so that the GPU is done with a group's maps before it draws the next ones.
 pub(super) fn record_groups(
     passes: &mut Passes,
-    (maps, plans): (&mut ShadowMaps, Option<ShadowPlans>),
+    maps: &mut ShadowMaps,
+    plans: Option<ShadowPlans>,
     drawing: &TickDrawing<'_>,
     mut active: &mut [Active],
     jobs: &[ViewJob<'_, '_>],
@@ -22,7 +23,7 @@ pub(super) fn record_groups(
     gpu.mark(&mut encoder, "begin");
     if let Some(plans) = plans {
         number_instances(active);
-        passes.record(drawing, active, jobs, (maps, &plans), &mut encoder);
+        passes.record(drawing, active, jobs, maps, &plans, &mut encoder);
         return encoder;
     }
     loop {
@@ -31,7 +32,7 @@ pub(super) fn record_groups(
         number_instances(group);
         let eyes = eyes_of(group, jobs);
         let plans = maps.plan(tick.assets, tick.scene, tick.light.sun_towards, &eyes);
-        passes.record(drawing, group, jobs, (maps, &plans), &mut encoder);
+        passes.record(drawing, group, jobs, maps, &plans, &mut encoder);
         if rest.is_empty() {
             return encoder;
         }

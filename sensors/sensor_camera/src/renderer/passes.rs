@@ -132,14 +132,14 @@ impl Passes {
         drawing: &TickDrawing<'_>,
         active: &[Active],
         jobs: &[ViewJob<'_, '_>],
-        shadows: (&mut ShadowMaps, &ShadowPlans),
+        maps: &mut ShadowMaps,
+        plans: &ShadowPlans,
         encoder: &mut wgpu::CommandEncoder,
     ) {
         let tick = &drawing.tick;
         let TickScene {
             gpu, scene, assets, ..
         } = *tick;
-        let (maps, plans) = shadows;
         let lit = gpu.time("record: light", || {
             let eyes = active.iter().map(|active| active.eye);
             maps.record(gpu, encoder, assets, plans, eyes)
@@ -168,7 +168,7 @@ impl Passes {
                     .collect();
                 for (batch, works) in batches.into_iter().enumerate() {
                     let runs = Run::all_of(works, active, jobs);
-                    self.rasterise(tick, &runs, (plan, batch), &bound, encoder);
+                    self.rasterise(tick, &runs, plan, batch, &bound, encoder);
                     self.record_light(gpu, &runs, &lit, &bound, encoder);
                 }
             }
@@ -329,7 +329,8 @@ impl Passes {
         &self,
         tick: &TickScene<'_>,
         runs: &[Run<'_>],
-        (plan, batch): (&RasterPlan, usize),
+        plan: &RasterPlan,
+        batch: usize,
         bound: &Bound,
         encoder: &mut wgpu::CommandEncoder,
     ) {

@@ -164,7 +164,8 @@ impl Cascade {
                     instance.mesh,
                     &instance.world_from_mesh,
                     sphere,
-                    (cell, &matrix),
+                    cell,
+                    &matrix,
                 )
             })
             .collect()
@@ -187,7 +188,8 @@ impl Cascade {
                 instance.mesh,
                 &instance.world_from_mesh,
                 sphere,
-                (cell, &matrix),
+                cell,
+                &matrix,
             )
         })
         .collect()
@@ -199,7 +201,8 @@ impl Cascade {
         mesh: MeshId,
         world_from_mesh: &Isometry3<f64>,
         sphere: &Sphere,
-        (cell, shadow_from_world): ([i64; 3], &Matrix4<f64>),
+        cell: [i64; 3],
+        shadow_from_world: &Matrix4<f64>,
     ) -> Option<Caster> {
         let away_m = (sphere.centre_m - Point3::from(self.centre_m(cell))).norm() - sphere.radius_m;
         let mesh = assets.level(mesh, away_m.max(self.caster_distance_m))?;

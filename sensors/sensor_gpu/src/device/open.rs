@@ -4,6 +4,7 @@
 use ash::vk;
 use wgpu::hal::api::Vulkan;
 
+use crate::error::GpuError;
 use crate::queue::{CopyPath, Family, MAX_QUEUES, family_for};
 
 /// What the driver says about importing.
@@ -39,8 +40,12 @@ pub(crate) struct Opened {
 
 /// Opens `adapter` with the import extension and a queue for copies, if it has them.
 ///
-/// Errors are the driver's messages.
-pub(crate) fn open_device(adapter: &wgpu::Adapter, copies: CopyPath) -> Result<Opened, String> {
+/// Errors are [`GpuError::Open`] with the driver's message.
+pub(crate) fn open_device(adapter: &wgpu::Adapter, copies: CopyPath) -> Result<Opened, GpuError> {
+    let refused = |reason: &dyn std::fmt::Display| GpuError::Open {
+        name: adapter.get_info().name,
+        reason: reason.to_string(),
+    };
     let wanted = wgpu::Features::FLOAT32_FILTERABLE
         | wgpu::Features::IMMEDIATES
         | wgpu::Features::INDIRECT_FIRST_INSTANCE
@@ -58,8 +63,8 @@ pub(crate) fn open_device(adapter: &wgpu::Adapter, copies: CopyPath) -> Result<O
         ..Default::default()
     };
     // SAFETY: the hal adapter is only read, and lives as long as this guard.
-    let hal_adapter =
-        unsafe { adapter.as_hal::<Vulkan>() }.ok_or("the adapter is not a Vulkan adapter")?;
+    let hal_adapter = unsafe { adapter.as_hal::<Vulkan>() }
+        .ok_or_else(|| refused(&"the adapter is not a Vulkan adapter"))?;
     let has_import = hal_adapter
         .physical_device_capabilities()
         .supports_extension(ash::ext::external_memory_host::NAME);
@@ -102,13 +107,13 @@ pub(crate) fn open_device(adapter: &wgpu::Adapter, copies: CopyPath) -> Result<O
             Some(Box::new(add)),
         )
     }
-    .map_err(|error| error.to_string())?;
+    .map_err(|error| refused(&error))?;
     let can_export = can_export(&hal_adapter);
     drop(hal_adapter);
     // SAFETY: `open` was made from this adapter with the same features and limits as in
     // `descriptor`.
     let (device, queue) = unsafe { adapter.create_device_from_hal::<Vulkan>(open, &descriptor) }
-        .map_err(|error| error.to_string())?;
+        .map_err(|error| refused(&error))?;
     let caps = has_import.then_some(ImportCaps {
         alignment_bytes: host_properties.min_imported_host_pointer_alignment.max(1),
     });

@@ -41,24 +41,24 @@ impl KeepUp {
             if self.n_ticks == 0 {
                 self.began_nanos = now_nanos;
             }
-            self.n_ticks += 1;
+            self.n_ticks = self.n_ticks.saturating_add(1);
             return None;
         }
         let took = now_nanos.saturating_sub(self.began_nanos) as f64;
-        let lag = took / (WINDOW_TICKS * period_nanos).max(1) as f64;
+        let lag = took / period_nanos.saturating_mul(WINDOW_TICKS).max(1) as f64;
         (self.n_ticks, self.began_nanos) = (1, now_nanos);
         if lag <= TOLERANCE {
             self.n_lagging = 0;
             return None;
         }
-        self.n_lagging += 1;
+        self.n_lagging = self.n_lagging.saturating_add(1);
         if self.n_lagging < LAGGING_WINDOWS || self.every == MOST {
             return None;
         }
         self.n_lagging = 0;
         // If sensors were all that a tick does, this would be enough.
         let enough = (self.every as f64 * lag).round() as u64;
-        self.every = enough.clamp(self.every + 1, MOST);
+        self.every = enough.clamp(self.every.saturating_add(1).min(MOST), MOST);
         Some(self.every)
     }
 

@@ -40,13 +40,14 @@ impl Pace {
         self.last_start_nanos = now_nanos;
         let late_nanos = now_nanos.saturating_sub(self.next_nanos);
         if late_nanos >= self.period_nanos {
-            self.n_late += 1;
+            self.n_late = self.n_late.saturating_add(1);
         }
-        if late_nanos > GIVE_UP_PERIODS * self.period_nanos {
-            self.n_given_up += late_nanos / self.period_nanos;
+        if late_nanos > self.period_nanos.saturating_mul(GIVE_UP_PERIODS) {
+            let n_periods = late_nanos.checked_div(self.period_nanos).unwrap_or(0);
+            self.n_given_up = self.n_given_up.saturating_add(n_periods);
             self.next_nanos = now_nanos;
         }
-        self.next_nanos += self.period_nanos;
+        self.next_nanos = self.next_nanos.saturating_add(self.period_nanos);
     }
 
     /// When the last tick started, or the schedule if none has.

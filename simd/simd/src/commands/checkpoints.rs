@@ -1,5 +1,7 @@
 //! Saves checkpoints of the world and restores them.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use schema_bus::mono_now;
 use schema_frames::command::CheckpointPlace;
 use schema_frames::{CommandReply, JournalFile, StepMode};
@@ -64,7 +66,8 @@ fn go_back(context: Context<'_>, checkpoint: &Checkpoint) -> anyhow::Result<Comm
     sensing.remove(&gone, participants.are_there())?;
     sensing.forget();
     clock.leap_to(SimTime(checkpoint.elapsed_nanos()));
-    world.restart_at(SimTime(clock.now().0 - checkpoint.elapsed_nanos()));
+    let began = clock.now().0.saturating_sub(checkpoint.elapsed_nanos());
+    world.restart_at(SimTime(began));
     if participants.mode() == StepMode::FreeRunning {
         clock.pace_by_period(mono_now().0);
     }

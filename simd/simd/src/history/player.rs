@@ -62,7 +62,7 @@ pub enum Act {
 impl Player {
     /// Opens a journal: lines of JSON, the head first, then the entries.
     pub fn open(path: &Path, until_nanos: Option<u64>) -> anyhow::Result<Player> {
-        let file = File::open(path)
+        let (file, _) = launch_cli::files::open_plain(path)
             .map_err(|error| wrong_usage(format!("--journal {}: {error}", path.display())))?;
         let mut player = Player {
             file: BufReader::new(file),

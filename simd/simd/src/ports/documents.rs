@@ -15,16 +15,22 @@ use simd_frames::frames::Sensors;
 /// Writers of the five documents, and what each sent last.
 pub struct Documents {
     info: DocumentPublisher,
-    map: DocumentPublisher,
-    actors: DocumentPublisher,
-    catalogue: DocumentPublisher,
-    spawn_points: DocumentPublisher,
+    /// The other four; `None` in a sealed world, whose `world/info` says less, too.
+    truth: Option<Truth>,
     info_changed: bool,
     sent_info: Option<WorldInfo>,
     sent_actors: Option<u64>,
     /// Whether the newest list of actors could not be sent.
     is_list_late: bool,
     sent_episode: u32,
+}
+
+/// Writers of the documents that say how the world is.
+struct Truth {
+    map: DocumentPublisher,
+    actors: DocumentPublisher,
+    catalogue: DocumentPublisher,
+    spawn_points: DocumentPublisher,
 }
 
 /// The state that the documents describe.
@@ -40,17 +46,23 @@ pub struct State<'a> {
 }
 
 impl Documents {
-    /// Opens the five services; `world/info` last, because its publisher says "a daemon is here".
-    pub fn open(bus: &Bus) -> anyhow::Result<Documents> {
+    /// Opens the five services, of a sealed world `world/info` alone; that last, because its
+    /// publisher says "a daemon is here".
+    pub fn open(bus: &Bus, is_sealed: bool) -> anyhow::Result<Documents> {
         let open = |name| {
             bus.document_publisher(name)
                 .with_context(|| format!("cannot publish {name:?}"))
         };
+        let truth = || -> anyhow::Result<Truth> {
+            Ok(Truth {
+                map: open(names::WORLD_MAP)?,
+                actors: open(names::WORLD_ACTORS)?,
+                catalogue: open(names::WORLD_CATALOGUE)?,
+                spawn_points: open(names::WORLD_SPAWN_POINTS)?,
+            })
+        };
         Ok(Documents {
-            map: open(names::WORLD_MAP)?,
-            actors: open(names::WORLD_ACTORS)?,
-            catalogue: open(names::WORLD_CATALOGUE)?,
-            spawn_points: open(names::WORLD_SPAWN_POINTS)?,
+            truth: (!is_sealed).then(truth).transpose()?,
             info: open(names::WORLD_INFO)?,
             info_changed: true,
             sent_info: None,
@@ -62,15 +74,17 @@ impl Documents {
 
     /// Sends the latest documents to readers that joined since the last call.
     pub fn greet(&self) {
-        [
-            &self.info,
-            &self.map,
-            &self.actors,
-            &self.catalogue,
-            &self.spawn_points,
-        ]
-        .into_iter()
-        .for_each(DocumentPublisher::greet);
+        self.info.greet();
+        if let Some(truth) = &self.truth {
+            [
+                &truth.map,
+                &truth.actors,
+                &truth.catalogue,
+                &truth.spawn_points,
+            ]
+            .into_iter()
+            .for_each(DocumentPublisher::greet);
+        }
     }
 
     /// Marks `world/info` as possibly changed, so that the next [`Documents::publish`] compares it.
@@ -82,8 +96,11 @@ impl Documents {
     /// or is about to be. A snapshot names this revision. While lists cannot be sent it is that of
     /// the last one, so that nobody waits for a list that does not come.
     pub fn actors_revision(&self, world: &World) -> u64 {
+        let Some(truth) = &self.truth else {
+            return 0;
+        };
         let is_due = self.sent_actors != Some(world.actors_revision()) && !self.is_list_late;
-        self.actors.revision() + u64::from(is_due)
+        truth.actors.revision() + u64::from(is_due)
     }
 
     /// Sends the documents that changed.
@@ -95,22 +112,26 @@ impl Documents {
         let (world, stamp) = (state.world.world(), state.world.episode().stamp());
         let (epoch, tick) = (stamp.epoch, state.clock.tick().0);
         let new_episode = self.sent_episode != stamp.episode;
-        if new_episode {
-            self.map.send(&world.map().open_drive, epoch, tick)?;
-            self.catalogue.send_json(world.catalogue(), epoch, tick)?;
+        if let Some(truth) = self.truth.as_mut().filter(|_| new_episode) {
+            truth.map.send(&world.map().open_drive, epoch, tick)?;
+            truth.catalogue.send_json(world.catalogue(), epoch, tick)?;
             let points = world
                 .map()
                 .spawn_points
                 .iter()
                 .map(|pose| (*pose).into())
                 .collect();
-            self.spawn_points
+            truth
+                .spawn_points
                 .send_json(&SpawnPoints { points }, epoch, tick)?;
-            self.sent_episode = stamp.episode;
         }
+        self.sent_episode = stamp.episode;
         let list = self.send_list(world, epoch, tick);
         if self.info_changed || new_episode {
-            let info = info(state);
+            let info = match self.truth {
+                Some(_) => info(state),
+                None => info(state).sealed(),
+            };
             if self.sent_info.as_ref() != Some(&info) {
                 self.info.send_json(&info, epoch, tick)?;
                 self.sent_info = Some(info);
@@ -121,11 +142,14 @@ impl Documents {
     }
 
     fn send_list(&mut self, world: &World, epoch: u64, tick: u64) -> Result<(), BusError> {
+        let Some(truth) = &mut self.truth else {
+            return Ok(());
+        };
         if self.sent_actors == Some(world.actors_revision()) {
             return Ok(());
         }
         self.is_list_late = true;
-        self.actors.send_json(&world.actor_list(), epoch, tick)?;
+        truth.actors.send_json(&world.actor_list(), epoch, tick)?;
         self.is_list_late = false;
         self.sent_actors = Some(world.actors_revision());
         Ok(())

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Parser, ValueEnum};
 use launch_cli::CommonArgs;
+use schema_frames::Seal;
 
 /// Simulation daemon: owns the world and the clock, renders the sensors and writes their frames
 /// straight into shared memory.
@@ -137,6 +138,11 @@ pub struct Args {
     /// its own, so that all other ids stay as they were; may be repeated
     #[arg(long, value_name = "NAME")]
     pub added_sensor: Vec<String>,
+
+    /// Show what sensors measure and nothing else of the world, and obey one process: a seal as
+    /// JSON, see the chapter on sealed worlds in the frame contract
+    #[arg(long, value_name = "JSON", value_parser = Seal::from_json, hide = true, conflicts_with_all = ["await_workers", "no_gpu"])]
+    pub sealed: Option<Seal>,
 
     /// Most memory for what acted on the world so far, MiB; beyond it the oldest is forgotten, and
     /// recordings that begin later cannot be run again

@@ -1,6 +1,8 @@
 //! Checkpoints: named ones in memory, files in the data folder, and the start of the episode for
 //! `reset`.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

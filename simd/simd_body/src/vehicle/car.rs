@@ -205,7 +205,8 @@ fn front(builder: &mut MeshBuilder, body: &Bodywork, table: &[Station], detail: 
                 lamp_block(
                     builder,
                     body.lamp(rgb, bit),
-                    (centre, half),
+                    centre,
+                    half,
                     [1.0, side],
                     detail,
                 );
@@ -322,7 +323,8 @@ fn rear(
             lamp_block(
                 builder,
                 body.lamp(rgb, bit),
-                (centre, half),
+                centre,
+                half,
                 [-1.0, side],
                 detail,
             );

@@ -10,7 +10,8 @@ use super::bodywork::Bodywork;
 pub(super) fn lamp_block(
     builder: &mut MeshBuilder,
     surface: Surface,
-    (centre_m, half_m): ([f32; 3], [f32; 3]),
+    centre_m: [f32; 3],
+    half_m: [f32; 3],
     towards: [f32; 2],
     detail: usize,
 ) {

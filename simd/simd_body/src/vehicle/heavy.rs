@@ -10,12 +10,23 @@ use super::loft::{Section, loft};
 use super::outfit::Outfit;
 
 /// A rounded box section: floor, skirt, window line, window top, roof.
-fn box_section(
-    body: &Bodywork,
-    u: f32,
-    detail: usize,
-    (width, low, high, top): (f32, f32, f32, f32),
-) -> Section {
+/// The outline of a box at one place along the body.
+struct BoxOutline {
+    /// Share of the body's width.
+    width: f32,
+    /// Heights of the lower and the upper edge of the windows, and of the roof, metres.
+    low: f32,
+    high: f32,
+    top: f32,
+}
+
+fn box_section(body: &Bodywork, u: f32, detail: usize, outline: &BoxOutline) -> Section {
+    let &BoxOutline {
+        width,
+        low,
+        high,
+        top,
+    } = outline;
     let w = body.half_width_m * width;
     let floor = body.arch(u, detail).unwrap_or(body.sill_m);
     let ring_m = vec![
@@ -59,7 +70,15 @@ pub fn bus(builder: &mut MeshBuilder, body: &Bodywork, detail: usize) {
     let top = |u: f32| h - 0.06 * ((0.03 - u).max(u - 0.97).max(0.0) / 0.03).powi(2) * h * 0.4;
     let sections: Vec<Section> = places
         .iter()
-        .map(|&u| box_section(body, u, detail, (width(u), low, high, top(u))))
+        .map(|&u| {
+            let outline = BoxOutline {
+                width: width(u),
+                low,
+                high,
+                top: top(u),
+            };
+            box_section(body, u, detail, &outline)
+        })
         .collect();
     let is_pillar = |u: f32| (1..9).any(|k| (u - 0.03 - 0.94 * k as f32 / 9.0).abs() < 0.001);
     let surface = |segment: usize, strip: usize| match strip {
@@ -159,17 +178,13 @@ pub fn lorry(builder: &mut MeshBuilder, body: &Bodywork, detail: usize) {
             let (a, b) = (table[next - 1], table[next]);
             let k = ((u - a.0) / (b.0 - a.0)).clamp(0.0, 1.0);
             let mix = |p: f32, q: f32| p + (q - p) * k;
-            box_section(
-                body,
-                u,
-                detail,
-                (
-                    mix(a.1, b.1),
-                    mix(a.2, b.2) * h,
-                    0.66 * h,
-                    mix(a.3, b.3) * cab_top,
-                ),
-            )
+            let outline = BoxOutline {
+                width: mix(a.1, b.1),
+                low: mix(a.2, b.2) * h,
+                high: 0.66 * h,
+                top: mix(a.3, b.3) * cab_top,
+            };
+            box_section(body, u, detail, &outline)
         })
         .collect();
     let surface = |segment: usize, strip: usize| match strip {

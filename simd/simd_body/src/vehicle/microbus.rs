@@ -24,7 +24,8 @@ const TAIL_LAMPS: f32 = 0.36;
 /// A disc that looks forwards, as a prism about x from the skin to `x`.
 fn disc(
     builder: &mut MeshBuilder,
-    (rim, face): (Surface, Surface),
+    rim: Surface,
+    face: Surface,
     [x, y, z]: [f32; 3],
     [radius, depth]: [f32; 2],
     n: usize,
@@ -67,7 +68,8 @@ fn front(builder: &mut MeshBuilder, body: &Bodywork, detail: usize) {
         let (y, z) = (side * 0.64 * w, HEADLAMPS * h);
         disc(
             builder,
-            (chrome(body), body.lamp([255, 246, 224], 1)),
+            chrome(body),
+            body.lamp([255, 246, 224], 1),
             [skin + 0.018, y, z],
             [0.108, 0.07],
             n,
@@ -76,7 +78,8 @@ fn front(builder: &mut MeshBuilder, body: &Bodywork, detail: usize) {
             // High beam in the middle of the glass, the position lamp under it.
             disc(
                 builder,
-                (chrome(body), body.lamp([255, 250, 235], 2)),
+                chrome(body),
+                body.lamp([255, 250, 235], 2),
                 [skin + 0.022, y, z + 0.02],
                 [0.045, 0.01],
                 n.min(8),
@@ -85,7 +88,8 @@ fn front(builder: &mut MeshBuilder, body: &Bodywork, detail: usize) {
                 lamp_block(
                     builder,
                     body.lamp(rgb, bit),
-                    ([skin - 0.042, y, z], [0.06, half[0], half[1]]),
+                    [skin - 0.042, y, z],
+                    [0.06, half[0], half[1]],
                     [1.0, side],
                     detail,
                 );
@@ -97,14 +101,16 @@ fn front(builder: &mut MeshBuilder, body: &Bodywork, detail: usize) {
     if detail == 0 {
         disc(
             builder,
-            (chrome(body), chrome(body)),
+            chrome(body),
+            chrome(body),
             [skin + 0.006, 0.0, 0.40 * h],
             [0.15, 0.03],
             18,
         );
         disc(
             builder,
-            (body.paint(), body.paint()),
+            body.paint(),
+            body.paint(),
             [skin + 0.009, 0.0, 0.40 * h],
             [0.125, 0.01],
             18,
@@ -124,7 +130,8 @@ fn rear(builder: &mut MeshBuilder, body: &Bodywork, detail: usize) {
             lamp_block(
                 builder,
                 body.lamp(rgb, bit),
-                (at, [0.06, 0.055, half]),
+                at,
+                [0.06, 0.055, half],
                 [-1.0, side],
                 detail,
             );

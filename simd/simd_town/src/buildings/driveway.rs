@@ -10,7 +10,7 @@ use crate::ground::Ring;
 use crate::meshes::SharedMeshes;
 use crate::network::KERB_HEIGHT_M;
 use crate::random::Random;
-use crate::scenery::{Builder, Layer, MapLayer};
+use crate::scenery::{Builder, Layer, MapLayer, Standing};
 
 /// Stream of random numbers.
 const DRIVEWAYS: u64 = 0x77;
@@ -78,7 +78,7 @@ pub fn driveways(
             .iter()
             .all(|p| builder.is_free(*p, 2.0))
         {
-            driveway(builder, meshes, &driveway_plot, (along, out), &mut random);
+            driveway(builder, meshes, &driveway_plot, along, out, &mut random);
             builder.driveway_plots_m.push(plot(CLEAR_M).footprint_m);
             driveways.push(driveway_plot);
         }
@@ -90,7 +90,8 @@ fn driveway(
     builder: &mut Builder<'_>,
     meshes: &SharedMeshes,
     plot: &Lot,
-    (along, out): (P2, P2),
+    along: P2,
+    out: P2,
     random: &mut Random,
 ) {
     let f = plot.footprint_m;
@@ -126,7 +127,11 @@ fn driveway(
     let yaw = heading(if nose_in { -out } else { out }) + random.between(-0.03, 0.03);
     let car = builder.stand(
         mesh,
-        (MapLayer::ParkedVehicles, Class::CAR, "parked_car"),
+        Standing {
+            layer: MapLayer::ParkedVehicles,
+            class: Class::CAR,
+            name: "parked_car",
+        },
         p,
         KERB_HEIGHT_M + 0.02,
         yaw,

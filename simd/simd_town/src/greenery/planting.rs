@@ -10,7 +10,7 @@ use crate::meshes::SharedMeshes;
 use crate::network::KERB_HEIGHT_M;
 use crate::plan::Houses;
 use crate::random::Random;
-use crate::scenery::{Builder, MapLayer};
+use crate::scenery::{Builder, MapLayer, Standing};
 
 /// Streams of random numbers.
 const PARK: u64 = 0x74;
@@ -112,7 +112,11 @@ pub fn park(builder: &mut Builder<'_>, meshes: &SharedMeshes, ring: &Ring) {
                 let yaw = random.between(0.0, std::f64::consts::TAU);
                 builder.stand(
                     meshes.bush,
-                    (MapLayer::Foliage, Class::VEGETATION, "hedge"),
+                    Standing {
+                        layer: MapLayer::Foliage,
+                        class: Class::VEGETATION,
+                        name: "hedge",
+                    },
                     p + inward * 0.7,
                     KERB_HEIGHT_M,
                     yaw,
@@ -121,7 +125,11 @@ pub fn park(builder: &mut Builder<'_>, meshes: &SharedMeshes, ring: &Ring) {
             if k % 12 == 6 {
                 builder.stand(
                     meshes.bench,
-                    (MapLayer::Props, Class::STATIC, "bench"),
+                    Standing {
+                        layer: MapLayer::Props,
+                        class: Class::STATIC,
+                        name: "bench",
+                    },
                     p + inward * 2.2,
                     KERB_HEIGHT_M,
                     heading(inward),
@@ -170,7 +178,11 @@ pub fn street_tree(
 fn plant(builder: &mut Builder<'_>, mesh: MeshId, p: P2, yaw_rad: f64) {
     let object = builder.stand(
         mesh,
-        (MapLayer::Foliage, Class::VEGETATION, "tree"),
+        Standing {
+            layer: MapLayer::Foliage,
+            class: Class::VEGETATION,
+            name: "tree",
+        },
         p,
         KERB_HEIGHT_M,
         yaw_rad,

@@ -121,19 +121,25 @@ pub(super) fn build(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
     // What there is not enough of for the whole map is thinned out everywhere alike.
     let share = (most(MAX_HOUSES) as f64 / (length_m / HOUSE_M)).min(1.0);
     let mut lots = Lots::default();
-    let mut tries = (most(MAX_HOUSES), most(MAX_TRIES));
+    let mut budget = Budget {
+        objects: most(MAX_HOUSES),
+        tries: most(MAX_TRIES),
+    };
     for (i, verge) in verges.iter().enumerate().filter(|(_, verge)| verge.slow) {
         let mut random = Random::new(builder.seed, HOUSES, i as u64);
-        houses(builder, verge, &mut lots, &mut tries, share, &mut random);
+        houses(builder, verge, &mut lots, &mut budget, share, &mut random);
     }
     lamps(builder, sections, most(MAX_LAMPS));
     let kinds: Vec<MeshId> = (0..trees::N_KINDS)
         .map(|kind| builder.assets.add_mesh(trees::tree(kind)))
         .collect();
-    let mut left = (most(MAX_TREES), most(MAX_TRIES));
+    let mut budget = Budget {
+        objects: most(MAX_TREES),
+        tries: most(MAX_TRIES),
+    };
     for (i, verge) in verges.iter().enumerate() {
         let mut random = Random::new(builder.seed, TREES, i as u64);
-        trees(builder, verge, &lots, &kinds, &mut left, &mut random);
+        trees(builder, verge, &lots, &kinds, &mut budget, &mut random);
     }
 }
 
@@ -190,11 +196,17 @@ fn probes(lot: &Lot) -> Vec<P2> {
     points
 }
 
+/// How many objects may still be made for the whole map, and how many places tried.
+struct Budget {
+    objects: usize,
+    tries: usize,
+}
+
 fn houses(
     builder: &mut ImportBuilder,
     verge: &Verge,
     lots: &mut Lots,
-    room: &mut (usize, usize),
+    budget: &mut Budget,
     share: f64,
     random: &mut Random,
 ) {
@@ -209,8 +221,8 @@ fn houses(
         (5.0, 9.0)
     };
     let mut l = random.between(4.0, 12.0);
-    while l < verge.length_m() - 8.0 && room.0 > 0 && room.1 > 0 {
-        room.1 -= 1;
+    while l < verge.length_m() - 8.0 && budget.objects > 0 && budget.tries > 0 {
+        budget.tries -= 1;
         let (width, depth) = (random.between(9.0, 15.0), random.between(8.0, 11.0));
         let (a, b) = (verge.at(l), verge.at((l + width).min(verge.length_m())));
         let chord = flat(b) - flat(a);
@@ -245,7 +257,7 @@ fn houses(
             l += width;
             continue;
         }
-        room.0 -= 1;
+        budget.objects -= 1;
         let object = builder.object(Class::BUILDINGS, "building");
         let height_m = buildings::build(
             &mut builder.chunks,
@@ -321,13 +333,13 @@ fn trees(
     verge: &Verge,
     lots: &Lots,
     kinds: &[MeshId],
-    left: &mut (usize, usize),
+    budget: &mut Budget,
     random: &mut Random,
 ) {
     let (near, far) = if verge.slow { (2.6, 16.0) } else { (7.0, 45.0) };
     let mut l = random.between(2.0, 9.0);
-    while l < verge.length_m() && left.0 > 0 && left.1 > 0 {
-        left.1 -= 1;
+    while l < verge.length_m() && budget.objects > 0 && budget.tries > 0 {
+        budget.tries -= 1;
         let p = flat(verge.at(l)) + verge.out(l) * random.between(near, far);
         let mesh = random.pick(kinds);
         let yaw = random.between(0.0, std::f64::consts::TAU);
@@ -338,7 +350,7 @@ fn trees(
         if in_the_way || builder.cover.is_near(p, 2.2) {
             continue;
         }
-        left.0 -= 1;
+        budget.objects -= 1;
         let at = [p.x, p.y, builder.ground.at(p)];
         let tree = builder.stand(mesh, Class::VEGETATION, "tree", at, yaw);
         builder.post(tree, at, 0.17, 4.0);

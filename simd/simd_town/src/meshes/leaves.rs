@@ -23,8 +23,8 @@ pub struct Clump {
 /// What a crown is made of.
 #[derive(Clone, Copy, Debug)]
 pub struct Cover {
-    /// Rings of the hull from below upwards, corners of each, and whether it is closed below.
-    pub hull: (usize, usize, bool),
+    /// The hull.
+    pub hull: Globe,
     /// Size of the hull relative to the clumps, and its lightness relative to the sprays.
     pub inside: (f32, f32),
     /// Number of sprays, and their length, metres.
@@ -35,6 +35,17 @@ type V = nalgebra::Vector3<f32>;
 
 /// How sharply the creases between clumps are cut.
 const SHARPNESS: f32 = 3.4;
+/// How fine a hull is.
+#[derive(Clone, Copy, Debug)]
+pub struct Globe {
+    /// Rings from below upwards.
+    pub n_rings: usize,
+    /// Corners of each.
+    pub n_around: usize,
+    /// Whether it is closed below.
+    pub is_whole: bool,
+}
+
 /// Heights of the lowest and the highest ring of a hull that is open below.
 const DOME: (f32, f32) = (-0.72, 0.25);
 
@@ -138,7 +149,12 @@ pub fn foliage(rgb: [u8; 3], k: f32) -> Surface {
 
 /// Corners of a sphere in rings, each turned by half a step against the one below, and its
 /// triangles; or of a dome, open below.
-fn globe((n_rings, n, is_whole): (usize, usize, bool)) -> (Vec<V>, Vec<[usize; 3]>) {
+fn globe(globe: Globe) -> (Vec<V>, Vec<[usize; 3]>) {
+    let Globe {
+        n_rings,
+        n_around: n,
+        is_whole,
+    } = globe;
     let mut corners = Vec::new();
     for ring in 0..n_rings {
         let z = if is_whole {

@@ -49,7 +49,8 @@ pub fn street_lamp() -> Mesh {
     }
     far_lamps(
         &mut builder,
-        (steel(), glow),
+        steel(),
+        glow,
         [0.0, 0.0, 7.75],
         [2.1, 0.0, 7.98],
         [240.0, 350.0],
@@ -103,7 +104,8 @@ pub fn lantern() -> Mesh {
     }
     far_lamps(
         &mut builder,
-        (iron(), glow),
+        iron(),
+        glow,
         [0.0, 0.0, 4.05],
         [0.0, 0.0, 4.6],
         [190.0, 300.0],
@@ -138,7 +140,8 @@ pub fn mast() -> Mesh {
     }
     far_lamps(
         &mut builder,
-        (steel, glow),
+        steel,
+        glow,
         [0.0, 0.0, 11.1],
         [2.6, 0.0, 11.3],
         [260.0, 420.0],
@@ -153,7 +156,8 @@ pub fn mast() -> Mesh {
 /// lamp's head would hang in the air.
 fn far_lamps(
     builder: &mut MeshBuilder,
-    (metal, glow): (Surface, Surface),
+    metal: Surface,
+    glow: Surface,
     top: [f32; 3],
     end: [f32; 3],
     until_m: [f32; 2],

@@ -5,7 +5,7 @@ use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 use simd_body::solid::{spike, tube};
 
-use super::leaves::{Clump, Cover, crown, foliage};
+use super::leaves::{Clump, Cover, Globe, crown, foliage};
 use crate::random::Random;
 
 /// How a kind of broad-leaved tree grows.
@@ -26,7 +26,8 @@ const fn species(
     height_m: f32,
     reach_m: f32,
     bare_ratio: f32,
-    clumps: (usize, f32),
+    n_clumps: usize,
+    clump_ratio: f32,
     leaves: [u8; 3],
     bark: [u8; 3],
 ) -> Species {
@@ -34,8 +35,8 @@ const fn species(
         height_m,
         reach_m,
         bare_ratio,
-        n_clumps: clumps.0,
-        clump_ratio: clumps.1,
+        n_clumps,
+        clump_ratio,
         leaves,
         bark,
     }
@@ -43,14 +44,14 @@ const fn species(
 
 /// Lime, plane, oak, birch, hornbeam, maple, cherry, a younger lime.
 const SPECIES: [Species; N_KINDS] = [
-    species(8.2, 2.2, 0.36, (8, 0.50), [80, 112, 46], [92, 76, 60]),
-    species(9.0, 2.7, 0.40, (9, 0.46), [100, 124, 58], [126, 116, 94]),
-    species(8.4, 3.0, 0.34, (10, 0.42), [66, 96, 42], [80, 66, 52]),
-    species(9.4, 1.6, 0.30, (7, 0.62), [112, 134, 62], [208, 204, 194]),
-    species(8.8, 1.35, 0.26, (6, 0.72), [84, 108, 44], [104, 92, 74]),
-    species(7.4, 2.2, 0.38, (8, 0.50), [112, 122, 52], [92, 78, 62]),
-    species(6.0, 1.9, 0.36, (7, 0.52), [92, 120, 60], [96, 66, 56]),
-    species(6.8, 1.8, 0.36, (7, 0.54), [88, 118, 50], [98, 82, 64]),
+    species(8.2, 2.2, 0.36, 8, 0.50, [80, 112, 46], [92, 76, 60]),
+    species(9.0, 2.7, 0.40, 9, 0.46, [100, 124, 58], [126, 116, 94]),
+    species(8.4, 3.0, 0.34, 10, 0.42, [66, 96, 42], [80, 66, 52]),
+    species(9.4, 1.6, 0.30, 7, 0.62, [112, 134, 62], [208, 204, 194]),
+    species(8.8, 1.35, 0.26, 6, 0.72, [84, 108, 44], [104, 92, 74]),
+    species(7.4, 2.2, 0.38, 8, 0.50, [112, 122, 52], [92, 78, 62]),
+    species(6.0, 1.9, 0.36, 7, 0.52, [92, 120, 60], [96, 66, 56]),
+    species(6.8, 1.8, 0.36, 7, 0.54, [88, 118, 50], [98, 82, 64]),
 ];
 /// Number of kinds of trees.
 pub const N_KINDS: usize = 8;
@@ -111,22 +112,38 @@ pub fn tree(kind: usize) -> Mesh {
         }
         let cover = [
             Cover {
-                hull: (5, 8, true),
+                hull: Globe {
+                    n_rings: 5,
+                    n_around: 8,
+                    is_whole: true,
+                },
                 inside: (0.92, 0.66),
                 sprays: (384, 0.32 + 0.12 * species.reach_m),
             },
             Cover {
-                hull: (4, 7, true),
+                hull: Globe {
+                    n_rings: 4,
+                    n_around: 7,
+                    is_whole: true,
+                },
                 inside: (1.0, 0.92),
                 sprays: (45, 0.43 + 0.28 * species.reach_m),
             },
             Cover {
-                hull: (2, 5, true),
+                hull: Globe {
+                    n_rings: 2,
+                    n_around: 5,
+                    is_whole: true,
+                },
                 inside: (1.08, 0.97),
                 sprays: (9, 0.55 + 0.45 * species.reach_m),
             },
             Cover {
-                hull: (2, 3, false),
+                hull: Globe {
+                    n_rings: 2,
+                    n_around: 3,
+                    is_whole: false,
+                },
                 inside: (1.18, 1.0),
                 sprays: (0, 0.0),
             },
@@ -213,7 +230,8 @@ pub fn conifer(kind: usize) -> Mesh {
             };
             branches(
                 &mut builder,
-                (rgb, 0.84 + 0.24 * share),
+                rgb,
+                0.84 + 0.24 * share,
                 [low, top, radius],
                 n,
                 &mut random,
@@ -228,7 +246,8 @@ pub fn conifer(kind: usize) -> Mesh {
 /// underside.
 fn branches(
     builder: &mut MeshBuilder,
-    (rgb, k): ([u8; 3], f32),
+    rgb: [u8; 3],
+    k: f32,
     [low, top, radius]: [f32; 3],
     n: usize,
     random: &mut Random,
@@ -323,22 +342,38 @@ fn pine(builder: &mut MeshBuilder) {
         }
         let cover = [
             Cover {
-                hull: (3, 6, true),
+                hull: Globe {
+                    n_rings: 3,
+                    n_around: 6,
+                    is_whole: true,
+                },
                 inside: (0.92, 0.68),
                 sprays: (50, 0.55),
             },
             Cover {
-                hull: (2, 4, true),
+                hull: Globe {
+                    n_rings: 2,
+                    n_around: 4,
+                    is_whole: true,
+                },
                 inside: (1.05, 0.92),
                 sprays: (8, 0.8),
             },
             Cover {
-                hull: (2, 5, true),
+                hull: Globe {
+                    n_rings: 2,
+                    n_around: 5,
+                    is_whole: true,
+                },
                 inside: (1.02, 0.97),
                 sprays: (10, 1.3),
             },
             Cover {
-                hull: (2, 3, false),
+                hull: Globe {
+                    n_rings: 2,
+                    n_around: 3,
+                    is_whole: false,
+                },
                 inside: (1.15, 1.0),
                 sprays: (0, 0.0),
             },
@@ -398,7 +433,7 @@ pub fn palm() -> Mesh {
             // Inner fronds stand up, outer fronds hang down.
             let rise = 1.15 - 1.75 * (i as f32 + 0.5) / n_fronds as f32;
             let k = 0.74 + 0.3 * rise.max(0.0) + random.between(-0.05, 0.05) as f32;
-            frond(&mut builder, k, (top, a, rise), n_parts);
+            frond(&mut builder, k, top, a, rise, n_parts);
         }
         builder.end_level(until_m);
     }
@@ -410,7 +445,9 @@ pub fn palm() -> Mesh {
 fn frond(
     builder: &mut MeshBuilder,
     k: f32,
-    (foot, around, rise): ([f32; 3], f32, f32),
+    foot: [f32; 3],
+    around: f32,
+    rise: f32,
     n_parts: usize,
 ) {
     const LENGTH_M: f32 = 2.5;
@@ -467,7 +504,11 @@ pub fn bush() -> Mesh {
     let covers = [
         (
             Cover {
-                hull: (2, 6, true),
+                hull: Globe {
+                    n_rings: 2,
+                    n_around: 6,
+                    is_whole: true,
+                },
                 inside: (0.92, 0.7),
                 sprays: (44, 0.34),
             },
@@ -475,7 +516,11 @@ pub fn bush() -> Mesh {
         ),
         (
             Cover {
-                hull: (2, 4, true),
+                hull: Globe {
+                    n_rings: 2,
+                    n_around: 4,
+                    is_whole: true,
+                },
                 inside: (1.05, 0.95),
                 sprays: (3, 0.5),
             },
@@ -483,7 +528,11 @@ pub fn bush() -> Mesh {
         ),
         (
             Cover {
-                hull: (2, 3, false),
+                hull: Globe {
+                    n_rings: 2,
+                    n_around: 3,
+                    is_whole: false,
+                },
                 inside: (1.15, 1.0),
                 sprays: (0, 0.0),
             },

@@ -44,7 +44,7 @@ pub(super) fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
             Turn::Right
         }
     };
-    let mut ways: Vec<(usize, usize, usize, usize)> = Vec::new();
+    let mut ways: Vec<Way> = Vec::new();
     let n = junction.arms.len();
     let pairs: Vec<(usize, usize)> = (0..n)
         .flat_map(|a| (0..n).map(move |b| (a, b)))
@@ -53,15 +53,14 @@ pub(super) fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
     for &(a, b) in &pairs {
         let (n_in, n_out) = (lanes(a, true), lanes(b, false));
         match turn(a, b) {
-            Turn::Right => ways.push((a, n_in - 1, b, n_out - 1)),
-            Turn::Left => ways.push((a, 0, b, 0)),
+            Turn::Right => ways.push(Way::new(a, n_in - 1, b, n_out - 1)),
+            Turn::Left => ways.push(Way::new(a, 0, b, 0)),
             // Lanes of a motorway begin and end on the right.
             Turn::Straight if motorway(a) && motorway(b) => {
-                ways.extend((0..n_in.min(n_out)).map(|k| (a, k, b, k)))
+                ways.extend((0..n_in.min(n_out)).map(|k| Way::new(a, k, b, k)))
             }
-            Turn::Straight => {
-                ways.extend((0..n_in.min(n_out)).map(|k| (a, n_in - 1 - k, b, n_out - 1 - k)))
-            }
+            Turn::Straight => ways
+                .extend((0..n_in.min(n_out)).map(|k| Way::new(a, n_in - 1 - k, b, n_out - 1 - k))),
         }
     }
     // Lanes that nothing reaches or that lead nowhere are connected in the straightest way that
@@ -73,21 +72,21 @@ pub(super) fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
     };
     for arm in 0..n {
         for lane in 0..lanes(arm, true) {
-            if !ways.iter().any(|w| w.0 == arm && w.1 == lane) {
+            if !ways.iter().any(|w| w.arm_in == arm && w.lane_in == lane) {
                 let to = (0..n)
                     .filter(|&b| b != arm && lanes(b, false) > 0)
                     .min_by_key(|&b| rank(arm, b))
                     .expect("two arms");
-                ways.push((arm, lane, to, lane.min(lanes(to, false) - 1)));
+                ways.push(Way::new(arm, lane, to, lane.min(lanes(to, false) - 1)));
             }
         }
         for lane in 0..lanes(arm, false) {
-            if !ways.iter().any(|w| w.2 == arm && w.3 == lane) {
+            if !ways.iter().any(|w| w.arm_out == arm && w.lane_out == lane) {
                 let from = (0..n)
                     .filter(|&a| a != arm && lanes(a, true) > 0)
                     .min_by_key(|&a| rank(a, arm))
                     .expect("two arms");
-                ways.push((from, lane.min(lanes(from, true) - 1), arm, lane));
+                ways.push(Way::new(from, lane.min(lanes(from, true) - 1), arm, lane));
             }
         }
     }
@@ -101,12 +100,33 @@ pub(super) fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
         .collect()
 }
 
-fn link(
-    network: &Network,
-    junction: usize,
-    id: u32,
-    (a, lane_in, b, lane_out): (usize, usize, usize, usize),
-) -> Link {
+/// A way over a junction, from a lane of one arm to a lane of another.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Way {
+    arm_in: usize,
+    lane_in: usize,
+    arm_out: usize,
+    lane_out: usize,
+}
+
+impl Way {
+    fn new(arm_in: usize, lane_in: usize, arm_out: usize, lane_out: usize) -> Way {
+        Way {
+            arm_in,
+            lane_in,
+            arm_out,
+            lane_out,
+        }
+    }
+}
+
+fn link(network: &Network, junction: usize, id: u32, way: Way) -> Link {
+    let Way {
+        arm_in: a,
+        lane_in,
+        arm_out: b,
+        lane_out,
+    } = way;
     let arms = &network.junctions[junction].arms;
     let profile = |arm: usize| network.roads[arms[arm].road].profile;
     // In driving direction the traffic keeps right of the reference line, so lane k's left edge is

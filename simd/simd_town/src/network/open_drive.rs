@@ -162,7 +162,17 @@ fn street(out: &mut String, network: &Network, idx: usize, road: &Road) {
 
 /// Kind, width and outer mark (type, colour, lane change) of the lanes of one side, from the middle
 /// outwards.
-fn side(profile: &Profile, driving: bool) -> Vec<(&'static str, f64, &'static str, &'static str)> {
+/// A lane as OpenDRIVE describes it.
+#[derive(Clone, Copy)]
+struct LaneText {
+    kind: &'static str,
+    width: f64,
+    /// Its outer mark, and who may cross it.
+    mark: &'static str,
+    change: &'static str,
+}
+
+fn side(profile: &Profile, driving: bool) -> Vec<LaneText> {
     let mut lanes = Vec::new();
     for k in 1..=if driving { profile.n_lanes } else { 0 } {
         let (mark, change) = if k < profile.n_lanes {
@@ -170,28 +180,39 @@ fn side(profile: &Profile, driving: bool) -> Vec<(&'static str, f64, &'static st
         } else {
             ("solid", "none")
         };
-        lanes.push(("driving", profile.lane_m, mark, change));
+        lanes.push(LaneText {
+            kind: "driving",
+            width: profile.lane_m,
+            mark,
+            change,
+        });
     }
     let edge = match profile.edge {
         Edge::Gutter => "shoulder",
         Edge::Parking => "parking",
     };
-    lanes.push((edge, profile.edge_m, "curb", "none"));
-    lanes.push((
-        if profile.verge { "border" } else { "sidewalk" },
-        profile.pavement_m,
-        "none",
-        "none",
-    ));
+    lanes.push(LaneText {
+        kind: edge,
+        width: profile.edge_m,
+        mark: "curb",
+        change: "none",
+    });
+    lanes.push(LaneText {
+        kind: if profile.verge { "border" } else { "sidewalk" },
+        width: profile.pavement_m,
+        mark: "none",
+        change: "none",
+    });
     lanes
 }
 
-fn lane(
-    out: &mut String,
-    id: i32,
-    (kind, width, mark, change): (&str, f64, &str, &str),
-    speed_kmh: u32,
-) {
+fn lane(out: &mut String, id: i32, lane: LaneText, speed_kmh: u32) {
+    let LaneText {
+        kind,
+        width,
+        mark,
+        change,
+    } = lane;
     line!(
         out,
         r#"          <lane id="{id}" type="{kind}" level="false">"#

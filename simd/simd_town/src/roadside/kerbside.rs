@@ -9,7 +9,7 @@ use crate::meshes::power_line::wires;
 use crate::meshes::{Lamp, SharedMeshes};
 use crate::network::{KERB_HEIGHT_M, Road};
 use crate::random::Random;
-use crate::scenery::{Builder, LampGroup, MapLayer, SceneryLamp};
+use crate::scenery::{Builder, LampGroup, MapLayer, SceneryLamp, Standing};
 
 /// Stream of random numbers.
 const ROADSIDE: u64 = 0x72;
@@ -91,7 +91,11 @@ fn street(builder: &mut Builder<'_>, meshes: &SharedMeshes, idx: usize, random: 
                     let p = road.path.beside(s, side * (road.profile.kerb_m() + 0.4));
                     builder.stand(
                         meshes.bollard,
-                        (MapLayer::Props, Class::STATIC, "bollard"),
+                        Standing {
+                            layer: MapLayer::Props,
+                            class: Class::STATIC,
+                            name: "bollard",
+                        },
                         p,
                         KERB_HEIGHT_M,
                         0.0,
@@ -140,7 +144,17 @@ fn small_thing(
     };
     let p = at(aside);
     if builder.is_free(p, 1.0) {
-        builder.stand(mesh, (MapLayer::Props, class, name), p, KERB_HEIGHT_M, yaw);
+        builder.stand(
+            mesh,
+            Standing {
+                layer: MapLayer::Props,
+                class,
+                name,
+            },
+            p,
+            KERB_HEIGHT_M,
+            yaw,
+        );
     }
 }
 
@@ -188,7 +202,11 @@ fn power_line(builder: &mut Builder<'_>, meshes: &SharedMeshes, road: &Road) {
     for (p, heading) in &spots {
         let pole = builder.stand(
             meshes.power_pole,
-            (MapLayer::Props, Class::POLES, "power_pole"),
+            Standing {
+                layer: MapLayer::Props,
+                class: Class::POLES,
+                name: "power_pole",
+            },
             *p,
             0.0,
             *heading,

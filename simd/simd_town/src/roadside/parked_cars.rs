@@ -7,7 +7,7 @@ use crate::meshes::SharedMeshes;
 use crate::plan::Edge;
 use crate::random::Random;
 use crate::roads::{BAYS_M, n_bays};
-use crate::scenery::{Builder, MapLayer};
+use crate::scenery::{Builder, MapLayer, Standing};
 
 /// Stream of random numbers.
 const PARKING: u64 = 0x73;
@@ -45,7 +45,11 @@ pub fn parked(builder: &mut Builder<'_>, meshes: &SharedMeshes, idx: usize) {
                 + random.between(-0.02, 0.02);
             let object = builder.stand(
                 mesh,
-                (MapLayer::ParkedVehicles, Class::CAR, "parked_car"),
+                Standing {
+                    layer: MapLayer::ParkedVehicles,
+                    class: Class::CAR,
+                    name: "parked_car",
+                },
                 p,
                 0.0,
                 yaw,

@@ -13,6 +13,15 @@ use crate::geometry::{P2, contains, unit};
 use crate::network::Network;
 use crate::plan::Plan;
 
+/// What a mesh that is placed is.
+#[derive(Clone, Copy, Debug)]
+pub struct Standing<'a> {
+    pub layer: MapLayer,
+    pub class: Class,
+    /// Name of its kind; a number follows.
+    pub name: &'a str,
+}
+
 /// A town's scenery under construction.
 pub struct Builder<'a> {
     pub network: &'a Network,
@@ -108,12 +117,12 @@ impl<'a> Builder<'a> {
     pub fn stand(
         &mut self,
         mesh: MeshId,
-        (layer, class, name): (MapLayer, Class, &str),
+        what: Standing<'_>,
         p: P2,
         z_m: f64,
         yaw_rad: f64,
     ) -> ObjectId {
-        let object = self.object_in(Some(layer), class, name);
+        let object = self.object_in(Some(what.layer), what.class, what.name);
         self.stand_as(object, mesh, p, z_m + self.chunks.terrain.at(p), yaw_rad);
         object
     }

@@ -3,6 +3,8 @@
 //! In a checkpoint's bytes, colliders of the map travel with a stand-in for their shape and take
 //! the shape back from the living world.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use rapier3d::prelude::*;
 use serde::{Deserialize as _, Deserializer, Serialize as _, Serializer};
 
@@ -93,5 +95,183 @@ pub(crate) fn take_geometry(
     {
         true => Err(LackingGeometry),
         false => Ok(()),
+    }
+}
+
+/// Takes over what never changes, and what this world has none of.
+pub(crate) fn take_constants(engine: &mut PhysicsWorld, living: &PhysicsWorld) {
+    engine.gravity = living.gravity;
+    engine.integration_parameters = living.integration_parameters;
+    engine.impulse_joints = living.impulse_joints.clone();
+    engine.multibody_joints = living.multibody_joints.clone();
+    engine.soft_bodies = living.soft_bodies.clone();
+}
+
+/// The bodies that carry the map's geometry.
+pub(crate) fn map_bodies(engine: &PhysicsWorld) -> impl Iterator<Item = RigidBodyHandle> + '_ {
+    geometry(engine).filter_map(|handle| engine.colliders.get(handle)?.parent())
+}
+
+/// What an engine that was read from a checkpoint cannot be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum WrongEngine {
+    #[error("a collider is neither a box nor geometry of the map")]
+    Shape,
+    #[error("a collider belongs to no body")]
+    Parent,
+    #[error("the tree of its colliders is no tree")]
+    Tree,
+}
+
+/// Checks what the engine believes without looking: it walks over its tree of colliders until the
+/// end, wherever the links lead, and its shapes would be read again when they touch something.
+///
+/// # Errors
+/// The first thing that cannot be.
+pub(crate) fn check<'l>(
+    engine: &PhysicsWorld,
+    of_map: impl Fn(ColliderHandle) -> Option<&'l Collider>,
+) -> Result<(), WrongEngine> {
+    for (handle, collider) in engine.colliders.iter() {
+        let shape = collider.shape();
+        // Geometry was taken from the living world, so it is of the map exactly where that has it.
+        let is_of_map = || of_map(handle).is_some_and(|it| it.shape().as_trimesh().is_some());
+        if shape.as_cuboid().is_none() && !(shape.as_trimesh().is_some() && is_of_map()) {
+            return Err(WrongEngine::Shape);
+        }
+        let parent = collider.parent().and_then(|body| engine.bodies.get(body));
+        if parent.is_none_or(|body| !body.colliders().contains(&handle)) {
+            return Err(WrongEngine::Parent);
+        }
+    }
+    let colliders = &engine.colliders;
+    let mut ends = engine.bodies.iter().flat_map(|(_, body)| body.colliders());
+    if ends.any(|handle| colliders.get(*handle).is_none()) {
+        return Err(WrongEngine::Parent);
+    }
+    match Tree::of(&engine.broad_phase).is_some_and(|tree| tree.is_sound()) {
+        true => Ok(()),
+        false => Err(WrongEngine::Tree),
+    }
+}
+
+/// The engine's tree of colliders as it is written: the type keeps its fields to itself.
+#[derive(Debug, serde::Deserialize)]
+struct Tree {
+    /// Two children each; the first node is the root.
+    nodes: Vec<[Child; 2]>,
+    /// Where each node hangs: twice the number of the node above, and 1 on its right side.
+    parents: Vec<usize>,
+}
+
+/// One side of a node.
+#[derive(Debug, serde::Deserialize)]
+struct Child {
+    _low: [f32; 3],
+    /// Another node, or a collider's number if this is a leaf.
+    below: u32,
+    _high: [f32; 3],
+    /// Number of leaves below in the low 30 bits; 1 for a leaf.
+    data: u32,
+}
+
+impl Child {
+    fn n_leaves(&self) -> u32 {
+        self.data & 0x3fff_ffff
+    }
+}
+
+impl Tree {
+    fn of(broad_phase: &BroadPhaseBvh) -> Option<Tree> {
+        let bytes = postcard::to_allocvec(broad_phase).ok()?;
+        postcard::take_from_bytes(&bytes).ok().map(|(tree, _)| tree)
+    }
+
+    /// Whether every node is reached once from the root, says where it hangs, and counts the leaves
+    /// below it.
+    fn is_sound(&self) -> bool {
+        let Some(root) = self.nodes.first() else {
+            return true;
+        };
+        // A tree of one collider has a root with an empty right side, one of none has two.
+        if root[1].n_leaves() == 0 {
+            return root[0].n_leaves() <= 1;
+        }
+        let mut reached = vec![false; self.nodes.len()];
+        reached[0] = true;
+        let mut open = vec![0usize];
+        while let Some(at) = open.pop() {
+            for (side, child) in self.nodes[at].iter().enumerate() {
+                if child.n_leaves() == 1 {
+                    continue;
+                }
+                let below = child.below as usize;
+                let Some(node) = self.nodes.get(below) else {
+                    return false;
+                };
+                let [left, right] = [node[0].n_leaves(), node[1].n_leaves()];
+                let is_new = !std::mem::replace(&mut reached[below], true);
+                let hangs = self.parents.get(below) == Some(&(at << 1 | side));
+                let counts =
+                    left > 0 && right > 0 && left.checked_add(right) == Some(child.n_leaves());
+                if !(is_new && hangs && counts) {
+                    return false;
+                }
+                open.push(below);
+            }
+        }
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An engine with some boxes in it.
+    fn boxes(n: usize) -> PhysicsWorld {
+        let mut engine = PhysicsWorld::new();
+        for idx in 0..n {
+            let place = Vector::new(3.0 * idx as f32, 0.0, 0.0);
+            engine.insert(
+                RigidBodyBuilder::dynamic().translation(place),
+                ColliderBuilder::cuboid(1.0, 1.0, 1.0),
+            );
+        }
+        engine.step();
+        engine
+    }
+
+    #[test]
+    fn trees_of_every_size_are_read_as_the_engine_keeps_them() {
+        for n in [0, 1, 2, 3, 40] {
+            let engine = boxes(n);
+            let tree = Tree::of(&engine.broad_phase).expect("its layout is known");
+            let leaves: u32 = tree
+                .nodes
+                .first()
+                .map_or(0, |root| root.iter().map(Child::n_leaves).sum());
+            assert_eq!(leaves as usize, n);
+            assert_eq!(check(&engine, |_| None), Ok(()), "{n}");
+        }
+    }
+
+    #[test]
+    fn a_tree_with_a_circle_is_refused() {
+        let mut tree = Tree::of(&boxes(40).broad_phase).expect("its layout is known");
+        assert!(tree.is_sound());
+        let inner = tree.nodes[0].iter_mut().find(|side| side.n_leaves() > 1);
+        inner.expect("one side of forty leaves is a node").below = 0;
+        assert!(!tree.is_sound());
+    }
+
+    #[test]
+    fn shapes_that_no_actor_has_are_refused() {
+        let mut engine = boxes(2);
+        engine.insert(
+            RigidBodyBuilder::dynamic(),
+            ColliderBuilder::capsule_z(1.0, 1.0),
+        );
+        assert_eq!(check(&engine, |_| None), Err(WrongEngine::Shape));
     }
 }

@@ -73,7 +73,86 @@ pub(crate) struct TrafficLights {
     near: OnceLock<(Vec<(usize, usize)>, BoxGrid)>,
 }
 
+/// What a checkpoint says of a light or a junction, and no map has.
+#[derive(Debug)]
+pub(crate) struct WrongLight {
+    pub what: String,
+    pub value: String,
+    pub allowed: String,
+}
+
 impl TrafficLights {
+    /// Checks lights that were read from a checkpoint against those of the same map, whose places
+    /// they take over; `actors` are the lights' actors in their order, and no light has been in its
+    /// state for longer than `max_nanos`.
+    ///
+    /// # Errors
+    /// The first value that cannot be.
+    pub fn check(
+        &mut self,
+        of_map: &TrafficLights,
+        actors: &[ActorId],
+        max_nanos: u64,
+    ) -> Result<(), WrongLight> {
+        let refuse = |what: String, value: String, allowed: String| {
+            Err(WrongLight {
+                what,
+                value,
+                allowed,
+            })
+        };
+        let counts = [
+            ("traffic lights", self.lights.len(), of_map.lights.len()),
+            (
+                "junctions with lights",
+                self.groups.len(),
+                of_map.groups.len(),
+            ),
+            ("actors of lights", actors.len(), of_map.lights.len()),
+        ];
+        for (of, found, needed) in counts {
+            if found != needed {
+                let what = format!("the number of {of}");
+                return refuse(what, found.to_string(), format!("{needed}, as on the map"));
+            }
+        }
+        let lights = self.lights.iter_mut().zip(&of_map.lights).zip(actors);
+        for ((light, expected), actor) in lights {
+            if light.actor != *actor || light.signal_id != expected.signal_id {
+                let what = "the actor of a traffic light".to_owned();
+                let allowed = format!("{actor}, for signal {:?}", expected.signal_id);
+                return refuse(what, light.actor.to_string(), allowed);
+            }
+            if light.in_state_nanos > max_nanos {
+                let what = format!("the time that light {actor} has been in its state");
+                let value = format!("{} ns", light.in_state_nanos);
+                return refuse(what, value, format!("at most {max_nanos} ns"));
+            }
+            (light.group, light.pole_idx) = (expected.group, expected.pole_idx);
+            light.boxes.clone_from(&expected.boxes);
+        }
+        let longest_nanos = (STAGE_SECS.1 * 1e9) as u64;
+        for (group, expected) in self.groups.iter_mut().zip(&of_map.groups) {
+            if group.turns.len() != expected.turns.len() || group.turn >= group.turns.len() {
+                let what = "the turn of a junction's lights".to_owned();
+                let value = format!("{} of {}", group.turn, group.turns.len());
+                let allowed = format!("one of the {} of the map", expected.turns.len());
+                return refuse(what, value, allowed);
+            }
+            let lengths = group.turns.iter().flat_map(|turn| turn.stage_nanos);
+            let mut times = lengths.chain([group.in_stage_nanos.max(1)]);
+            if let Some(nanos) = times.find(|nanos| !(1..=longest_nanos).contains(nanos)) {
+                let what = "the length of a stage of traffic lights".to_owned();
+                let allowed = format!("1 to {longest_nanos} ns");
+                return refuse(what, format!("{nanos} ns"), allowed);
+            }
+            for (turn, expected) in group.turns.iter_mut().zip(&expected.turns) {
+                turn.lights.clone_from(&expected.lights);
+            }
+        }
+        Ok(())
+    }
+
     /// The lights of the map's signals; `next_actor` gives each its id. Every group begins with its
     /// first controller green.
     pub fn new(roads: &RoadMap, mut next_actor: impl FnMut() -> ActorId) -> TrafficLights {
@@ -129,7 +208,7 @@ impl TrafficLights {
                 for light in &lights {
                     self.lights[*light].group = group_idx;
                     self.lights[*light].pole_idx = pole_idx;
-                    pole_idx += 1;
+                    pole_idx = u32::saturating_add(pole_idx, 1);
                 }
                 turns.push(Turn {
                     lights,
@@ -152,12 +231,14 @@ impl TrafficLights {
         }
         self.lights
             .iter_mut()
-            .for_each(|light| light.in_state_nanos += dt_nanos);
+            .for_each(|light| light.in_state_nanos = light.in_state_nanos.saturating_add(dt_nanos));
         for idx in 0..self.groups.len() {
-            self.groups[idx].in_stage_nanos += dt_nanos;
-            while self.groups[idx].in_stage_nanos >= self.groups[idx].stage_nanos() {
-                let group = &mut self.groups[idx];
-                group.in_stage_nanos -= group.stage_nanos();
+            let group = &mut self.groups[idx];
+            group.in_stage_nanos = group.in_stage_nanos.saturating_add(dt_nanos);
+            while let group = &mut self.groups[idx]
+                && let Some(left) = group.in_stage_nanos.checked_sub(group.stage_nanos())
+            {
+                group.in_stage_nanos = left;
                 group.advance();
                 self.show_stage(idx);
             }
@@ -322,7 +403,10 @@ impl Group {
             Stage::Green => Stage::Yellow,
             Stage::Yellow => Stage::AllRed,
             Stage::AllRed => {
-                self.turn = (self.turn + 1) % self.turns.len();
+                self.turn = self.turn.saturating_add(1);
+                if self.turn >= self.turns.len() {
+                    self.turn = 0;
+                }
                 Stage::Green
             }
         };

@@ -18,11 +18,12 @@ use serde::{Deserialize, Serialize};
 use super::ackermann::{Ackermann, Seen};
 use super::curve::along;
 use super::doors::Doors;
-use super::factory_data::rest_load_ratios;
+use super::factory_data::{self, rest_load_ratios};
 use super::footing::Footing;
 use super::model::VehicleModel;
 use super::powertrain::Powertrain;
 use super::wheel::{Wheel, WheelSpec};
+use crate::errors::PhysicsError;
 use crate::physics::{GRAVITY_MPS2, Physics, collider_tag, narrow, widen};
 
 /// A vehicle this far below the map's origin has fallen out of the world, metres.
@@ -430,6 +431,42 @@ pub(crate) struct WheelState {
 /// Static compression of the suspension, metres; it gives a heave frequency of 1.5 Hz.
 fn sag_m(model: &VehicleModel) -> f32 {
     if model.is_two_wheeler() { 0.06 } else { 0.11 }
+}
+
+/// What a vehicle that was read from a checkpoint cannot be.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum WrongVehicle {
+    #[error("its collider is not that of its body")]
+    Collider,
+    #[error("it has {found} wheels, its model has {needed}")]
+    Wheels { found: usize, needed: usize },
+    #[error("its gear is {gear}, but must be -1 to {most}")]
+    Gear { gear: i32, most: usize },
+    #[error(transparent)]
+    Physics(#[from] PhysicsError),
+}
+
+/// Checks a vehicle that was read from a checkpoint, whose body is in the engine.
+///
+/// # Errors
+/// The first thing that cannot be.
+pub(crate) fn check_vehicle(vehicle: &Vehicle, engine: &PhysicsWorld) -> Result<(), WrongVehicle> {
+    let collider = engine.colliders.get(vehicle.collider);
+    if collider.is_none_or(|collider| collider.parent() != Some(vehicle.body)) {
+        return Err(WrongVehicle::Collider);
+    }
+    let needed = vehicle.model.physics().wheels.len();
+    for found in [vehicle.wheels.len(), vehicle.physics.wheels.len()] {
+        if found != needed {
+            return Err(WrongVehicle::Wheels { found, needed });
+        }
+    }
+    factory_data::check(&vehicle.physics, needed)?;
+    let (gear, most) = (vehicle.powertrain.gear, vehicle.physics.forward_gears.len());
+    match gear >= -1 && usize::try_from(gear.max(0)).is_ok_and(|gear| gear <= most) {
+        true => Ok(()),
+        false => Err(WrongVehicle::Gear { gear, most }),
+    }
 }
 
 fn wheel_specs(model: &VehicleModel, data: &VehiclePhysics) -> Vec<WheelSpec> {

@@ -79,22 +79,21 @@ pub(crate) fn contact(
         wheel.tyre(1, speed_mps, dt_secs),
     );
     let radps = &mut rows.radps;
-    let spring = Row::at(chassis, normal, lever, (0.0, 0.0)).soft(
+    let spring = Row::at(chassis, normal, lever, 0.0, 0.0).soft(
         spring,
         dt_secs,
         wheel.load_n * dt_secs,
         chassis,
         radps,
     );
-    let turns = (radius, 1.0 / rows.inertia);
-    let long = Row::at(chassis, along, lever, turns).soft(
+    let long = Row::at(chassis, along, lever, radius, 1.0 / rows.inertia).soft(
         tyre_long,
         dt_secs,
         long_n * dt_secs,
         chassis,
         radps,
     );
-    let lat = Row::at(chassis, across, lever, (0.0, 0.0)).soft(
+    let lat = Row::at(chassis, across, lever, 0.0, 0.0).soft(
         tyre_lat,
         dt_secs,
         lat_n * dt_secs,

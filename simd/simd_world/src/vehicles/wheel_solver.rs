@@ -53,7 +53,8 @@ impl Row {
         chassis: &Chassis,
         direction: Vector,
         lever: Vector,
-        (radius_m, wheel_inv_inertia): (f32, f32),
+        radius_m: f32,
+        wheel_inv_inertia: f32,
     ) -> Row {
         let angular = lever.cross(direction);
         let row = Row {
@@ -230,7 +231,7 @@ mod tests {
                 push_n: 500.0,
                 damping,
             };
-            let mut row = Row::at(&chassis, Vector::Z, Vector::ZERO, (0.0, 0.0)).soft(
+            let mut row = Row::at(&chassis, Vector::Z, Vector::ZERO, 0.0, 0.0).soft(
                 soft,
                 dt,
                 0.0,
@@ -251,16 +252,16 @@ mod tests {
     fn tyre_and_wheel_exchange_momentum_and_stay_within_friction() {
         let mut chassis = block();
         chassis.linear = Vector::new(10.0, 0.0, 0.0);
-        let wheel = (0.5, 1.0);
         let mut radps = 0.0;
         let rigid = Softness {
             push_n: 0.0,
             damping: 1e9,
         };
-        let row = |chassis: &mut Chassis, radps: &mut f32, direction, wheel| {
-            Row::at(chassis, direction, Vector::ZERO, wheel).soft(rigid, 0.01, 0.0, chassis, radps)
+        let row = |chassis: &mut Chassis, radps: &mut f32, direction, radius_m, inv_inertia| {
+            Row::at(chassis, direction, Vector::ZERO, radius_m, inv_inertia)
+                .soft(rigid, 0.01, 0.0, chassis, radps)
         };
-        let spring = Row::at(&chassis, Vector::Z, Vector::ZERO, (0.0, 0.0)).soft(
+        let spring = Row::at(&chassis, Vector::Z, Vector::ZERO, 0.0, 0.0).soft(
             Softness {
                 push_n: 1000.0,
                 damping: 1.0,
@@ -270,8 +271,8 @@ mod tests {
             &mut chassis,
             &mut radps,
         );
-        let long = row(&mut chassis, &mut radps, Vector::X, wheel);
-        let lat = row(&mut chassis, &mut radps, Vector::Y, (0.0, 0.0));
+        let long = row(&mut chassis, &mut radps, Vector::X, 0.5, 1.0);
+        let lat = row(&mut chassis, &mut radps, Vector::Y, 0.0, 0.0);
         let contact = Contact {
             spring,
             long,

@@ -53,6 +53,15 @@ impl Crowd {
         });
     }
 
+    /// Whether the counts of a checkpoint leave room to count on.
+    ///
+    /// # Errors
+    /// The count that does not.
+    pub fn check(&self) -> Result<(), u64> {
+        let mut ways = self.strollers.iter().map(|of| of.stroll.n_ways);
+        ways.find(|ways| *ways >= 1 << 62).map_or(Ok(()), Err)
+    }
+
     /// Sets the controls of all strollers, before the walkers move.
     pub fn lead(
         &mut self,

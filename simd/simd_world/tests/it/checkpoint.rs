@@ -6,7 +6,9 @@ use std::collections::BTreeMap;
 use schema_frames::{ActorRecord, Command, CommandReply, VehicleControl};
 use schema_types::noise::mix;
 use schema_types::{ActorId, Class, Pose};
-use simd_world::{Checkpoint, Collision, CollisionMesh, EgoSpawn, MapData, World, WorldOptions};
+use simd_world::{
+    Checkpoint, Collision, CollisionMesh, EgoSpawn, MAX_EPISODE_NANOS, MapData, World, WorldOptions,
+};
 
 const TICK_NANOS: u64 = 50_000_000;
 
@@ -439,4 +441,54 @@ fn crafted_bodies_are_refused_or_run() {
         }
     }
     assert!(n_refused > 5, "{n_refused}");
+}
+
+/// Values under a right checksum that no world has: each is named, with what is allowed.
+#[test]
+fn values_beyond_their_limits_are_named() {
+    let mut world = World::new(WorldOptions::default());
+    world.load(&MapData::flat(100.0)).unwrap();
+    let pose = Pose::from_xyz_yaw(0.0, 0.0, 0.5, 0.3);
+    let spawned = world.spawn("vehicle.tesla.model3", pose, None, "", &BTreeMap::new());
+    let car = spawned.unwrap();
+    world.step(TICK_NANOS);
+    let good = world.checkpoint(TICK_NANOS).to_bytes().unwrap();
+    let error = |mut bytes: Vec<u8>| {
+        let sum = checksum(&bytes);
+        bytes[40..48].copy_from_slice(&sum.to_le_bytes());
+        let read = Checkpoint::from_bytes(&bytes, &world);
+        read.err().expect("must be refused").to_string()
+    };
+    // The time since the episode began is the third word of the head.
+    for nanos in [u64::MAX, u64::MAX / 2, MAX_EPISODE_NANOS + 1] {
+        let mut late = good.clone();
+        late[24..32].copy_from_slice(&nanos.to_le_bytes());
+        assert_eq!(
+            error(late),
+            format!(
+                "the checkpoint says that the time since the episode began is {nanos} ns, but it must be at most {MAX_EPISODE_NANOS} ns (ten years); the file is damaged"
+            )
+        );
+    }
+    // The id of the next actor follows from the car's, which was the last: both as varints of one
+    // byte. It stands right before the first id of added sensors, 2^30.
+    let next = (car.0 + 1) as u8;
+    let counts = [next, 0x80, 0x80, 0x80, 0x80, 0x04];
+    let at: Vec<usize> = (48..good.len() - counts.len())
+        .filter(|at| good[*at..].starts_with(&counts))
+        .collect();
+    let [at] = at[..] else {
+        panic!("the counts are at {at:?}")
+    };
+    let mut used_up = good.clone();
+    used_up.splice(at..=at, [0xff, 0xff, 0xff, 0xff, 0x0f]);
+    let body_bytes = (used_up.len() - 48) as u64;
+    used_up[32..40].copy_from_slice(&body_bytes.to_le_bytes());
+    assert_eq!(
+        error(used_up),
+        "the checkpoint says that the id of the next actor is 4294967295, but it must be at most 536870912; the file is damaged"
+    );
+    let mut reused = good.clone();
+    reused[at] = car.0 as u8;
+    assert!(error(reused).contains("the id of an actor is"));
 }

@@ -1,6 +1,7 @@
 //! The book, `docs/`, and the projects in `examples/`: every command of Start and Tutorials and of the
 //! examples' pages runs, in order, in an empty home; reference pages are what programs and sources
-//! say; programs' help, completions and man pages are those that were reviewed.
+//! say; programs' help, completions and man pages are those that were reviewed, and what help texts
+//! and the pages of How-to show is understood by the programs.
 //! `GANTRY_BLESS=1` writes generated pages and golden help texts anew.
 
 use std::path::{Path, PathBuf};
@@ -10,6 +11,7 @@ use test_e2e::{assert_nothing_left, python_package, venv_program};
 use test_kit::Sandbox;
 use test_kit::sandbox::{binary_path, repository};
 
+mod examples;
 mod help;
 
 /// Far beyond what a page takes on any machine; each of its commands has a limit of its own.

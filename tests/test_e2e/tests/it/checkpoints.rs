@@ -311,3 +311,39 @@ fn sensors_stay_unless_their_vehicle_goes() {
     );
     run.daemon.stop().expect_code(0);
 }
+
+/// A file with a right checksum and a time that no clock can hold: the simulator refuses it by name
+/// and goes on, with all its clients.
+#[test]
+fn a_checkpoint_of_no_possible_time_is_refused_and_the_world_goes_on() {
+    let sandbox = Sandbox::new("checkpoint-time");
+    let mut run = Run::start(&sandbox);
+    run.ticks(3);
+    let file = CheckpointPlace::File("late".into());
+    let saved = run.ask(Command::SaveCheckpoint { to: file.clone() });
+    let CommandReply::Saved { path } = saved else {
+        panic!("not saved")
+    };
+    let good = std::fs::read(&path).unwrap();
+    for nanos in [u64::MAX, u64::MAX - 150_000_000] {
+        let mut late = good.clone();
+        // The third word of the head, after magic and version.
+        late[24..32].copy_from_slice(&nanos.to_le_bytes());
+        test_fuzz::targets::mend_checkpoint(&mut late);
+        std::fs::write(&path, &late).unwrap();
+        let refused = run.ask(Command::RestoreCheckpoint { from: file.clone() });
+        let said = format!("{refused:?}");
+        assert!(
+            said.contains(&format!("the time since the episode began is {nanos} ns"))
+                && said.contains("ten years"),
+            "{said}"
+        );
+        let (header, _) = run.tick();
+        assert_eq!(elapsed(&header), header.tick * header.period_nanos);
+    }
+    std::fs::write(&path, good).unwrap();
+    let restored = run.ask(Command::RestoreCheckpoint { from: file });
+    assert_eq!(restored, CommandReply::Restored { gone: Vec::new() });
+    drop((run.client, run.snapshots, run.bus));
+    run.daemon.stop().expect_code(0);
+}

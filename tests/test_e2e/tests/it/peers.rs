@@ -7,10 +7,11 @@ use std::os::unix::process::ExitStatusExt as _;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use consumer_rpc::budget::MAX_MESSAGE_BYTES;
 use consumer_rpc::list;
 use consumer_rpc::msgpack::{self, Limits, Value};
 use consumer_rpc::seats::STALLED;
-use consumer_rpc::server::{MAX_REQUEST_BYTES, MAX_RPC_CONNECTIONS};
+use consumer_rpc::server::MAX_RPC_CONNECTIONS;
 use nix::sys::signal::Signal;
 use schema_frames::Command;
 use test_e2e::carla::{Stage, empty_town, start_gateway, start_script};
@@ -217,7 +218,7 @@ fn requests_of_all_clients_together_take_only_so_much_memory() {
     let before = gateway.resident_bytes();
     // Requests that are never whole, of just below what one may have.
     let text = vec![b'x'; (16 << 20) - 4096];
-    let n_needed = 2 * MAX_REQUEST_BYTES / text.len();
+    let n_needed = 2 * MAX_MESSAGE_BYTES / text.len();
     let mut head = vec![0x94, 0, 1, 0xdb];
     head.extend(((text.len() + 2048) as u32).to_be_bytes());
     let greedy: Vec<TcpStream> = (0..n_needed)
@@ -231,11 +232,33 @@ fn requests_of_all_clients_together_take_only_so_much_memory() {
         .collect();
     assert!(is_served(port), "small requests are free");
     let grown = gateway.resident_bytes().saturating_sub(before);
-    let most = MAX_REQUEST_BYTES as u64 * 3 / 2;
+    let most = MAX_MESSAGE_BYTES as u64 * 3 / 2;
     assert!(grown < most, "{} MiB of {} MiB", grown >> 20, most >> 20);
     drop(greedy);
     let said = gateway.stop().expect_code(0);
     assert!(said.says("too much memory now"), "{:?}", said.lines);
+}
+
+#[test]
+fn names_from_outside_fill_no_log() {
+    let sandbox = Sandbox::new("carlalog");
+    let (gateway, port, _) = start_gateway(&sandbox);
+    let name = "x".repeat(8 << 20);
+    let host = Value::from("h".repeat(8 << 20));
+    for manager_port in 1..=60u16 {
+        let mut connection = connect(port);
+        assert!(call(&mut connection, &name, &[]).is_some());
+        let place = Value::Array(vec![host.clone(), manager_port.into()]);
+        assert!(call(&mut connection, "add_traffic_manager_running", &[place]).is_some());
+    }
+    let said = gateway.stop().expect_code(0);
+    assert!(
+        said.says("8388608 bytes"),
+        "{:.1000}",
+        said.lines.join("\n")
+    );
+    let n_bytes: usize = said.lines.iter().map(String::len).sum();
+    assert!(n_bytes < 64 << 10, "{n_bytes} bytes of log");
 }
 
 /// The kernel asks peers that are silent whether they are there.
@@ -331,7 +354,8 @@ fn other_users_are_refused_unless_they_are_let_in() {
     daemon.stop().expect_code(0);
 }
 
-/// Two users on one machine, and two containers that share `/dev/shm`: each has a simulator.
+/// Two users on one machine, and two containers that share `/dev/shm`: each has a simulator, although
+/// the first user also took the name of the second one's folder.
 #[test]
 fn another_users_folder_of_iceoryx2_is_no_obstacle() {
     if !nix::unistd::geteuid().is_root() {
@@ -350,6 +374,7 @@ export HOME=/run/one
 cd /run/one
 {simd} --launch /run/launch.toml --domain two > /run/one/log 2>&1 & first=$!
 until grep -q ready /run/one/log; do sleep 0.1; kill -0 $first; done
+mkdir -m 0700 /tmp/iceoryx2-{NOBODY}
 cd /run/two
 HOME=/run/two setpriv --reuid {NOBODY} --regid {NOBODY} --clear-groups {simd} --launch /run/launch.toml --domain two > /run/two/log 2>&1 & second=$!
 for n in $(seq 600); do grep -q ready /run/two/log && break; kill -0 $second 2>/dev/null || break; sleep 0.1; done
@@ -371,8 +396,8 @@ kill -INT $first $second; wait $first; wait $second; echo "both ended well"
         .wait();
     let said = ended.lines.join("\n");
     for expected in [
-        "belongs to user 0, so the shared-memory bus of user 65534 is in /tmp/iceoryx2-65534",
-        "/tmp/iceoryx2-65534",
+        "belongs to user 0, so the shared-memory bus of user 65534 is in /tmp/iceoryx2-65534-1",
+        "/tmp/iceoryx2-65534-1",
         "both ended well",
     ] {
         assert!(said.contains(expected), "{expected:?} is missing:\n{said}");
@@ -428,7 +453,7 @@ fn clients_and_foreign_files_name_nothing_outside_the_data_folder() {
         )
         .unwrap()
     };
-    assert!(info(&mut client, "pipe").contains("it is not a file"));
+    assert!(info(&mut client, "pipe").contains("it is a named pipe, not a file"));
     let replay = |client: &mut TcpStream, name: &str| {
         let args = [
             name.into(),
@@ -477,7 +502,7 @@ fn clients_and_foreign_files_name_nothing_outside_the_data_folder() {
         from: schema_frames::command::CheckpointPlace::File("pipe".into()),
     };
     let said = format!("{:?}", ask(&mut commands, restore));
-    assert!(said.contains("it is not a file"), "{said}");
+    assert!(said.contains("it is a named pipe, not a file"), "{said}");
     assert!(began.elapsed() < Duration::from_secs(300));
     drop((commands, bus));
     gateway.stop().expect_code(0);

@@ -1,6 +1,7 @@
 //! `gantry bench perception` and programs that go wrong: each fault is a sentence in the report,
 //! none ends the benchmark, and a killed benchmark leaves nothing behind that is taken for whole.
 
+use nix::sys::signal::Signal;
 use serde_json::Value;
 use test_e2e::benchmark::{BENCH_LIMIT, fake_program, start_bench, street};
 use test_kit::patience::eventually;
@@ -30,7 +31,8 @@ fn programs_that_crash_flood_or_keep_silent_do_not_end_the_benchmark() {
         + &fake_program("flood", &["flood"], "")
         + &fake_program("ended", &["ended"], "")
         + &fake_program("every", &["every"], "modes = [\"offline\"]");
-    bench(&sandbox, &suite, &["--out", "out"]).expect_code(0);
+    // The report is written, and the command says that a program crashed.
+    bench(&sandbox, &suite, &["--out", "out"]).expect_code(1);
     let text = std::fs::read_to_string(sandbox.path("out/report.json")).expect("a report");
     let report: Value = serde_json::from_str(&text).expect("JSON");
     let runs = report["runs"].as_array().expect("runs");
@@ -64,6 +66,61 @@ fn programs_that_crash_flood_or_keep_silent_do_not_end_the_benchmark() {
     // The one behind them is none the worse.
     let (counts, results, faults) = of("every", "offline");
     assert_eq!((counts, results, faults.as_str()), ([10, 10], 10, "[]"));
+}
+
+/// A table of the suite with a program that notes its starts in a file, and waits for `go` if it is
+/// told to.
+fn noting_program(name: &str, waits: bool) -> String {
+    let wait = if waits {
+        "while [ ! -e go ]; do sleep 0.1; done; "
+    } else {
+        ""
+    };
+    let shell = format!("echo start >> starts-{name}; {wait}exec \"$@\"");
+    fake_program(name, &["every"], "modes = [\"offline\"]").replacen(
+        "cmd = [",
+        &format!("cmd = [\"sh\", \"-c\", {shell:?}, \"sh\", "),
+        1,
+    )
+}
+
+#[test]
+fn a_stopped_benchmark_goes_on_with_the_runs_that_have_finished() {
+    let sandbox = Sandbox::new("perception-resume");
+    let suite = suite() + &noting_program("first", false) + &noting_program("second", true);
+    let starts = |name: &str| {
+        let text = std::fs::read_to_string(sandbox.path(&format!("starts-{name}")));
+        text.unwrap_or_default().lines().count()
+    };
+    let stopped = start_bench(&sandbox, &suite, &["--out", "out", "--seed"]);
+    eventually("the second program starts", || {
+        (starts("second") > 0).then_some(())
+    });
+    // Nothing that programs see tells the seed.
+    assert!(!sandbox.path("out/stopped.json").exists());
+    stopped.signal(Signal::SIGINT);
+    let stopped = stopped.wait_longer(BENCH_LIMIT).expect_code(1);
+    assert!(stopped.says("--resume"), "{:#?}", stopped.lines);
+    sandbox.write("go", "");
+    let other = ["--resume", "out", "--added-delay", "5"];
+    let ended = bench(&sandbox, &suite, &other).expect_code(2);
+    assert!(ended.says("that was another suite"), "{:#?}", ended.lines);
+    bench(&sandbox, &suite, &["--resume", "out"]).expect_code(0);
+    assert_eq!((starts("first"), starts("second")), (1, 2));
+    let text = std::fs::read_to_string(sandbox.path("out/report.json")).expect("a report");
+    let report: Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!(report["has_drawn_seed"], true);
+    for run in report["runs"].as_array().expect("runs") {
+        assert_eq!(run["counts"]["n_answered"], 10, "{}", run["program"]);
+        assert_eq!(run["scores"][0]["task"], "boxes2d", "{}", run["program"]);
+    }
+    assert!(!sandbox.path("out/finished").exists());
+    let ended = bench(&sandbox, &suite, &["--resume", "out"]).expect_code(2);
+    assert!(
+        ended.says("no benchmark that was stopped"),
+        "{:#?}",
+        ended.lines
+    );
 }
 
 #[test]

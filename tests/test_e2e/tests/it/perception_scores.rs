@@ -21,6 +21,7 @@ use consumer_truth::recording::{TickReader, scenario};
 use consumer_truth::scenario::Scenario;
 use consumer_truth::ticks::TickSet;
 use schema_frames::about::PointField;
+use schema_frames::sealed::mount_between;
 use schema_frames::{
     About, Box2d, Box3d, InputRecord, MaskRecord, Modality, Odometry, PathPoint, PixelFormat,
     ResultHeader, ResultType, SemanticLidarPoint, Space, Track,
@@ -248,7 +249,9 @@ fn answers(
         }
         let mut header = ResultHeader::new(ResultType::Points);
         header.set_list(points.len() as u32, 16, 0);
-        header.world_from_space = cloud.header.world_from_sensor;
+        // Programs see a sealed world, of which they know the mount.
+        let ego = moment.ego().expect("the carrier").world_from_ego;
+        header.world_from_space = mount_between(&ego.into(), &cloud.header.world_from_sensor);
         said.push(("lidar_semantic", header, body));
         let boxes: Vec<Box3d> = moment
             .bodies()
@@ -300,6 +303,7 @@ fn empty(truth: &TruthRecording, program: &str, mode: Mode) -> Capture {
         n_refused: 0,
         usage: Vec::new(),
         faults: Vec::new(),
+        has_crashed: false,
         drive_recording: None,
     }
 }
@@ -341,6 +345,7 @@ fn perfect(
     let context = Context {
         scenario: about,
         spec: &spec,
+        is_sealed: false,
     };
     lanes.begin(&context).unwrap();
     let topics: HashSet<Arc<str>> = truth
@@ -394,6 +399,7 @@ fn the_truth_itself_is_perfect_and_late_it_is_not() {
     record_drive(&sandbox, &toml::to_string(&launch).unwrap(), 70);
     let path = sandbox.path("drive.mcap");
     let options = truth_pass::Options {
+        cache_limit_bytes: u64::MAX,
         cache: sandbox.path("cache"),
         adapter: None,
         stall: Duration::from_secs(60),

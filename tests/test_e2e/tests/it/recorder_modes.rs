@@ -237,7 +237,7 @@ fn a_folder_that_cannot_be_written_is_named() {
     )
     .wait()
     .expect_code(2);
-    assert!(wrong.says("write e.g. 500MB"), "{:?}", wrong.lines);
+    assert!(wrong.says("it like 500MB"), "{:?}", wrong.lines);
 }
 
 #[test]

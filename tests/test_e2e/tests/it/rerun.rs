@@ -537,7 +537,7 @@ fn what_cannot_be_run_again_says_why() {
     assert_eq!(cut["is_equal"], true, "{cut:#}");
     assert!(cut["ticks"][1].as_u64() >= Some(10), "{cut:#}");
     let bad = rerun(&sandbox, "drive.mcap", &["--until", "soon"]).expect_code(2);
-    assert!(bad.says("for example 12s"), "{:?}", bad.lines);
+    assert!(bad.says("it like 12s"), "{:?}", bad.lines);
 
     // The journal of this run keeps one MiB and is given more.
     let daemon = start_daemon(&sandbox, SMALL_RIG, &["--journal-mb", "1"]);

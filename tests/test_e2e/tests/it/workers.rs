@@ -534,7 +534,7 @@ fn what_cannot_be_is_refused_with_a_sentence() {
             .expect_code(2);
         assert!(ended.says(sentence), "{args:?}: {:?}", ended.lines);
     };
-    refused("gantry-render", &["--weight", "0"], "above 0");
+    refused("gantry-render", &["--weight", "0"], "is no weight");
     refused("simd", &["--no-gpu", "--hash"], "cannot be used with");
     refused("simd", &["--no-gpu", "--lidars-on", "gpu"], "say cpu");
     let daemon = start_daemon(&sandbox, &stepped(), &["--no-gpu"]);

@@ -63,6 +63,9 @@ fn text_of(name: &str, file: &Path) -> String {
             None => format!("{number} bytes"),
         };
     }
+    if name.ends_with("NANOS") && number.is_multiple_of(86_400_000_000_000) {
+        return format!("{} days", number / 86_400_000_000_000);
+    }
     let digits = number.to_string();
     let grouped: Vec<&str> = digits
         .as_bytes()

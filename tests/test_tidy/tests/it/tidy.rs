@@ -44,7 +44,10 @@ fn allowed(from: &str, to: &str) -> bool {
         | ("sensor_camera" | "sensor_ray", "sensor_core" | "sensor_spec") => true,
         ("sensor_camera" | "sensor_ray", "sensor_gpu") => true,
         ("sensor_gpu", "sensor_core") => true,
-        ("consumer_carla" | "consumer_drive" | "consumer_desk", "consumer_rpc") => true,
+        (
+            "consumer_carla" | "consumer_drive" | "consumer_desk" | "consumer_bridge",
+            "consumer_rpc",
+        ) => true,
         ("consumer_drive", "consumer_driver") => true,
         ("consumer_view" | "consumer_desk", "consumer_fly" | "consumer_forms") => true,
         ("consumer_record" | "consumer_bridge" | "consumer_replay", "consumer_forms") => true,

@@ -1,5 +1,7 @@
 //! `events.h5` of a camera: events in columns, and where each millisecond begins.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use anyhow::ensure;
 use schema_frames::DvsEvent;
 
@@ -57,9 +59,11 @@ impl EventFile {
                 micros / 1_000_000
             );
             // Each millisecond begins at the first event that is not before it.
-            let n_started = self.ms_to_idx.n_items() + (starts.len() / 8) as u64;
-            for _ in n_started..micros / 1000 + 1 {
-                starts.extend((self.n_events() + at as u64).to_le_bytes());
+            let n_begun = (starts.len() / 8) as u64;
+            let n_started = self.ms_to_idx.n_items().saturating_add(n_begun);
+            let first = self.n_events().saturating_add(at as u64);
+            for _ in n_started..(micros / 1000).saturating_add(1) {
+                starts.extend(first.to_le_bytes());
             }
             bytes[0].push(event.polarity.min(1));
             bytes[1].extend(short.unwrap_or_default().to_le_bytes());
@@ -113,7 +117,7 @@ impl EventFile {
 /// If the disk refuses.
 pub fn write_rectify_map(part: PartFile, (width, height): (u32, u32)) -> anyhow::Result<()> {
     let mut file = Hdf5File::create(part)?;
-    let mut map = Vec::with_capacity(width as usize * height as usize * 8);
+    let mut map = Vec::new();
     for y in 0..height {
         for x in 0..width {
             map.extend((x as f32).to_le_bytes());

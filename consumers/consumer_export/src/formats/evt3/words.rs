@@ -15,6 +15,11 @@ const TIME_LOW: u16 = 0x6000;
 const TIME_HIGH: u16 = 0x8000;
 /// The bit of the polarity beside a column.
 const BRIGHTER: u16 = 1 << 11;
+/// Longest stretch of time that is written, in units of 4.096 ms: some three days, whose words take
+/// 128 MiB. Every such unit is sent, so a time near 2^64 would have no end.
+const MAX_SILENCE: u64 = 1 << 26;
+/// The same in seconds.
+const MAX_SILENCE_SECS: u64 = MAX_SILENCE * 4096 / 1_000_000;
 /// Of that many columns a group of twelve takes fewer words than single ones.
 const WORTH_A_GROUP: usize = 3;
 
@@ -67,7 +72,7 @@ impl Encoder {
                 first.x_px,
                 first.y_px
             );
-            self.put_time(first.micros, out);
+            self.put_time(first.micros, out)?;
             if self.row != Some(first.y_px) {
                 self.row = Some(first.y_px);
                 put(out, ADDR_Y | first.y_px);
@@ -80,17 +85,27 @@ impl Encoder {
     }
 
     /// Sends the time up to `micros` without an event, so that a reader knows how far it is.
-    pub fn pass_time(&mut self, micros: u64, out: &mut Vec<u8>) {
-        if micros > self.micros {
-            self.put_time(micros, out);
+    ///
+    /// # Errors
+    /// If that is days later.
+    pub fn pass_time(&mut self, micros: u64, out: &mut Vec<u8>) -> anyhow::Result<()> {
+        match micros > self.micros {
+            true => self.put_time(micros, out),
+            false => Ok(()),
         }
     }
 
-    fn put_time(&mut self, micros: u64, out: &mut Vec<u8>) {
-        self.micros = micros;
+    fn put_time(&mut self, micros: u64, out: &mut Vec<u8>) -> anyhow::Result<()> {
         let (high, low) = (micros >> 12, (micros & 0xfff) as u16);
-        while self.high != Some(high) {
-            let next = self.high.map_or(0, |sent| sent + 1);
+        let first = self.high.map_or(0, |sent| sent.saturating_add(1));
+        ensure!(
+            high.saturating_sub(first) < MAX_SILENCE,
+            "EVT 3.0 counts all time from 0 on in steps of 4 ms, and {micros} µs come {} s after what was written, at most {} s are; export a recording whose times begin earlier",
+            micros.saturating_sub(self.micros) / 1_000_000,
+            MAX_SILENCE_SECS
+        );
+        self.micros = micros;
+        for next in first..=high {
             put(out, TIME_HIGH | (next & 0xfff) as u16);
             (self.high, self.low) = (Some(next), None);
         }
@@ -98,6 +113,7 @@ impl Encoder {
             self.low = Some(low);
             put(out, TIME_LOW | low);
         }
+        Ok(())
     }
 }
 
@@ -112,7 +128,8 @@ fn same_line(events: &[Event]) -> usize {
         let same = (a.micros, a.y_px, a.brighter) == (b.micros, b.y_px, b.brighter);
         same && a.x_px < b.x_px && u32::from(b.x_px) < MAX_SIDE_PX
     };
-    1 + events.windows(2).take_while(|pair| is_next(pair)).count()
+    let n_next = events.windows(2).take_while(|pair| is_next(pair)).count();
+    n_next.saturating_add(1)
 }
 
 /// Writes the columns of a line of events.
@@ -120,12 +137,15 @@ fn put_line(line: &[Event], out: &mut Vec<u8>) {
     let polarity = if line[0].brighter { BRIGHTER } else { 0 };
     // Events among the columns from `base` on.
     let within = |events: &[Event], base: u16, n: u16| {
-        events.iter().take_while(|it| it.x_px - base < n).count()
-    };
-    let bits = |events: &[Event], base: u16| {
         events
             .iter()
-            .fold(0u16, |bits, it| bits | 1 << (it.x_px - base))
+            .take_while(|it| it.x_px.wrapping_sub(base) < n)
+            .count()
+    };
+    let bits = |events: &[Event], base: u16| {
+        events.iter().fold(0u16, |bits, it| {
+            bits | 1u16.wrapping_shl(u32::from(it.x_px.wrapping_sub(base)))
+        })
     };
     let mut rest = line;
     while let Some(first) = rest.first() {
@@ -141,10 +161,10 @@ fn put_line(line: &[Event], out: &mut Vec<u8>) {
         while n > 0 {
             if within(rest, base, 8) == n {
                 put(out, VECT_8 | bits(&rest[..n], base));
-                base += 8;
+                base = base.wrapping_add(8);
             } else {
                 put(out, VECT_12 | bits(&rest[..n], base));
-                base += 12;
+                base = base.wrapping_add(12);
             }
             rest = &rest[n..];
             n = within(rest, base, 12);
@@ -270,7 +290,11 @@ mod tests {
         let mut whole = Vec::new();
         Encoder::new().encode(&events, &mut whole).unwrap();
         assert_eq!(out, whole);
-        encoder.pass_time(500_000, &mut out);
+        encoder.pass_time(500_000, &mut out).unwrap();
+        assert!(
+            encoder.pass_time(u64::MAX, &mut out).is_err(),
+            "no end of time"
+        );
         assert!(out.len() > whole.len());
         assert!(
             encoder.encode(&events[..1], &mut out).is_err(),

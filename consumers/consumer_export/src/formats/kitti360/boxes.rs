@@ -154,7 +154,7 @@ impl Boxes {
         if kitti_id < 0 {
             return Ok(());
         }
-        self.n += 1;
+        self.n = self.n.saturating_add(1);
         let n = self.n;
         let size = Matrix4::new_nonuniform_scaling(&Vector3::from(body.size_m()));
         let transform = matrix(&body.world_from_box) * size;

@@ -40,7 +40,7 @@ pub fn messages(
             let size_px = evt3::size_px(header);
             let mut bytes = Vec::new();
             words.encode(&evt3::events(frame), &mut bytes)?;
-            words.pass_time(header.sim_nanos / 1000, &mut bytes);
+            words.pass_time(header.sim_nanos / 1000, &mut bytes)?;
             sensors::events(cdr, header, size_px, &bytes, &optical)?;
             take(&format!("{base}/dvs/events"), &types::EVENT_PACKET, cdr)?;
             sensors::camera_info(cdr, header, size_px, &optical);

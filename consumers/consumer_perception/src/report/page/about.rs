@@ -172,6 +172,7 @@ pub fn how(report: &Report) -> String {
             report.suite_hash.clone(),
         ),
         ("seed".into(), report.seed.to_string()),
+        ("fairness".into(), report.fairness().join("; ")),
         ("Gantry".into(), report.build.clone()),
         ("began".into(), report.began.clone()),
         (
@@ -208,11 +209,19 @@ pub fn how(report: &Report) -> String {
     html += "<p class=\"soft\">The same suite, build and seed give the same frames; latency needs the same machine. <code>gantry bench compare A.json B.json</code> says what changed beyond noise.</p>\n";
     html += "<h3>To cite it</h3>\n";
     let cite = format!(
-        "Gantry perception benchmark, suite “{}” ({}), {}, seed {}, {}.",
+        "Gantry perception benchmark, suite “{}” ({}), {}, {}, seed {}{}, {}.",
         report.suite,
         report.suite_hash.get(..16).unwrap_or(&report.suite_hash),
         report.build,
+        match report.is_sealed {
+            true => "sealed",
+            false => "not sealed",
+        },
         report.seed,
+        match report.has_drawn_seed {
+            true => " drawn",
+            false => " (public)",
+        },
         report.began.get(..10).unwrap_or(&report.began)
     );
     let _ = writeln!(html, "<pre>{}</pre>", escape(&cite));

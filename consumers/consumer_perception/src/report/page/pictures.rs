@@ -97,11 +97,8 @@ impl<'a> Pictures<'a> {
             return None;
         }
         let path = self.folder.join(path);
-        let n_bytes = usize::try_from(std::fs::metadata(&path).ok()?.len()).ok()?;
-        if self.n_bytes + n_bytes > MAX_BYTES {
-            return None;
-        }
-        let bytes = std::fs::read(path).ok()?;
+        let left = MAX_BYTES.checked_sub(self.n_bytes)?;
+        let bytes = launch_cli::files::read_plain(&path, left as u64).ok()?;
         self.n_bytes += bytes.len();
         bytes
             .starts_with(&[0xff, 0xd8])

@@ -221,8 +221,8 @@ impl Measure for LidarSemantic {
         }
     }
 
-    fn begin(&mut self, _: &Context<'_>) -> anyhow::Result<()> {
-        self.poses.clear();
+    fn begin(&mut self, context: &Context<'_>) -> anyhow::Result<()> {
+        self.poses.begin(context);
         self.clouds.clear();
         self.now = None;
         Ok(())

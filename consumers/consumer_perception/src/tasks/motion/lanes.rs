@@ -190,16 +190,13 @@ impl Lanes {
         let split = header.n_items as usize * size_of::<KeypointSet>();
         let (list, tail) = reading.body.split_at(split.min(reading.body.len()));
         let points: Vec<Keypoint> = records(tail);
-        let world_from_ego = self.poses.at(header.tick).ok_or_else(|| {
-            let tick = header.tick;
-            format!("answers tick {tick}, of which the vehicle's pose was not recorded")
-        })?;
+        let world_from_ego = self.poses.of(header)?;
         let [fx, fy, cx, cy] = header.intrinsics_px;
         if !(fx > 0.0 && fy > 0.0) {
             return Err("has no intrinsics; let it answer an image".into());
         }
         let world_from_camera =
-            header.world_from_space.isometry() * schema_types::space::sensor_from_camera();
+            self.poses.said(header)? * schema_types::space::sensor_from_camera();
         let ego_from_camera = world_from_ego.inverse() * world_from_camera;
         let eye = ego_from_camera.translation.vector;
         let on_ground = |point: &Keypoint| {
@@ -244,7 +241,7 @@ impl Measure for Lanes {
     }
 
     fn begin(&mut self, context: &Context<'_>) -> anyhow::Result<()> {
-        self.poses.clear();
+        self.poses.begin(context);
         let text = context.scenario.opendrive.as_ref().ok_or_else(|| {
             anyhow::anyhow!(
                 "the task {} needs the map, which the recording does not hold",

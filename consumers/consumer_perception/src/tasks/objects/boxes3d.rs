@@ -145,8 +145,8 @@ impl Measure for Boxes3d {
         }
     }
 
-    fn begin(&mut self, _: &Context<'_>) -> anyhow::Result<()> {
-        self.poses.clear();
+    fn begin(&mut self, context: &Context<'_>) -> anyhow::Result<()> {
+        self.poses.begin(context);
         self.evidence = Evidence::default();
         Ok(())
     }

@@ -155,8 +155,8 @@ impl Measure for Tracking {
         }
     }
 
-    fn begin(&mut self, _: &Context<'_>) -> anyhow::Result<()> {
-        self.poses.clear();
+    fn begin(&mut self, context: &Context<'_>) -> anyhow::Result<()> {
+        self.poses.begin(context);
         self.evidence = Evidence::default();
         Ok(())
     }

@@ -181,6 +181,7 @@ pub fn capture(mode: Mode, frames_nanos: impl IntoIterator<Item = u64>) -> Captu
         n_refused: 0,
         usage: Vec::new(),
         faults: Vec::new(),
+        has_crashed: false,
         drive_recording: None,
     }
 }
@@ -272,6 +273,18 @@ pub fn scored(
     from_nanos: u64,
     ticks: impl IntoIterator<Item = TickSet>,
 ) -> Scored {
+    scored_in(task, capture, about, from_nanos, ticks, false)
+}
+
+/// As [`scored`], in a world that is sealed or not.
+pub fn scored_in(
+    task: &mut dyn AnyTask,
+    capture: &Capture,
+    about: &Scenario,
+    from_nanos: u64,
+    ticks: impl IntoIterator<Item = TickSet>,
+    is_sealed: bool,
+) -> Scored {
     let spec = task.spec().clone();
     let answers = Answers::of(
         capture,
@@ -284,6 +297,7 @@ pub fn scored(
     let context = Context {
         scenario: about,
         spec: &spec,
+        is_sealed,
     };
     task.begin(&context, answers, 1)
         .expect("nothing is missing");

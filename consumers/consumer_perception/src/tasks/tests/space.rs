@@ -9,8 +9,10 @@ use schema_frames::{
 use schema_types::Pose;
 
 use super::close;
-use super::scene::{EGO, MS, actor, capture, list, plan, result, scenario, scored, spec, tick};
-use crate::capture::{CapturedResult, Mode};
+use super::scene::{
+    EGO, MS, actor, capture, list, plan, result, scenario, scored, scored_in, spec, tick,
+};
+use crate::capture::{Body, CapturedResult, Mode};
 use crate::report::TaskScore;
 use crate::suite::TaskKind;
 use crate::tasks::dense::lidar_semantic::LidarSemantic;
@@ -136,6 +138,48 @@ fn a_box_is_the_same_in_every_space() {
         // The person shows no point: neither asked for nor missed.
         assert_eq!((score.n_scored, score.n_ignored), (21, 21));
     }
+}
+
+/// In a sealed world a program knows the mount of its sensor alone.
+#[test]
+fn a_box_of_a_sealed_world_is_placed_by_the_carriers_pose() {
+    let asked = spec(TaskKind::Boxes3d);
+    let mount = Pose::from_xyz_yaw(1.5, 0.2, 1.6, 0.3);
+    let seen = |at: u64| {
+        let world_from_sensor = ego(at).isometry() * mount.isometry();
+        let mut result = boxed(at, Space::Vehicle);
+        let mut found: Box3d = bytemuck::pod_read_unaligned(&result.body.bytes().unwrap());
+        found.pose = (world_from_sensor.inverse() * car(at).isometry()).into();
+        result.body = Body::Held(bytemuck::bytes_of(&found).into());
+        result.header.space = Space::Sensor as u32;
+        result.header.world_from_space = mount;
+        result
+    };
+    let score = |is_sealed: bool| {
+        let mut capture = capture(Mode::Offline, times());
+        capture.results.extend(times().map(seen));
+        let measure = Boxes3d::new(&asked).expect("classes");
+        let mut task = TaskRun::new(asked.clone(), Mode::Offline, plan(&[0]), measure);
+        let ticks = times().map(scene);
+        let scored = scored_in(
+            &mut task,
+            &capture,
+            &scenario(),
+            1000 * MS,
+            ticks,
+            is_sealed,
+        );
+        assert_eq!(scored.first_fault, None);
+        scored.score
+    };
+    let sealed = score(true);
+    close(sealed.offline.get("mAP"), 1.0, "mAP");
+    assert!(sealed.offline["mATE"] < 1e-5, "{}", sealed.offline["mATE"]);
+    close(
+        score(false).offline.get("mAP"),
+        0.0,
+        "mAP of a mount that is taken for a place",
+    );
 }
 
 #[test]

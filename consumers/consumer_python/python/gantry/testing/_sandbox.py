@@ -34,9 +34,22 @@ class Sandbox:
         # iceoryx2 reads this file in the working folder of every process.
         self._config = self.folder / "config" / "iceoryx2.toml"
         self._config.write_text(f"[global]\nroot-path = {json.dumps(str(root))}\nprefix = {json.dumps(self.prefix)}\n")
+        # Programs accept a runtime folder only if nobody else may enter it.
+        (self.folder / "run").mkdir(mode=0o700)
         # This process works elsewhere, so it is told.
         native.set_private(self.domain, root, self.prefix)
         _domain.sandboxes.append(self.domain)
+
+    def environment(self) -> dict[str, str]:
+        """Folders of a user who has never used Gantry, so that a test does not depend on the maps and recordings of this one."""
+        # Compiled shaders stay where they are: compiling them takes seconds.
+        caches = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+        return {
+            "XDG_DATA_HOME": str(self.folder / "data"),
+            "XDG_CACHE_HOME": str(self.folder / "cache"),
+            "XDG_RUNTIME_DIR": str(self.folder / "run"),
+            "MESA_SHADER_CACHE_DIR": os.environ.get("MESA_SHADER_CACHE_DIR") or caches,
+        }
 
     def links_to(self, folder: str | os.PathLike[str]) -> pathlib.Path:
         """Makes a folder of links to everything in `folder`.

@@ -83,7 +83,7 @@ class Simulator:
             words += ["--set", f"{key}={_toml(value)}"]
         try:
             #: The simulator's own process.
-            self.daemon: Program = Program([*words, *args], str(self._sandbox.folder), {})
+            self.daemon: Program = Program([*words, *args], str(self._sandbox.folder), self._sandbox.environment())
         except BaseException:
             self._sandbox.leave()
             raise
@@ -126,7 +126,7 @@ class Simulator:
         it writes there is gone at the end. `env` is added to the environment.
         """
         folder = self._sandbox.folder if cwd is None else self._sandbox.links_to(cwd)
-        program = Program([os.fspath(word) for word in words], str(folder), {"GANTRY_DOMAIN": self.domain, **(env or {})})
+        program = Program([os.fspath(word) for word in words], str(folder), {**self._sandbox.environment(), "GANTRY_DOMAIN": self.domain, **(env or {})})
         self.programs.append(program)
         return program
 

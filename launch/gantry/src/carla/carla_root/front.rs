@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use anyhow::Context as _;
-use launch_cli::{CommonArgs, Exit};
+use launch_cli::{ColorWhen, Exit};
 
 use super::arguments::{self, Wishes};
 use super::place::{LAUNCH_FILE, PROGRAM, root_of};
@@ -97,8 +97,7 @@ fn command(root: &Path, wishes: &Wishes) -> anyhow::Result<Command> {
     if wishes.no_rendering {
         command.arg("--no-rendering");
     }
-    let common = CommonArgs::default();
-    if common.color.on_stderr() {
+    if ColorWhen::Auto.on_stderr() {
         command.args(["--color", "always"]);
     }
     Ok(command)

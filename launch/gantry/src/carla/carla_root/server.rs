@@ -69,10 +69,8 @@ fn detach() -> anyhow::Result<Exit> {
 
 fn serve(args: &CarlaServerArgs, common: &CommonArgs, signals: Signals) -> anyhow::Result<Exit> {
     // As quiet as CARLA: warnings, and one line about where it listens.
-    let common = CommonArgs {
-        quiet: common.quiet.max(1),
-        ..common.clone()
-    };
+    let mut common = common.clone();
+    common.basic.quiet = common.quiet.max(1);
     let up = UpArgs {
         files: vec![args.launch.clone()],
         set: overrides(args),

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context as _;
+use launch_cli::files::{open_plain, read_plain};
 use launch_cli::wrong_usage;
 use schema_roads::MAX_TEXT_BYTES;
 
@@ -40,10 +41,10 @@ pub fn text_of_name(name: &str, data: Option<&Path>, seed: u64) -> anyhow::Resul
 
 /// The text of a file that is not too long.
 pub fn text_of_file(path: &Path) -> Result<String, Refusal> {
-    let n_bytes = path.metadata().map_err(Refusal::Unreadable)?.len();
+    let (_, n_bytes) = open_plain(path).map_err(Refusal::Unreadable)?;
     if n_bytes > MAX_TEXT_BYTES as u64 {
         return Err(Refusal::TooLarge { n_bytes });
     }
-    let bytes = std::fs::read(path).map_err(Refusal::Unreadable)?;
+    let bytes = read_plain(path, MAX_TEXT_BYTES as u64).map_err(Refusal::Unreadable)?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }

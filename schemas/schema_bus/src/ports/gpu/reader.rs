@@ -76,39 +76,41 @@ pub(super) fn failed(topic: &str, fault: impl Into<String>) -> BusError {
     }
 }
 
+/// Why a process gives no answer, as a clause.
+#[derive(Debug, thiserror::Error)]
+enum NoAnswer {
+    #[error("the process that writes them does not answer ({0})")]
+    Silent(#[from] Errno),
+    #[error("their writer speaks schema {0}, this program {SCHEMA_VERSION}; rebuild one of them")]
+    OtherSchema(u16),
+    #[error("their writer does not understand schema {SCHEMA_VERSION}; rebuild one of the two")]
+    NotUnderstood,
+}
+
 /// Asks one process.
 fn ask(
     node: &BusNode,
     producer: u64,
     question: &GpuAsk,
-) -> Result<(GpuAnswer, Option<OwnedFd>), String> {
+) -> Result<(GpuAnswer, Option<OwnedFd>), NoAnswer> {
     answer_on(&put(node, producer, question)?)
 }
 
-fn gone(error: Errno) -> String {
-    format!("the process that writes them does not answer ({error})")
-}
-
 /// Puts a question to one process; the answer comes on the connection.
-fn put(node: &BusNode, producer: u64, question: &GpuAsk) -> Result<OwnedFd, String> {
+fn put(node: &BusNode, producer: u64, question: &GpuAsk) -> Result<OwnedFd, NoAnswer> {
     let name = name_of(node.domain(), producer);
-    let connection = connect_to(&node.root(), &name).map_err(gone)?;
-    send(connection.as_fd(), question, None).map_err(gone)?;
+    let connection = connect_to(&node.root(), &name)?;
+    send(connection.as_fd(), question, None)?;
     Ok(connection)
 }
 
-fn answer_on(connection: &OwnedFd) -> Result<(GpuAnswer, Option<OwnedFd>), String> {
-    let (answer, descriptor) = receive::<GpuAnswer>(connection.as_fd()).map_err(gone)?;
+fn answer_on(connection: &OwnedFd) -> Result<(GpuAnswer, Option<OwnedFd>), NoAnswer> {
+    let (answer, descriptor) = receive::<GpuAnswer>(connection.as_fd())?;
     if answer.magic != GPU_MAGIC || answer.schema_version != SCHEMA_VERSION {
-        return Err(format!(
-            "their writer speaks schema {}, this program {SCHEMA_VERSION}; rebuild one of them",
-            answer.schema_version
-        ));
+        return Err(NoAnswer::OtherSchema(answer.schema_version));
     }
     if answer.status == GpuAnswer::OTHER_SCHEMA {
-        return Err(format!(
-            "their writer does not understand schema {SCHEMA_VERSION}; rebuild one of the two"
-        ));
+        return Err(NoAnswer::NotUnderstood);
     }
     Ok((answer, descriptor))
 }
@@ -138,7 +140,7 @@ pub(crate) fn offer(node: &BusNode, topic: &str) -> Result<GpuOffer, BusError> {
                 });
             }
             Ok(_) => {}
-            Err(fault) => why = Some(fault),
+            Err(fault) => why = Some(fault.to_string()),
         }
     }
     if let Some(found) = found {
@@ -157,8 +159,8 @@ pub(crate) fn fetch(
     producer: u64,
     generation: u64,
 ) -> Result<GpuMemory, BusError> {
-    let (answer, descriptor) =
-        ask(node, producer, &GpuAsk::memory(generation)).map_err(|fault| failed(topic, fault))?;
+    let (answer, descriptor) = ask(node, producer, &GpuAsk::memory(generation))
+        .map_err(|fault| failed(topic, fault.to_string()))?;
     let descriptor = match (answer.status, descriptor) {
         (GpuAnswer::OK, Some(descriptor)) if answer.generation == generation => descriptor,
         (GpuAnswer::OK, _) => return Err(failed(topic, "their writer's answer has no descriptor")),

@@ -2,7 +2,9 @@
 
 use iceoryx2::prelude::*;
 
-use schema_frames::{RESULT_ATTRIBUTE, ResultHeader, ResultType, SCHEMA_ATTRIBUTE, SCHEMA_VERSION};
+use schema_frames::{
+    About, AboutError, RESULT_ATTRIBUTE, ResultHeader, ResultType, SCHEMA_ATTRIBUTE, SCHEMA_VERSION,
+};
 
 use crate::contract::error::BusError;
 use crate::contract::names;
@@ -22,6 +24,18 @@ pub struct ResultService {
     pub(crate) kind: ResultType,
 }
 
+/// Whether results of a kind may be described so; `full` names their topic.
+///
+/// # Errors
+/// [`BusError::Description`].
+pub(crate) fn check_about(full: &str, kind: ResultType, about: &About) -> Result<(), BusError> {
+    let fault = |fault: AboutError| BusError::Description {
+        topic: full.into(),
+        fault: fault.to_string(),
+    };
+    about.check(kind).map_err(fault)
+}
+
 impl ResultService {
     /// Makes the topic, or joins it with the capacities that it has.
     pub(crate) fn make(
@@ -35,11 +49,7 @@ impl ResultService {
                 topic: topic.into(),
             });
         }
-        let fault = |fault| BusError::Description {
-            topic: full.clone(),
-            fault,
-        };
-        spec.about.check(spec.kind).map_err(fault)?;
+        check_about(&full, spec.kind, &spec.about)?;
         let slices = make_or_join(node, &full, &name, spec.kind, &spec.qos)?;
         Ok(ResultService {
             slices,

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::time::Duration;
 
 use iceoryx2::prelude::*;
+use parking_lot::Mutex;
 
 use schema_frames::{
     About, DocumentHeader, ElementType, InputRecord, PixelFormat, ResultHeader, ResultType,
@@ -23,7 +24,7 @@ use crate::place::service::{Slices, capacity};
 use crate::ports::document::DocumentPublisher;
 use crate::ports::results::draft::{Answerable, ResultDraft};
 use crate::ports::results::reader::{bad_result, expect_kind};
-use crate::ports::results::service::ResultService;
+use crate::ports::results::service::{ResultService, check_about};
 use crate::ports::writer::{Loan, Slots, Writer, make_port};
 use crate::time::clock::mono_now;
 
@@ -51,10 +52,18 @@ struct WriterEnd {
     wake: Notifier,
     writer_epoch: u64,
     n_sent: AtomicU64,
-    about: Option<DocumentPublisher>,
+    /// Its description, once it has one.
+    about: Mutex<Option<DocumentPublisher>>,
 }
 
 impl WriterEnd {
+    /// Sends the description to readers that joined since the last call.
+    fn greet(&self) {
+        if let Some(about) = &*self.about.lock() {
+            about.greet();
+        }
+    }
+
     fn number(&self, header: &mut ResultHeader) {
         header.seq = self.n_sent.fetch_add(1, Relaxed) + 1;
         if header.seq == 1 {
@@ -102,7 +111,7 @@ impl ResultPublisher {
                 wake: Notifier::open(node, topic)?,
                 writer_epoch,
                 n_sent: AtomicU64::new(0),
-                about,
+                about: Mutex::new(about),
             }),
             slot_bytes: AtomicUsize::new(first_bytes),
         })
@@ -123,6 +132,28 @@ impl ResultPublisher {
         self.writer.n_readers()
     }
 
+    /// Sends the description to readers that joined since the last call, which a writer otherwise
+    /// does with its next result.
+    pub fn greet(&self) {
+        self.end.greet();
+    }
+
+    /// Describes the results otherwise from now on. The port stays: a reader that has not looked yet
+    /// loses nothing that was sent.
+    pub(crate) fn describe(&self, node: &BusNode, about: &About) -> Result<(), BusError> {
+        check_about(&self.end.full, self.kind(), about)?;
+        let mut known = self.end.about.lock();
+        match &mut *known {
+            Some(document) => drop(document.send_json(about, self.end.writer_epoch, 0)?),
+            None if about.is_empty() => {}
+            none => {
+                let service = DocumentPublisher::service(node, &names::about(&self.topic))?;
+                *none = Some(described(service, about, self.end.writer_epoch)?);
+            }
+        }
+        Ok(())
+    }
+
     /// Loans a slot for a body of up to `body_bytes`, to be filled in place and sent. Slots grow
     /// if it is longer than all before.
     ///
@@ -130,9 +161,7 @@ impl ResultPublisher {
     /// [`LoanError::NoFreeSlot`] if all loans are in use, [`LoanError::Memory`] if `/dev/shm` has
     /// no room for longer slots.
     pub fn loan(&self, body_bytes: usize) -> Result<ResultLoan, LoanError> {
-        if let Some(about) = &self.end.about {
-            about.greet();
-        }
+        self.end.greet();
         let bytes = loan_bytes(body_bytes);
         self.grow(bytes)?;
         let limit_bytes = self.slot_bytes.load(Relaxed);
@@ -146,9 +175,7 @@ impl ResultPublisher {
 
     /// Gives a draft the next number: for results that are sent elsewhere, or in two places.
     pub(crate) fn number(&self, draft: &mut ResultDraft) {
-        if let Some(about) = &self.end.about {
-            about.greet();
-        }
+        self.end.greet();
         draft.count_inputs();
         self.end.number(draft.header_mut());
     }

@@ -42,6 +42,11 @@ fn answer_to(
     asked: Question,
     asker: &Origin,
 ) -> anyhow::Result<Vec<u8>> {
+    if sensors.options().seal.is_some() {
+        return Err(wrong_usage(
+            "this world is sealed, and shows no scene to other processes; render workers work with one that is not",
+        ));
+    }
     match asked {
         Question::Join {
             name,

@@ -7,7 +7,7 @@ use test_kit::Sandbox;
 use test_kit::sandbox::binary_path;
 
 /// All programs that users start.
-const PROGRAMS: [&str; 14] = [
+pub(super) const PROGRAMS: [&str; 14] = [
     "gantry",
     "simd",
     "gantry-render",
@@ -33,6 +33,8 @@ fn run(program: &str, words: &[&str]) -> Output {
         .env_remove("RUST_LOG")
         .env_remove("NO_COLOR")
         .env_remove("GANTRY_DOMAIN")
+        // Programs of this machine's that are none of the repository's stay out of the list.
+        .env("PATH", "/usr/bin:/bin")
         .stdin(Stdio::null())
         .output()
         .unwrap_or_else(|error| panic!("cannot start {program}: {error}"));
@@ -62,7 +64,7 @@ fn subcommands(help: &str) -> Vec<String> {
 }
 
 /// Help texts by the words that lead to them, parents first.
-fn helps() -> Vec<(Vec<String>, String)> {
+pub(super) fn helps() -> Vec<(Vec<String>, String)> {
     let mut found = Vec::new();
     let mut todo: Vec<Vec<String>> = PROGRAMS.map(|name| vec![name.to_owned()]).to_vec();
     todo.reverse();
@@ -98,16 +100,109 @@ fn help_texts_are_those_of_the_page() {
 
 /// The page tells these once for all, so that an option of one program among them would be nowhere.
 #[test]
-fn common_options_are_the_same_everywhere() {
+fn common_options_are_the_same_everywhere_but_for_the_domain() {
     let common = |program: &str| {
         let help = printed(program, &["--help"]);
         let (_, rest) = help.split_once("\nCommon options:\n").expect(program);
         let (options, _) = rest.split_once("\nEnvironment:\n").expect(program);
-        options.to_owned()
+        let verbose = options.find("  -v, --verbose").expect(program);
+        options[verbose..].to_owned()
     };
     for program in PROGRAMS {
         assert_eq!(common(program), common("gantry"), "{program}");
     }
+}
+
+/// Whether these words meet other programs on the bus; all others read and write files, or have a
+/// domain of their own for each run.
+fn is_on_a_domain(path: &[String]) -> bool {
+    let words: Vec<&str> = path.iter().map(String::as_str).collect();
+    match words[..] {
+        ["gantry-export" | "gantry-dataset", ..] => false,
+        ["gantry-bench", ref words @ ..] => matches!(words, ["ages" | "topics" | "tick"]),
+        ["gantry-record", ref words @ ..] => matches!(words, [] | ["dump"]),
+        _ => true,
+    }
+}
+
+/// An option that does nothing is none.
+#[test]
+fn only_what_meets_others_on_the_bus_takes_a_domain() {
+    for (path, help) in helps() {
+        let has = help.contains("--domain <NAME>");
+        assert_eq!(has, is_on_a_domain(&path), "{path:?}\n{help}");
+    }
+    for words in [
+        &["gantry-bench", "perception", "launch/bench/smoke.toml"][..],
+        &["gantry-bench", "reaction", "launch/bench/reaction.toml"],
+        &["gantry-bench", "compare", "a.json", "b.json"],
+        &["gantry-bench", "show", "a.json"],
+        &["gantry-dataset", "verify", "set"],
+        &[
+            "gantry-export",
+            "a.mcap",
+            "--format",
+            "kitti",
+            "--out",
+            "set",
+        ],
+        &["gantry-record", "info", "a.mcap"],
+        &["gantry-record", "cat", "a.mcap"],
+    ] {
+        let mut command = Command::new(binary_path(words[0]));
+        command
+            .args(&words[1..])
+            .args(["--check-arguments", "--domain", "lab"]);
+        let output = command.output().expect("it starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {said}");
+        assert!(said.contains("unexpected argument '--domain'"), "{said}");
+    }
+}
+
+/// The words and lines of the list of programs in a help text.
+fn listed(help: &str) -> Vec<(&str, &str)> {
+    let heading = "\nPrograms, which gantry WORD starts as gantry-WORD:\n";
+    let (_, rest) = help.split_once(heading).expect("the list");
+    let list = rest.split("\n\n").next().unwrap_or_default();
+    list.lines()
+        .map(|line| line.trim().split_once("  ").expect("a word and a line"))
+        .map(|(word, line)| (word, line.trim()))
+        .collect()
+}
+
+/// As cargo lists its own subcommands and those of others.
+#[test]
+fn the_launcher_lists_the_programs_that_are_installed() {
+    let help = printed("gantry", &["--help"]);
+    let listed_here = listed(&help);
+    let mut ours: Vec<&str> = PROGRAMS
+        .iter()
+        .filter_map(|program| program.strip_prefix("gantry-"))
+        .collect();
+    ours.sort_unstable();
+    let words: Vec<&str> = listed_here.iter().map(|(word, _)| *word).collect();
+    assert_eq!(words, ours);
+    for (word, line) in listed_here {
+        assert!(line.contains(' ') && !line.contains('/'), "{word}: {line}");
+    }
+    let sandbox = Sandbox::new("listed");
+    let own = sandbox.write("gantry-probe", "#!/bin/sh\n");
+    sandbox.write("gantry-no_program", "");
+    let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+    std::fs::set_permissions(&own, mode).expect("it is ours");
+    let output = Command::new(binary_path("gantry"))
+        .env("PATH", sandbox.dir())
+        .arg("-h")
+        .output()
+        .expect("it starts");
+    let help = String::from_utf8(output.stdout).expect("help is UTF-8");
+    let listed_there = listed(&help);
+    assert!(
+        listed_there.contains(&("probe", own.to_str().expect("UTF-8"))),
+        "{help}"
+    );
+    assert!(!help.contains("no_program") && listed_there.len() == ours.len() + 1);
 }
 
 /// What is typed first is shown by an example.

@@ -98,6 +98,11 @@ pub fn report(folder: &Path) -> Report {
         ]),
         build: "gantry 1.0.0 (0123456789)".into(),
         seed: 7,
+        has_drawn_seed: true,
+        is_sealed: true,
+        given_truth: vec!["noisy/boxes".into()],
+        has_crash: true,
+        training_maps: vec!["Town02".into()],
         began: "2026-03-01T12:30:00Z".into(),
         took_secs: 642.0,
         machine: Machine {

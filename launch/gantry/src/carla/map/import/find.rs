@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use launch_cli::wrong_usage;
+use schema_roads::MAX_TEXT_BYTES;
 
 use crate::carla::map::refusal::{MAX_NAME_BYTES, Refusal};
 
@@ -45,10 +46,13 @@ pub(super) fn maps(what: &[PathBuf]) -> anyhow::Result<Vec<Found>> {
         } else if path.is_file() {
             files.push(path.clone());
         } else {
-            return Err(wrong_usage(format!(
-                "there is no file or folder {}",
-                path.display()
-            )));
+            let shown = path.display();
+            return Err(wrong_usage(match launch_cli::files::open_plain(path) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                    format!("cannot import {shown}: {error}")
+                }
+                _ => format!("there is no file or folder {shown}"),
+            }));
         }
     }
     Ok(by_name(files))
@@ -146,7 +150,7 @@ fn chosen(name: String, files: Vec<(bool, PathBuf)>) -> Found {
         .split_first()
         .map(|((_, first), rest)| (first.clone(), rest))
         .expect("a name has a file");
-    let bytes = |path: &Path| std::fs::read(path).ok();
+    let bytes = |path: &Path| launch_cli::files::read_plain(path, MAX_TEXT_BYTES as u64).ok();
     let first = if others.is_empty() && left.is_empty() {
         None
     } else {

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use schema_roads::MAX_TEXT_BYTES;
+
 use crate::carla::map::refusal::Refusal;
 use crate::cli::ImportArgs;
 
@@ -57,7 +59,7 @@ pub(super) fn place(
     wishes: Wishes,
 ) -> Result<Placed, Refusal> {
     let path = folder.join(format!("{name}.xodr"));
-    let placed = match std::fs::read(&path) {
+    let placed = match launch_cli::files::read_plain(&path, MAX_TEXT_BYTES as u64) {
         Ok(there) if there == text.as_bytes() => return Ok(Placed::Same),
         Ok(_) if !wishes.replaces => {
             return Err(Refusal::NameTaken { path });
