@@ -72,7 +72,8 @@ struct Waiting {
 }
 
 impl Waiting {
-    /// Whether its part still fits is for whoever makes it to see, by [`Waiting::fits`].
+    /// Counts the request among those that wait. Whoever makes it asks [`Waiting::fits`], and drops
+    /// it if too many bytes wait.
     fn new(query: Query, of: &Arc<AtomicUsize>) -> Waiting {
         let n_bytes = query.payload().map_or(0, |text| text.len());
         of.fetch_add(n_bytes, Relaxed);

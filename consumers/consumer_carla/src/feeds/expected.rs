@@ -11,9 +11,9 @@ use parking_lot::Mutex;
 
 /// How long a source waits for its client.
 const CONNECT: Duration = Duration::from_secs(10);
-/// Most streams that may be expected at a time, of all clients together and of one.
+/// Most streams that may be expected at a time, of all clients together.
 pub const MAX_EXPECTED: usize = 256;
-/// As [`MAX_EXPECTED`], of one client.
+/// Most of them of one client.
 pub const MAX_EXPECTED_OF_ONE: usize = 64;
 
 /// Sources that wait for their clients, by stream; within a stream the oldest comes first.
