@@ -352,8 +352,8 @@ fn peers_that_ask_for_no_gpu_memory_keep_nobody_waiting() {
     let bus = place.bus();
     let server = bus.gpu_server(GpuDevice::default()).unwrap();
     let _offered = server.offer("ego/front/rgb", FrameTopic::on_gpu(2));
-    // Each has two seconds, and so has the reader for its answer: after two of them it would be late.
-    // More of them than are kept at once are closed.
+    // Each peer has two seconds, and the reader waits as long for its answer: it must not wait for one
+    // peer after the other. They are more than the server keeps at once.
     let peers: Vec<OwnedFd> = (0..100)
         .map(|_| silent_peer(&place.folder.path().join("iox")))
         .collect();

@@ -313,7 +313,7 @@ fn accept(listener: &OwnedFd) -> Option<OwnedFd> {
     }
 }
 
-/// Answers the question that has come.
+/// Answers the question that has come. The other side has two seconds to take the answer.
 fn answer(shared: &Shared, connection: &OwnedFd) -> Result<(), Errno> {
     set_patience(connection)?;
     let (ask, _) = receive::<GpuAsk>(connection.as_fd())?;
