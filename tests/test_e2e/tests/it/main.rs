@@ -24,6 +24,7 @@ mod full_memory;
 mod kills;
 mod laboratory;
 mod launch_schema;
+mod listener;
 mod map_check;
 mod map_import;
 mod maps;
