@@ -23,12 +23,22 @@ pub struct Listener {
     stream: u32,
 }
 
-fn connect(port: u16) -> TcpStream {
+/// Connects to a port of this machine; reads wait for a minute at most.
+pub fn connect(port: u16) -> TcpStream {
     let connection = TcpStream::connect(("127.0.0.1", port)).unwrap();
     connection
         .set_read_timeout(Some(Duration::from_secs(60)))
         .unwrap();
     connection
+}
+
+/// Bytes of a request.
+pub fn request(id: u32, method: &str, args: &[Value]) -> Vec<u8> {
+    let mut all = vec![list![false]];
+    all.extend_from_slice(args);
+    let mut bytes = Vec::new();
+    msgpack::write(&mut bytes, &list![0u32, id, method, Value::Array(all)]);
+    bytes
 }
 
 /// Number and port of a token's stream.
@@ -59,16 +69,10 @@ impl Listener {
         listener
     }
 
-    /// Calls a method and returns its result, the second of an error or a value.
+    /// Calls a method and returns its result, which comes as `[1, value]`; an error would be `[0, error]`.
     fn call(&mut self, method: &str, args: &[Value]) -> Value {
         self.n_calls += 1;
-        let mut all = vec![list![false]];
-        all.extend_from_slice(args);
-        let mut bytes = Vec::new();
-        msgpack::write(
-            &mut bytes,
-            &list![0u32, self.n_calls, method, Value::Array(all)],
-        );
+        let bytes = request(self.n_calls, method, args);
         self.calls.write_all(&bytes).unwrap();
         let answer = msgpack::read(&mut self.calls, Limits::default()).unwrap();
         let Value::Array(items) = answer else {

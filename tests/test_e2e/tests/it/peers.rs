@@ -19,7 +19,7 @@ use test_e2e::{ask, join_bus, not_tested, spawn_consumer, start_daemon};
 use test_kit::sandbox::binary_path;
 use test_kit::{Process, Sandbox, eventually};
 
-use crate::listener::Listener;
+use crate::listener::{self, Listener, connect};
 
 /// Streaming connections that a gateway takes.
 const MAX_STREAMS: usize = 1024;
@@ -30,19 +30,8 @@ const WORLD_STREAM: u32 = 1;
 const ALL: usize = 1 << 16;
 const ROOT_ALONE: &str = "only root can become somebody else; run this test as root";
 
-fn connect(port: u16) -> TcpStream {
-    let connection = TcpStream::connect(("127.0.0.1", port)).unwrap();
-    let patience = Some(Duration::from_secs(60));
-    connection.set_read_timeout(patience).unwrap();
-    connection
-}
-
 fn request(method: &str, args: &[Value]) -> Vec<u8> {
-    let mut all = vec![list![false]];
-    all.extend_from_slice(args);
-    let mut bytes = Vec::new();
-    msgpack::write(&mut bytes, &list![0u32, 7u32, method, Value::Array(all)]);
-    bytes
+    listener::request(7, method, args)
 }
 
 /// The text of an answer, whatever its form.
@@ -70,21 +59,21 @@ fn worked_secs(process: &Process) -> f64 {
     (ticks(words[11]) + ticks(words[12])) / 100.0
 }
 
-/// Lets a stock client listen and stop so often. That client's own library sometimes reads a message
-/// that it stopped taking after its length, which ends it in a segmentation fault or an abort; then
-/// another client does it.
+/// Lets a stock client listen and stop so often. That client's own library sometimes decodes a
+/// message of which it has received only the length when it is told to stop, and ends in a
+/// segmentation fault or an abort; then another client does it.
 fn listen(stage: &Stage, n_calls: u32) {
     let (port, n_calls) = (stage.port.to_string(), n_calls.to_string());
     for _ in 0..5 {
         let client = start_script(&stage.sandbox, "carla_peers.py", &[&port, &n_calls]);
         let ended = client.wait_longer(test_kit::PATIENCE * 3);
-        let is_unfilled = ended.status.signal() == Some(Signal::SIGSEGV as i32)
+        let is_its_own_fault = ended.status.signal() == Some(Signal::SIGSEGV as i32)
             || ended.status.signal() == Some(Signal::SIGABRT as i32) && ended.says("bad_cast");
-        if !is_unfilled {
+        if !is_its_own_fault {
             assert!(ended.expect_code(0).says("listens passed"));
             return;
         }
-        eprintln!("the stock client ended by a message that it did not take");
+        eprintln!("the stock client ended by a message that it had not received");
     }
     panic!("no client listened {n_calls} times");
 }
