@@ -7,15 +7,13 @@ use test_kit::sandbox::repository;
 
 use crate::compiler::{compile, include};
 
-/// Names that stand before an opening bracket and begin with `gantry_`.
-fn functions<'a>(text: &'a str, before: &str) -> BTreeSet<&'a str> {
-    let lines = text.lines().filter(|line| line.contains(before));
+/// Names of the functions that lines of `text` with `mark` declare: the last word before the arguments,
+/// behind a type that may begin with `gantry_`, too.
+fn functions<'a>(text: &'a str, mark: &str) -> BTreeSet<&'a str> {
+    let lines = text.lines().filter(|line| line.contains(mark));
     lines
-        .filter_map(|line| {
-            let at = line.find(&format!("{before}gantry_"))? + before.len();
-            let name = &line[at..];
-            Some(&name[..name.find('(')?])
-        })
+        .filter_map(|line| line.split(['(', '<']).next()?.split_whitespace().last())
+        .filter(|name| name.starts_with("gantry_"))
         .collect()
 }
 
@@ -34,8 +32,8 @@ fn the_header_declares_the_functions_that_the_library_has() {
         .filter(|line| !line.starts_with("typedef") && !line.starts_with("static inline"))
         .map(|line| line.replace('*', " ") + "\n")
         .collect();
-    let declared = functions(&declarations, " ");
-    assert_eq!(declared, functions(&rust, "extern \"C\" fn "));
+    let declared = functions(&declarations, "(");
+    assert_eq!(declared, functions(&rust, "extern \"C\" fn gantry_"));
     assert!(declared.len() > 40, "{declared:?}");
 }
 
