@@ -1,10 +1,11 @@
 """Golden frames, made by the Rust tests, read from bytes."""
 
-import importlib.util
 import pathlib
 import struct
 import sys
+import types
 import unittest
+from unittest import mock
 
 import numpy as np
 
@@ -20,6 +21,45 @@ GOLDEN = HERE.parents[2] / "schemas" / "schema_frames" / "tests" / "golden" / "f
 def golden():
     lines = [line.split() for line in GOLDEN.read_text().splitlines() if not line.startswith("#")]
     return {name: bytes.fromhex(text) for name, text in lines}
+
+
+def torch_of_numpy():
+    """What `Frame.tensor` calls of torch, which is not installed here: tensors that know their device and how they came to be."""
+
+    class Device:
+        def __init__(self, name):
+            self.type, _, index = str(name).partition(":")
+            self.index = int(index) if index else None
+
+        def __str__(self):
+            return self.type if self.index is None else f"{self.type}:{self.index}"
+
+    class Tensor:
+        def __init__(self, numbers, device, steps=()):
+            self.numbers, self.device, self.steps = numbers, Device(device), list(steps)
+            self.shape, self.dtype = numbers.shape, f"torch.{numbers.dtype}"
+
+        def is_contiguous(self):
+            return self.numbers.flags.c_contiguous
+
+        def numpy(self):
+            assert self.device.type == "cpu", "torch refuses the numpy of another device"
+            return self.numbers
+
+        def to(self, device, non_blocking):
+            assert non_blocking
+            return Tensor(self.numbers.copy(), device, [*self.steps, f"to {device}, not blocking"])
+
+        def copy_(self, other, non_blocking):
+            assert non_blocking
+            self.numbers[...] = other.numbers
+            return self
+
+    def empty(shape, dtype, pin_memory):
+        return Tensor(np.full(shape, 7, dtype), "cpu", ["empty, pinned, on cpu" if pin_memory else "empty on cpu"])
+
+    dtypes = {name: name for name in ("uint8", "float16", "float32")}
+    return types.SimpleNamespace(Tensor=Tensor, empty=empty, device=Device, **dtypes)
 
 
 class GoldenFrames(unittest.TestCase):
@@ -125,18 +165,28 @@ class GoldenFrames(unittest.TestCase):
         with self.assertRaisesRegex(gantry.FrameFormatError, "needs a frame of rgb, this is depth"):
             gantry.frame_from_bytes(golden()["depth"]).tensor()
 
-    @unittest.skipUnless(importlib.util.find_spec("torch"), "there is no torch")
     def test_a_tensor_of_torch_is_filled_or_made(self):
-        import torch
-
         frame = gantry.frame_from_bytes(golden()["rgb"])
-        expected = torch.from_numpy(frame.tensor(dtype="float32"))
-        self.assertTrue(torch.equal(frame.tensor(dtype="float32", device="cpu"), expected))
-        out = torch.zeros(3, 2, 4)
-        self.assertIs(frame.tensor(dtype="float32", out=out), out)
-        self.assertTrue(torch.equal(out, expected))
-        with self.assertRaisesRegex(ValueError, "out is float32"):
-            frame.tensor(out=out)
+        expected = frame.tensor(dtype="float32")
+        with mock.patch.dict(sys.modules, torch=torch_of_numpy()) as modules:
+            torch = modules["torch"]
+            for device, steps in {"cpu": ["empty on cpu"], "cuda": ["empty, pinned, on cpu", "to cuda, not blocking"]}.items():
+                with self.subTest(device):
+                    made = frame.tensor(dtype="float32", device=device)
+                    np.testing.assert_array_equal(made.numbers, expected)
+                    self.assertEqual((made.device.type, made.steps), (device, steps))
+                    out = torch.Tensor(np.zeros((3, 2, 4), np.float32), "cuda:1" if device == "cuda" else device)
+                    self.assertIs(frame.tensor(dtype="float32", out=out, device=device), out)
+                    np.testing.assert_array_equal(out.numbers, expected)
+            for words, options in {
+                r"out is float32 \(3, 2, 4\); it must be uint8": {},
+                "device is 'cpu' and out is on cuda:1": {"dtype": "float32", "device": "cpu"},
+                "device is 'cuda:0' and out is on cuda:1": {"dtype": "float32", "device": "cuda:0"},
+            }.items():
+                with self.subTest(words), self.assertRaisesRegex(ValueError, words):
+                    frame.tensor(out=out, **options)
+            with self.assertRaisesRegex(ValueError, "out is list; it must be an array of numpy or a tensor of torch"):
+                frame.tensor(out=[])
 
     def test_a_frame_reads_only_what_its_header_says(self):
         data = golden()["dvs"]

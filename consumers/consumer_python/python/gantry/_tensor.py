@@ -72,7 +72,9 @@ def _torch(frame: Frame, dtype: str, layout: str, order: list[int], factor: floa
     if out is not None:
         if not isinstance(out, torch.Tensor):
             raise ValueError(f"out is {type(out).__name__}; it must be an array of numpy or a tensor of torch")
-        if device is not None and torch.device(device) != out.device:
+        wanted = out.device if device is None else torch.device(device)
+        # "cuda" is any of them.
+        if wanted.type != out.device.type or wanted.index not in (None, out.device.index):
             raise ValueError(f"device is {device!r} and out is on {out.device}; leave device out")
         _check_out(out, str(out.dtype).removeprefix("torch."), shape, dtype, out.is_contiguous())
         device = out.device
