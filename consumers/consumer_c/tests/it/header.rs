@@ -38,6 +38,22 @@ fn the_header_declares_the_functions_that_the_library_has() {
 }
 
 #[test]
+fn files_for_builds_name_the_version_of_the_library() {
+    let lib = repository().join("consumers/consumer_c/lib");
+    let version = env!("CARGO_PKG_VERSION");
+    for (file, line) in [
+        ("pkgconfig/gantry.pc", format!("Version: {version}\n")),
+        (
+            "cmake/gantry/gantry-config-version.cmake",
+            format!("set(PACKAGE_VERSION \"{version}\")\n"),
+        ),
+    ] {
+        let text = std::fs::read_to_string(lib.join(file)).unwrap();
+        assert!(text.contains(&line), "{file} lacks {line}");
+    }
+}
+
+#[test]
 fn c_reads_the_header_and_checks_every_size_and_offset() {
     let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("header.c");
     // Strict C11, and a size that is wrong on purpose, which the compiler must find.
