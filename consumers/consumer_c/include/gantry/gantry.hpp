@@ -303,7 +303,7 @@ public:
     /// The actor with this id; NULL if there is none.
     const ActorRecord *actor(uint32_t id) const noexcept {
         const auto all = actors();
-        auto *at = std::lower_bound(all.begin(), all.end(), id, [](const ActorRecord &it, uint32_t id) { return it.id < id; });
+        auto *at = std::lower_bound(all.begin(), all.end(), id, [](const ActorRecord &it, uint32_t wanted) { return it.id < wanted; });
         return at != all.end() && at->id == id ? at : nullptr;
     }
 

@@ -42,6 +42,7 @@ pub fn program(source: &Path, flags: &[&str]) -> PathBuf {
         "-Wextra",
         "-Wpedantic",
         "-Wconversion",
+        "-Wshadow",
         "-Werror",
         "-o",
         made.to_str().expect("paths are text"),
