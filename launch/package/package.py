@@ -30,6 +30,9 @@ else:
 
 ROOT = Path(__file__).resolve().parents[2]
 PYTHON = ROOT / "consumers" / "consumer_python"
+# Headers, pkg-config and CMake files as they lie in a prefix, and the library's name there.
+C = ROOT / "consumers" / "consumer_c"
+C_LIBRARY = "libgantry.so.1"
 # The file with every program in it, by cargo's name (launch/launch_all). Called so, it names them; in a
 # package it is `gantry`, and the other programs are links to it.
 ALL = "launch_all"
@@ -101,8 +104,8 @@ def moment():
 
 
 def built(folder):
-    """The files of `folder` that are packed: all programs, and the Python module."""
-    files = [folder / ALL, folder / "libconsumer_python.so"]
+    """The files of `folder` that are packed: all programs, the Python module, and the library for C."""
+    files = [folder / ALL, folder / "libconsumer_python.so", folder / "libgantry.so"]
     if missing := [file.name for file in files if not file.is_file()]:
         raise Failed(f"{folder} lacks {', '.join(missing)}; build with `cargo build --release --workspace` first")
     return files
@@ -242,9 +245,18 @@ def stable(document, label, when):
     return text.replace(str(ROOT), "gantry").encode() + b"\n"
 
 
-def tree(everything, names, into, name, boms):
-    """`bin` and `share` as below a prefix of a file system."""
+def c_files(library, into):
+    """`include` and `lib` for programs in C and C++, as below a prefix of a file system."""
+    for file in sorted([*(C / "include").rglob("*.h*"), *(C / "lib").rglob("*.pc"), *(C / "lib").rglob("*.cmake")]):
+        write(into / file.relative_to(C), file.read_bytes())
+    shutil.copyfile(library, into / "lib" / C_LIBRARY)
+
+
+def tree(everything, library, names, into, name, boms):
+    """`bin`, `include`, `lib` and `share` as below a prefix of a file system."""
     links(everything, names, into / "bin")
+    c_files(library, into)
+    (into / "lib" / "libgantry.so").symlink_to(C_LIBRARY)
     pages([into / "bin" / program for program in names], into / "share")
     launch = into / "share" / "gantry" / "launch"
     for file in sorted((ROOT / "launch").glob("*.toml")) + [ROOT / "launch" / "launch.schema.json"]:
@@ -298,6 +310,8 @@ Description: {SUMMARY}
  package rerun-sdk.
 """
     write(root / "DEBIAN" / "control", control.encode())
+    # The loader then knows the library.
+    write(root / "DEBIAN" / "triggers", b"activate-noawait ldconfig\n")
     for path in [root, *sorted(root.rglob("*"))]:
         if not path.is_symlink():
             path.chmod(0o755 if path.is_dir() or path.parent.name == "bin" else 0o644)
@@ -323,8 +337,9 @@ def metadata():
     return "\n".join(lines) + "\n\n" + (PYTHON / "README.md").read_text()
 
 
-def wheel(everything, names, module, out, work, libc, processor, boms, when):
-    """The Python package, its native module, and the programs as its scripts."""
+def wheel(everything, names, module, library, out, work, libc, processor, boms, when):
+    """The Python package, its native module, the programs as its scripts, and the files for C, which pip puts
+    into `include` and `lib` of the environment."""
     root = work / "wheel"
     shutil.copytree(PYTHON / "python" / "gantry", root / "gantry", ignore=shutil.ignore_patterns("__pycache__", "_native*.so"))
     native = root / "gantry" / "_native.abi3.so"
@@ -336,6 +351,7 @@ def wheel(everything, names, module, out, work, libc, processor, boms, when):
     for program in names:
         if program != MAIN:
             write(scripts / program, SCRIPT.encode())
+    c_files(library, root / f"{name}.data" / "data")
     tag = f"cp310-abi3-manylinux_{libc[0]}_{libc[1]}_{processor}"
     about = root / f"{name}.dist-info"
     write(about / "METADATA", metadata().encode())
@@ -365,24 +381,24 @@ def main():
     args.out.mkdir(parents=True, exist_ok=True)
     work = args.out / ".work"
     shutil.rmtree(work, ignore_errors=True)
-    everything, module = strip(built(args.binaries), work / "stripped")
+    everything, module, library = strip(built(args.binaries), work / "stripped")
     names = output(*runner(everything), str(everything)).split()
-    libc = glibc([everything, module])
-    libraries = needed([everything, module])
+    libc = glibc([everything, module, library])
+    libraries = needed([everything, module, library])
     processor, architecture = machine(module)
     boms = sbom(when)
     name = "gantry-sim"
     made = []
     try:
         if "tar" in wanted or "deb" in wanted:
-            tree(everything, names, work / "tree", name, boms)
+            tree(everything, library, names, work / "tree", name, boms)
         if "tar" in wanted:
             label = f"{name}-{version()}-{processor}-linux"
             made.append(tarball(work / "tree", args.out / f"{label}.tar.gz", label, when))
         if "deb" in wanted:
             made.append(deb(work / "tree", args.out / f"{name}_{version()}_{architecture}.deb", name, libc, libraries, architecture, when))
         if "wheel" in wanted:
-            made.append(wheel(everything, names, module, args.out, work, libc, processor, boms, when))
+            made.append(wheel(everything, names, module, library, args.out, work, libc, processor, boms, when))
     finally:
         shutil.rmtree(work, ignore_errors=True)
     for file in made:

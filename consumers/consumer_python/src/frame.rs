@@ -10,8 +10,9 @@
 use std::cell::Cell;
 use std::sync::{Arc, OnceLock};
 
+use numpy::PyReadwriteArray1;
 use parking_lot::Mutex;
-use pyo3::exceptions::{PyRuntimeError, PyTypeError};
+use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBytes, PyString, PyType};
@@ -25,6 +26,7 @@ use crate::elements::element;
 use crate::errors;
 use crate::fork::Owned;
 use crate::place::Place;
+use crate::tensor::{Form, Images, Numbers};
 use crate::view::{self, Access, Memory, Shape};
 
 /// A frame: header and payload.
@@ -362,6 +364,56 @@ impl Sample {
         let bytes = py.detach(|| frame.to_bytes());
         let bytes = bytes.map_err(errors::gpu)?;
         Ok(Some(PyBytes::new(py, &bytes)))
+    }
+
+    /// Writes the images of an `rgb` frame into the bytes of a dense tensor of the named type:
+    /// planes or pixels of the colours whose bytes in a pixel are `order`.
+    #[pyo3(signature = (out, *, dtype, planar, order, scale))]
+    fn fill_tensor(
+        &self,
+        py: Python<'_>,
+        mut out: PyReadwriteArray1<'_, u8>,
+        dtype: &str,
+        planar: bool,
+        order: Vec<usize>,
+        scale: f32,
+    ) -> PyResult<()> {
+        let Facts {
+            header,
+            modality,
+            payload,
+            ..
+        } = self.facts();
+        if self.on_gpu().is_some() || *modality != Modality::Rgb {
+            return Err(PyTypeError::new_err(
+                "only a frame of rgb in shared memory becomes a tensor",
+            ));
+        }
+        // SAFETY: the keeper, which this frame holds, keeps the payload mapped at its address, as for
+        // the frame's array; it was checked when the frame was taken.
+        let bytes = unsafe { std::slice::from_raw_parts(payload.start, payload.len) };
+        let images = Images {
+            bytes,
+            width: header.width as usize,
+            height: header.image_height() as usize,
+            n: header.n_images.max(1) as usize,
+            row_stride: header.row_stride as usize,
+        };
+        let n_numbers = images.n_numbers(order.len());
+        let numbers = Numbers::of(dtype, out.as_slice_mut()?)
+            .filter(|numbers| numbers.len() == n_numbers && order.iter().all(|byte| *byte < 4));
+        let numbers = numbers.ok_or_else(|| {
+            PyValueError::new_err(format!(
+                "the memory does not hold {n_numbers} numbers of {dtype}"
+            ))
+        })?;
+        let form = Form {
+            is_planar: planar,
+            order: &order,
+            scale,
+        };
+        py.detach(|| images.write(form, numbers));
+        Ok(())
     }
 
     /// A copy of the header's 256 bytes.

@@ -10,7 +10,7 @@
 //! child uses nothing and drops nothing of its parent's.
 //!
 //! Modules in reading order: `fork`, `errors`, `place` (a domain), `wait`, `view` (arrays),
-//! `elements`, `dlpack`, `frame`, `topic`, `world`, `lockstep`, `control`, `result`, `publish`,
+//! `elements`, `dlpack`, `tensor`, `frame`, `topic`, `world`, `lockstep`, `control`, `result`, `publish`,
 //! `publish_gpu` and `recording`.
 
 #![warn(missing_docs)]
@@ -27,6 +27,7 @@ mod publish;
 mod publish_gpu;
 mod recording;
 mod result;
+mod tensor;
 mod topic;
 mod view;
 mod wait;
@@ -67,7 +68,7 @@ mod _native {
 
     /// Number of this interface, which the Python half compares with its own.
     #[pymodule_export]
-    const INTERFACE: u32 = 6;
+    const INTERFACE: u32 = 7;
     /// Version of the layouts that this module reads and writes.
     #[pymodule_export]
     const SCHEMA_VERSION: u16 = schema_frames::SCHEMA_VERSION;

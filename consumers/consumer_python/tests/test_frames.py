@@ -1,8 +1,11 @@
 """Golden frames, made by the Rust tests, read from bytes."""
 
 import pathlib
+import struct
 import sys
+import types
 import unittest
+from unittest import mock
 
 import numpy as np
 
@@ -18,6 +21,45 @@ GOLDEN = HERE.parents[2] / "schemas" / "schema_frames" / "tests" / "golden" / "f
 def golden():
     lines = [line.split() for line in GOLDEN.read_text().splitlines() if not line.startswith("#")]
     return {name: bytes.fromhex(text) for name, text in lines}
+
+
+def torch_of_numpy():
+    """What `Frame.tensor` calls of torch, which is not installed here: tensors that know their device and how they came to be."""
+
+    class Device:
+        def __init__(self, name):
+            self.type, _, index = str(name).partition(":")
+            self.index = int(index) if index else None
+
+        def __str__(self):
+            return self.type if self.index is None else f"{self.type}:{self.index}"
+
+    class Tensor:
+        def __init__(self, numbers, device, steps=()):
+            self.numbers, self.device, self.steps = numbers, Device(device), list(steps)
+            self.shape, self.dtype = numbers.shape, f"torch.{numbers.dtype}"
+
+        def is_contiguous(self):
+            return self.numbers.flags.c_contiguous
+
+        def numpy(self):
+            assert self.device.type == "cpu", "torch refuses the numpy of another device"
+            return self.numbers
+
+        def to(self, device, non_blocking):
+            assert non_blocking
+            return Tensor(self.numbers.copy(), device, [*self.steps, f"to {device}, not blocking"])
+
+        def copy_(self, other, non_blocking):
+            assert non_blocking
+            self.numbers[...] = other.numbers
+            return self
+
+    def empty(shape, dtype, pin_memory):
+        return Tensor(np.full(shape, 7, dtype), "cpu", ["empty, pinned, on cpu" if pin_memory else "empty on cpu"])
+
+    dtypes = {name: name for name in ("uint8", "float16", "float32")}
+    return types.SimpleNamespace(Tensor=Tensor, empty=empty, device=Device, **dtypes)
 
 
 class GoldenFrames(unittest.TestCase):
@@ -77,6 +119,74 @@ class GoldenFrames(unittest.TestCase):
         self.assertEqual(frames["lane_invasion"].array["lane"][1], 0x23)
         self.assertEqual(frames["lane_invasion"].array["road"][0], 0x0B0A0908)
         self.assertEqual(frames["obstacle"].array["object_id"][0], 0x07060504)
+
+    def test_a_tensor_has_the_wanted_order_layout_and_type(self):
+        frame = gantry.frame_from_bytes(golden()["rgb"])
+        pixels = frame.array.astype(np.int64)
+        for colour, order in {"rgb": [2, 1, 0], "bgr": [0, 1, 2], "bgra": [0, 1, 2, 3]}.items():
+            for layout in ("chw", "hwc"):
+                for dtype in ("uint8", "float16", "float32"):
+                    with self.subTest(colour=colour, layout=layout, dtype=dtype):
+                        expected = pixels[..., order] if layout == "hwc" else pixels[..., order].transpose(2, 0, 1)
+                        if dtype != "uint8":
+                            expected = (expected.astype(np.float32) * np.float32(0.5)).astype(dtype)
+                        scale = None if dtype == "uint8" else 0.5
+                        out = np.full(expected.shape, 7, dtype)
+                        found = frame.tensor(dtype=dtype, layout=layout, colour=colour, scale=scale, out=out)
+                        self.assertIs(found, out)
+                        np.testing.assert_array_equal(found, expected)
+                        self.assertEqual(found.dtype, np.dtype(dtype))
+        made = frame.tensor(dtype="float32")
+        self.assertTrue(made.flags.c_contiguous and made.flags.writeable)
+        np.testing.assert_allclose(made[0], pixels[..., 2] / 255, rtol=1e-6)
+
+    def test_a_tensor_honours_padded_rows_and_images_of_a_batch(self):
+        header = bytearray(golden()["rgb"][:256])
+        # Two images of 2 x 1 pixels, rows 12 bytes apart.
+        header[48:72] = struct.pack("<Q4I", 20, 2, 2, 12, 4)
+        header[184:188] = struct.pack("<I", 2)
+        frame = gantry.frame_from_bytes(bytes(header) + bytes(range(20)))
+        self.assertEqual(frame.tensor().tolist(), [[[[2, 6]], [[1, 5]], [[0, 4]]], [[[14, 18]], [[13, 17]], [[12, 16]]]])
+        self.assertEqual(frame.tensor(layout="hwc", colour="bgr").tolist(), [[[[0, 1, 2], [4, 5, 6]]], [[[12, 13, 14], [16, 17, 18]]]])
+
+    def test_a_tensor_that_cannot_be_is_refused_with_a_sentence(self):
+        frame = gantry.frame_from_bytes(golden()["rgb"])
+        for words, options in {
+            "dtype is 'float64'; it must be one of uint8, float16, float32": {"dtype": "float64"},
+            "layout is 'nchw'; it must be one of chw, hwc": {"layout": "nchw"},
+            "colour is 'grey'; it must be one of rgb, bgr, bgra": {"colour": "grey"},
+            "scale is 2.0 and dtype is uint8": {"scale": 2.0},
+            r"out is uint8 \(2, 4, 3\); it must be uint8 \(3, 2, 4\)": {"out": np.zeros((2, 4, 3), np.uint8)},
+            "not contiguous and writeable": {"out": np.zeros((3, 4, 2), np.uint8).transpose(0, 2, 1)},
+            "an array of numpy, which is on none": {"out": np.zeros((3, 2, 4), np.uint8), "device": "cpu"},
+        }.items():
+            with self.subTest(words), self.assertRaisesRegex(ValueError, words):
+                frame.tensor(**options)
+        with self.assertRaisesRegex(gantry.FrameFormatError, "needs a frame of rgb, this is depth"):
+            gantry.frame_from_bytes(golden()["depth"]).tensor()
+
+    def test_a_tensor_of_torch_is_filled_or_made(self):
+        frame = gantry.frame_from_bytes(golden()["rgb"])
+        expected = frame.tensor(dtype="float32")
+        with mock.patch.dict(sys.modules, torch=torch_of_numpy()) as modules:
+            torch = modules["torch"]
+            for device, steps in {"cpu": ["empty on cpu"], "cuda": ["empty, pinned, on cpu", "to cuda, not blocking"]}.items():
+                with self.subTest(device):
+                    made = frame.tensor(dtype="float32", device=device)
+                    np.testing.assert_array_equal(made.numbers, expected)
+                    self.assertEqual((made.device.type, made.steps), (device, steps))
+                    out = torch.Tensor(np.zeros((3, 2, 4), np.float32), "cuda:1" if device == "cuda" else device)
+                    self.assertIs(frame.tensor(dtype="float32", out=out, device=device), out)
+                    np.testing.assert_array_equal(out.numbers, expected)
+            for words, options in {
+                r"out is float32 \(3, 2, 4\); it must be uint8": {},
+                "device is 'cpu' and out is on cuda:1": {"dtype": "float32", "device": "cpu"},
+                "device is 'cuda:0' and out is on cuda:1": {"dtype": "float32", "device": "cuda:0"},
+            }.items():
+                with self.subTest(words), self.assertRaisesRegex(ValueError, words):
+                    frame.tensor(out=out, **options)
+            with self.assertRaisesRegex(ValueError, "out is list; it must be an array of numpy or a tensor of torch"):
+                frame.tensor(out=[])
 
     def test_a_frame_reads_only_what_its_header_says(self):
         data = golden()["dvs"]

@@ -53,6 +53,16 @@ fn layouts_are_the_golden_ones() {
     check("tests/golden/layout.txt", &text);
 }
 
+/// Rust text of all structs.
+fn source() -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let read = |path: PathBuf| std::fs::read_to_string(path).unwrap();
+    let entries = std::fs::read_dir(folder.join("src")).unwrap();
+    let mut source: String = entries.map(|entry| read(entry.unwrap().path())).collect();
+    source += &read(folder.join("../schema_types/src/pose.rs"));
+    source
+}
+
 /// Doc comment of a field, from the source: the table's last column.
 fn meaning(source: &str, name: &str, field: &str) -> String {
     let body = source
@@ -97,14 +107,9 @@ fn table(layout: &Layout, source: &str) -> String {
 
 #[test]
 fn tables_of_the_specification_agree_with_the_types() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let read = |path: PathBuf| std::fs::read_to_string(path).unwrap();
-    let mut source = String::new();
-    for entry in std::fs::read_dir(folder.join("src")).unwrap() {
-        source += &read(entry.unwrap().path());
-    }
-    source += &read(folder.join("../schema_types/src/pose.rs"));
-    let spec = read(folder.join("SPEC.md"));
+    let source = source();
+    let spec =
+        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("SPEC.md")).unwrap();
     let layouts = all();
     let mut made = String::new();
     let mut rest = spec.as_str();
@@ -282,6 +287,147 @@ fn constants_of_the_python_package_agree_with_the_types() {
         "../../consumers/consumer_python/python/gantry/_layout.py",
         &py,
     );
+}
+
+/// Structs that programs in C never see: the library reads and writes them.
+const HIDDEN_FROM_C: [&str; 12] = [
+    "GpuPlace",
+    "GpuAsk",
+    "GpuAnswer",
+    "DocumentHeader",
+    "ControlHeader",
+    "AckRecord",
+    "RequestHeader",
+    "SceneHeader",
+    "SceneFiring",
+    "SceneInstance",
+    "SceneStroke",
+    "RenderedRecord",
+];
+
+/// A field of type `kind` as C declares it.
+fn c_field(kind: &str, name: &str) -> String {
+    let (element, size) = match kind
+        .strip_prefix('[')
+        .and_then(|rest| rest.strip_suffix(']'))
+        .and_then(|rest| rest.split_once("; "))
+    {
+        Some((element, n)) => (element, format!("[{n}]")),
+        None => (kind, String::new()),
+    };
+    let kind = match element {
+        "f32" => "float".to_string(),
+        "f64" => "double".to_string(),
+        "Pose" => "gantry_pose".to_string(),
+        whole => match whole.split_at(1) {
+            ("u", bits) => format!("uint{bits}_t"),
+            ("i", bits) => format!("int{bits}_t"),
+            _ => panic!("{whole} has no type in C"),
+        },
+    };
+    format!("{kind} {}{size}", c_name(name))
+}
+
+/// A field's name, which in C++ must be no keyword.
+fn c_name(name: &str) -> &str {
+    match name {
+        "class" => "class_",
+        other => other,
+    }
+}
+
+/// A struct for C with its comments, and what the compiler checks of it.
+fn c_struct(layout: &Layout, source: &str) -> String {
+    let name = format!("gantry_{}", snake(layout.name));
+    let mut text = format!("typedef struct {name} {{\n");
+    for field in &layout.fields {
+        let aligned = match (field.offset, layout.align) {
+            (0, 64) => "GANTRY_ALIGNED(64) ",
+            _ => "",
+        };
+        writeln!(
+            text,
+            "    /* {} */\n    {aligned}{};",
+            meaning(source, layout.name, field.name).replace('`', ""),
+            c_field(field.kind, field.name)
+        )
+        .unwrap();
+    }
+    writeln!(text, "}} {name};").unwrap();
+    writeln!(
+        text,
+        "GANTRY_CHECK(sizeof({name}) == {}, \"{name} has another size\");",
+        layout.size
+    )
+    .unwrap();
+    for field in &layout.fields {
+        let (field, offset) = (c_name(field.name), field.offset);
+        writeln!(
+            text,
+            "GANTRY_CHECK(offsetof({name}, {field}) == {offset}, \"{name}.{field} is elsewhere\");"
+        )
+        .unwrap();
+    }
+    text + "\n"
+}
+
+#[test]
+fn the_header_for_c_agrees_with_the_types() {
+    let mut text = format!(
+        "/* Layouts and numbers of the frame contract, made from the Rust types by `cargo test -p schema_frames`. Do not edit.\n * schemas/schema_frames/SPEC.md has the rules. Compiling this file checks every size and offset. */\n#ifndef GANTRY_LAYOUT_H\n#define GANTRY_LAYOUT_H\n\n#include <stddef.h>\n#include <stdint.h>\n\n#ifdef __cplusplus\n#define GANTRY_ALIGNED(n) alignas(n)\n#define GANTRY_CHECK(is, why) static_assert(is, why)\n#else\n#define GANTRY_ALIGNED(n) _Alignas(n)\n#define GANTRY_CHECK(is, why) _Static_assert(is, why)\n#endif\n\n#define GANTRY_SCHEMA_VERSION {SCHEMA_VERSION}u\n#define GANTRY_MAX_INPUTS {}\n\n",
+        result::MAX_INPUTS
+    );
+    let numbers = |what: &str, all: Vec<(String, u32)>| {
+        let mut text = String::from("enum {\n");
+        for (name, number) in all {
+            let name = snake(&name).to_uppercase();
+            writeln!(text, "    GANTRY_{what}_{name} = {number},").unwrap();
+        }
+        text + "};\n\n"
+    };
+    let named = |(name, number): (&str, u16)| (name.to_string(), number.into());
+    let modalities = Modality::ALL.iter().map(|it| (it.name(), *it as u16));
+    text += "/* gantry_frame_header.encoding */\n";
+    text += &numbers("MODALITY", modalities.map(named).collect());
+    let kinds = ResultType::ALL.iter().map(|it| (it.name(), *it as u16));
+    text += "/* gantry_result_header.result_type */\n";
+    text += &numbers("RESULT", kinds.map(named).collect());
+    let formats = PixelFormat::ALL.iter().map(|it| (it.name(), *it as u16));
+    text += "/* gantry_result_header.encoding of pixels */\n";
+    text += &numbers("PIXEL", formats.map(named).collect());
+    let elements = ElementType::ALL.iter().map(|it| (it.name(), *it as u16));
+    text += "/* gantry_result_header.encoding of a tensor */\n";
+    text += &numbers("ELEMENT", elements.map(named).collect());
+    let spaces = Space::ALL.iter().map(|it| (it.name(), *it as u16));
+    text += "/* gantry_result_header.space */\n";
+    text += &numbers("SPACE", spaces.map(named).collect());
+    let actors = (0..100).filter_map(ActorKind::from_code);
+    text += "/* gantry_actor_record.kind; it says what `part` holds */\n";
+    text += &numbers(
+        "ACTOR",
+        actors
+            .map(|it| (format!("{it:?}"), it as u16 as u32))
+            .collect(),
+    );
+    let lights = (0..5).map(|code| (LightState::from_code(code).name().to_string(), code));
+    text += "/* gantry_traffic_light_part.state */\n";
+    text += &numbers("LIGHT", lights.collect());
+    let classes = CLASSES.iter().zip(0..).map(|(class, number)| {
+        let name = class.name.replace(' ', "");
+        (name, number)
+    });
+    text += "/* Semantic classes, CARLA's numbers. */\n";
+    text += &numbers("CLASS", classes.collect());
+    let source = source();
+    let mut layouts = all();
+    layouts.retain(|layout| !HIDDEN_FROM_C.contains(&layout.name));
+    // Others contain it.
+    layouts.sort_by_key(|layout| layout.name != "Pose");
+    for layout in &layouts {
+        text += &c_struct(layout, &source);
+    }
+    text += "#endif\n";
+    check("../../consumers/consumer_c/include/gantry/layout.h", &text);
 }
 
 /// One frame of `modality` whose every byte follows from its place, with distinct header fields.

@@ -13,6 +13,7 @@ from . import _layout
 from ._dtypes import unpacker
 from ._errors import FrameFormatError
 from ._load import native
+from ._tensor import Colour, Dtype, Layout, tensor
 
 _UNPACK_HEADER = unpacker("FrameHeader").unpack
 _OFFSETS = {name: offset for name, _, _, offset in _layout.STRUCTS["FrameHeader"][2]}
@@ -132,11 +133,35 @@ class Frame(native.Sample):
     def rgb(self) -> npt.NDArray[np.uint8]:
         """The `array` of an `rgb` frame as a view (h, w, 3) uint8 in the order R G B; of a batch, (n, h, w, 3).
 
-        Raises `FrameFormatError` for another modality.
+        Its last stride is negative, which `torch.from_numpy` does not take: `tensor()` is the copy for
+        networks. Raises `FrameFormatError` for another modality.
         """
         if self.modality != "rgb":
             raise FrameFormatError(f"frame.rgb needs a frame of rgb, this is {self.modality}")
         return self.array[..., 2::-1]
+
+    def tensor(
+        self,
+        *,
+        dtype: Dtype = "uint8",
+        layout: Layout = "chw",
+        colour: Colour = "rgb",
+        scale: float | None = None,
+        out: Any = None,
+        device: Any = None,
+    ) -> Any:
+        """Returns an `rgb` frame as the dense input of a network, in one pass over the image.
+
+        Planes (3, h, w) with `layout="chw"`, pixels (h, w, 3) with `"hwc"`; 4 colours with `"bgra"`; of a
+        batch of cameras with the images in front. `uint8` keeps the bytes; floats are multiplied by
+        `scale`, by default 1 / 255, so that they are 0 to 1. The result is an array of numpy, with
+        `device` (`"cpu"`, `"cuda"`) a tensor of torch there, and with `out`, an array or a tensor of that
+        shape and type which is filled and returned, nothing is allocated; a device gets it through pinned
+        memory. It keeps no memory of the frame borrowed. Raises `FrameFormatError` for another modality
+        and for a frame that is on the GPU already, whose tensor is `torch()`; `ValueError` for an argument
+        that does not fit.
+        """
+        return tensor(self, dtype, layout, colour, scale, out, device)
 
     def copy(self) -> npt.NDArray[Any]:
         """Returns a writeable copy of `array`, which keeps no memory borrowed; of a frame on a GPU, too."""

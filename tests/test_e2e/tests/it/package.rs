@@ -224,4 +224,13 @@ fn a_tarball_holds_one_file_and_links_to_it() {
         assert!(page.is_file(), "{}", page.display());
     }
     assert!(n_links >= 12, "{n_links} links");
+    // Programs in C and C++ are built with what lies beside them.
+    for file in [
+        "include/gantry/gantry.hpp",
+        "lib/libgantry.so.1",
+        "lib/pkgconfig/gantry.pc",
+        "lib/cmake/gantry/gantry-config.cmake",
+    ] {
+        assert!(place.join(file).is_file(), "{file}");
+    }
 }
