@@ -9,8 +9,11 @@
     reason = "the hostile writer's headers need a name on the bus"
 )]
 
+use std::os::fd::{AsRawFd as _, OwnedFd};
+
 use iceoryx2::prelude::*;
-use schema_bus::{Bus, BusOptions, FrameTopic, names};
+use nix::sys::socket::{AddressFamily, SockFlag, SockType, UnixAddr, connect, socket};
+use schema_bus::{Bus, BusOptions, FrameTopic, GpuDevice, names};
 use schema_frames::command::RequestHeader;
 use schema_frames::control::ControlHeader;
 use schema_frames::{DocumentHeader, FrameHeader, Modality, SnapshotHeader};
@@ -318,6 +321,45 @@ fn requests_of_any_bytes_become_an_error_text() {
         }
     }
     assert!((100..900).contains(&understood), "{understood}");
+}
+
+/// Connects to the socket of GPU frames below a folder and says nothing.
+fn silent_peer(iceoryx_root: &std::path::Path) -> OwnedFd {
+    let folder = iceoryx_root.join("gantry-gpu");
+    let name = std::fs::read_dir(&folder).unwrap().next().unwrap().unwrap();
+    let opened = std::fs::File::open(&folder).unwrap();
+    // Short whatever the folder's path.
+    let path = format!(
+        "/proc/self/fd/{}/{}",
+        opened.as_raw_fd(),
+        name.file_name().display()
+    );
+    let peer = socket(
+        AddressFamily::Unix,
+        SockType::SeqPacket,
+        SockFlag::SOCK_CLOEXEC,
+        None,
+    )
+    .unwrap();
+    let address = UnixAddr::new(path.as_str()).unwrap();
+    connect(peer.as_raw_fd(), &address).unwrap();
+    peer
+}
+
+#[test]
+fn peers_that_ask_for_no_gpu_memory_keep_nobody_waiting() {
+    let place = Place::new("silent");
+    let bus = place.bus();
+    let server = bus.gpu_server(GpuDevice::default()).unwrap();
+    let _offered = server.offer("ego/front/rgb", FrameTopic::on_gpu(2));
+    // Each peer has two seconds, and the reader waits as long for its answer: it must not wait for one
+    // peer after the other. They are more than the server keeps at once.
+    let peers: Vec<OwnedFd> = (0..100)
+        .map(|_| silent_peer(&place.folder.path().join("iox")))
+        .collect();
+    let offer = place.bus().gpu_offer("ego/front/rgb").unwrap();
+    assert_eq!(offer.producer, server.producer());
+    drop(peers);
 }
 
 #[test]

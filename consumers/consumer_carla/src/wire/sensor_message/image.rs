@@ -89,12 +89,13 @@ pub fn palette(out: &mut Vec<u8>, frame: &Frame) {
     });
 }
 
-/// Class in red, 16 bits of the object's id in green and blue, green lowest.
+/// Class in red, 16 bits of the object's id in green and blue, green lowest. Ids of actors that need
+/// more than 15 bits begin again at 1, so that no actor looks like scenery or like nothing.
 pub fn instance_pixel(id: u32, class: u8) -> u32 {
-    let short = if id & SCENERY_ID == 0 {
-        id & 0xffff
-    } else {
-        id & 0x7fff | SCENERY
+    let short = match id {
+        0 => 0,
+        scenery if scenery & SCENERY_ID != 0 => scenery & 0x7fff | SCENERY,
+        actor => (actor - 1) % (SCENERY - 1) + 1,
     };
     short >> 8 | (short & 0xff) << 8 | u32::from(class) << 16 | OPAQUE
 }
@@ -189,6 +190,9 @@ mod tests {
         assert_eq!(read(instance_pixel(0x1234, 14)), (0x1234, 14));
         assert_eq!(read(instance_pixel(0, 11)), (0, 11));
         assert!(read(instance_pixel(SCENERY_ID | 0x1234, 3)).0 >= 0x8000);
+        // The last id of 15 bits, the next two, and the first of 16 bits that are all 0.
+        let many = [0x7fff, 0x8000, 0x8001, 0x1_0000].map(|id| read(instance_pixel(id, 14)).0);
+        assert_eq!(many, [0x7fff, 1, 2, 2]);
     }
 
     #[test]

@@ -3,11 +3,12 @@
 
 use std::collections::BTreeMap;
 use std::io;
-use std::os::fd::{AsFd as _, FromRawFd as _, OwnedFd};
+use std::os::fd::{AsFd as _, AsRawFd as _, FromRawFd as _, OwnedFd};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -17,7 +18,7 @@ use schema_frames::{GPU_MAGIC, GpuAnswer, GpuAsk, SCHEMA_VERSION};
 
 use super::message::{receive, send};
 use crate::memory::sizes::FrameTopic;
-use crate::place::gpu_socket::{is_ours, listen_at, name_of, set_patience, sweep};
+use crate::place::gpu_socket::{PATIENCE_MILLIS, is_ours, listen_at, name_of, set_patience, sweep};
 use crate::place::node::BusNode;
 
 /// The GPU that a process writes frames on; the default is that of a process without one, which only
@@ -236,48 +237,84 @@ impl Drop for GpuServer {
     }
 }
 
+/// Connections that may wait at once. Of more, the one that has been silent longest is closed.
+const MAX_SILENT: usize = 64;
+
+/// A process that has connected and not asked yet.
+struct Silent {
+    connection: OwnedFd,
+    until: Instant,
+}
+
 fn serve(shared: &Shared, listener: &OwnedFd, stop: &EventFd) {
+    let mut silent: Vec<Silent> = Vec::new();
     loop {
-        let mut watched = [
+        let mut watched = vec![
             PollFd::new(listener.as_fd(), PollFlags::POLLIN),
             PollFd::new(stop.as_fd(), PollFlags::POLLIN),
         ];
-        match poll(&mut watched, PollTimeout::NONE) {
+        let waiting = silent.iter().map(|it| it.connection.as_fd());
+        watched.extend(waiting.map(|it| PollFd::new(it, PollFlags::POLLIN)));
+        match poll(&mut watched, time_until_the_first(&silent)) {
             Ok(_) | Err(Errno::EINTR) => {}
             Err(_) => return,
         }
-        if watched[1].any().unwrap_or(false) {
+        let [is_asked, is_stopped] = [0, 1].map(|at| watched[at].any().unwrap_or(false));
+        let has_spoken: Vec<bool> = watched[2..]
+            .iter()
+            .map(|it| it.any().unwrap_or(true))
+            .collect();
+        if is_stopped {
             return;
         }
-        if !watched[0].any().unwrap_or(false) {
-            continue;
-        }
-        let accepted = accept4(
-            std::os::fd::AsRawFd::as_raw_fd(listener),
-            SockFlag::SOCK_CLOEXEC,
-        );
-        match accepted {
-            Ok(descriptor) => {
-                // SAFETY: the kernel has just made it for this call.
-                let connection = unsafe { OwnedFd::from_raw_fd(descriptor) };
-                if let Err(error) = answer(shared, &connection) {
-                    tracing::debug!(%error, "a reader's question about GPU memory was not answered");
-                }
+        let now = Instant::now();
+        let mut spoken = has_spoken.into_iter();
+        silent.retain(|it| {
+            let is_over = spoken.next().unwrap_or(false);
+            if is_over && let Err(error) = answer(shared, &it.connection) {
+                tracing::debug!(%error, "a reader's question about GPU memory was not answered");
             }
-            // Too many open files: the connection waits, and so does this.
-            Err(Errno::EMFILE | Errno::ENFILE | Errno::ENOMEM) => {
-                std::thread::sleep(std::time::Duration::from_millis(50));
+            !is_over && now < it.until
+        });
+        if is_asked && let Some(connection) = accept(listener) {
+            if silent.len() == MAX_SILENT {
+                silent.remove(0);
             }
-            Err(_) => {}
+            let until = now + Duration::from_millis(PATIENCE_MILLIS.unsigned_abs());
+            silent.push(Silent { connection, until });
         }
     }
 }
 
-/// Answers one question. Another user's process gets none.
-fn answer(shared: &Shared, connection: &OwnedFd) -> Result<(), Errno> {
-    if !is_ours(connection) {
-        return Err(Errno::EPERM);
+/// How long to wait for a question before the first of the silent ones is closed.
+fn time_until_the_first(silent: &[Silent]) -> PollTimeout {
+    let Some(first) = silent.first() else {
+        return PollTimeout::NONE;
+    };
+    let left = first.until.saturating_duration_since(Instant::now());
+    // Rounded up, so that the time is over when this returns.
+    PollTimeout::try_from(left.as_millis() + 1).unwrap_or(PollTimeout::MAX)
+}
+
+/// The next connection, if it is this user's.
+fn accept(listener: &OwnedFd) -> Option<OwnedFd> {
+    match accept4(listener.as_raw_fd(), SockFlag::SOCK_CLOEXEC) {
+        Ok(descriptor) => {
+            // SAFETY: the kernel has just made it for this call.
+            let connection = unsafe { OwnedFd::from_raw_fd(descriptor) };
+            is_ours(&connection).then_some(connection)
+        }
+        // Too many open files: the connection waits, and so does this.
+        Err(Errno::EMFILE | Errno::ENFILE | Errno::ENOMEM) => {
+            std::thread::sleep(Duration::from_millis(50));
+            None
+        }
+        Err(_) => None,
     }
+}
+
+/// Answers the question that has come. The other side has two seconds to take the answer.
+fn answer(shared: &Shared, connection: &OwnedFd) -> Result<(), Errno> {
     set_patience(connection)?;
     let (ask, _) = receive::<GpuAsk>(connection.as_fd())?;
     let (answer, descriptor) = shared.answer(&ask);
