@@ -181,7 +181,7 @@ fn source_of(texts: &mut Texts<'_>, path: &str, asked: &str, at: Place) -> Optio
         Ok(text) => Some(texts.add_source(&file.display().to_string(), text)),
         Err(error) => {
             let message = format!(
-                "{path}.sensor names {asked:?}, but {} cannot be read: {error}",
+                "{path}.sensor names {asked:?}, but {} cannot be read: {error}; its path begins in the folder of the launch file",
                 file.display()
             );
             texts.errors.push(at, message);

@@ -127,7 +127,7 @@ impl Lidar {
     /// Azimuth of the head at the end of the frame, radians counter-clockwise from x.
     pub fn head_rad(&self) -> f64 {
         match self.spec.scan {
-            LidarScan::Turn => 0.5 * self.spec.horizontal_fov_deg.to_radians(),
+            LidarScan::Turn => azimuth_rad(&self.spec, self.spec.columns.saturating_sub(1)),
             LidarScan::Sweep => {
                 (0.5 * self.spec.horizontal_fov_deg - self.turned_deg()).to_radians()
             }

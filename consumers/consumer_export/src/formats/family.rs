@@ -25,7 +25,7 @@ pub struct Cloud {
     pub ids: Option<Vec<u32>>,
     /// Classes; of plain lidars `None`.
     pub classes: Option<Vec<u8>>,
-    /// Beam numbers, 0 is the top.
+    /// Beam numbers, 0 is the top; of returns, the maker's.
     pub channels: Vec<u16>,
 }
 

@@ -50,12 +50,14 @@ pub(crate) fn column_poses(
     let (start, end) = (&path.world_from_sensor_start, &path.world_from_sensor);
     // A lidar as sold may turn faster than it sends frames, or fire less often than it could.
     let is_timed = spec.is_as_sold() && window_nanos > 0;
-    let last_channel = spec.channels.saturating_sub(1);
+    let fires = (0..spec.channels).map(|channel| spec.firing_nanos(channel, 0));
+    let (first, last) = fires.fold((0.0, f64::MIN), |(first, last): (f64, f64), nanos| {
+        (first.min(nanos), last.max(nanos))
+    });
     let pose = |column: usize| {
         let share = if is_timed {
             // The middle of the column's firings.
-            let fires = |channel| spec.firing_nanos(channel, column as u32);
-            let middle = 0.5 * (fires(0) + fires(last_channel));
+            let middle = 0.5 * (first + last) + column as f64 * spec.column_nanos();
             (1.0 + middle / window_nanos as f64).clamp(0.0, 1.0)
         } else {
             (column + 1) as f64 / n_columns as f64
