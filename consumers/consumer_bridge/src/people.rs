@@ -324,7 +324,7 @@ fn content_of(modality: Modality) -> Option<Content> {
         | Modality::Semantic
         | Modality::Instance
         | Modality::Dvs => Content::RawImage,
-        Modality::Lidar | Modality::SemanticLidar => Content::PointCloud,
+        Modality::Lidar | Modality::SemanticLidar | Modality::LidarReturns => Content::PointCloud,
         Modality::Imu => Content::Imu,
         Modality::Gnss => Content::LocationFix,
         _ => return None,

@@ -64,7 +64,7 @@ fn bridge_and_bag_write_the_same_bytes_of_every_modality_that_both_have() {
         }
     }
     let images = ["Rgb", "Depth", "Semantic", "Instance", "Flow"];
-    let lists = ["Lidar", "SemanticLidar", "Radar"];
+    let lists = ["Lidar", "SemanticLidar", "LidarReturns", "Radar"];
     for name in images {
         for kind in ["Image", "CameraInfo"] {
             assert!(

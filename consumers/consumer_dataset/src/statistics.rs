@@ -10,7 +10,7 @@ use consumer_truth::scenario::Scenario;
 use consumer_truth::ticks::{TickFrame, TickSet};
 use consumer_truth::{Body, Camera, Images, bodies, box_truths};
 use image::{Rgb, RgbImage, imageops};
-use schema_frames::{LidarPoint, Modality, SemanticLidarPoint};
+use schema_frames::{LidarPoint, LidarReturn, Modality, SemanticLidarPoint};
 use schema_recording::read::RecordingFile;
 use schema_types::Class;
 use schema_types::class::CLASSES;
@@ -159,7 +159,7 @@ impl Counter {
             *n_frames.or_default() += 1;
             match frame.modality {
                 Modality::Dvs => self.found.n_events += u64::from(frame.header.width),
-                Modality::Lidar | Modality::SemanticLidar => {
+                Modality::Lidar | Modality::SemanticLidar | Modality::LidarReturns => {
                     self.found.n_points += u64::from(frame.header.width);
                 }
                 _ => {}
@@ -226,7 +226,7 @@ impl Counter {
         let rank = |frame: &TickFrame| match frame.modality {
             Modality::Rgb => 3,
             Modality::Semantic => 2,
-            Modality::Lidar | Modality::SemanticLidar => 1,
+            Modality::Lidar | Modality::SemanticLidar | Modality::LidarReturns => 1,
             _ => 0,
         };
         let own = self.picture.as_ref().map_or(1, rank);
@@ -269,6 +269,12 @@ fn picture(frame: &TickFrame) -> anyhow::Result<String> {
         Modality::Lidar => from_above(
             frame
                 .elements::<LidarPoint>()
+                .iter()
+                .map(|point| point.hit_in_sensor_m),
+        ),
+        Modality::LidarReturns => from_above(
+            frame
+                .elements::<LidarReturn>()
                 .iter()
                 .map(|point| point.hit_in_sensor_m),
         ),

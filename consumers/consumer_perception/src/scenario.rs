@@ -170,6 +170,9 @@ impl Scenario {
                 match place {
                     TruthPlace::Lidar => {
                         truth.insert("semantic".into(), true.into());
+                        if truth.contains_key("returns") || truth.contains_key("sensor") {
+                            truth.insert("returns".into(), false.into());
+                        }
                         truth.retain(|key, _| !is_loss(key));
                     }
                     _ => {

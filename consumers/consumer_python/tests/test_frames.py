@@ -80,7 +80,7 @@ class GoldenFrames(unittest.TestCase):
             "lidar": ((3,), _dtypes.LIDAR_POINT), "semantic_lidar": ((3,), _dtypes.SEMANTIC_LIDAR_POINT),
             "radar": ((3,), _dtypes.RADAR_DETECTION), "imu": ((1,), _dtypes.IMU_SAMPLE), "gnss": ((1,), _dtypes.GNSS_SAMPLE),
             "collision": ((3,), _dtypes.COLLISION_EVENT), "lane_invasion": ((3,), _dtypes.LANE_CROSSING),
-            "obstacle": ((1,), _dtypes.OBSTACLE_EVENT),
+            "obstacle": ((1,), _dtypes.OBSTACLE_EVENT), "lidar_returns": ((3,), _dtypes.LIDAR_RETURN),
         }
         frames = golden()
         self.assertEqual(set(frames), set(expected))
@@ -113,6 +113,9 @@ class GoldenFrames(unittest.TestCase):
         self.assertEqual(frames["lidar"].array["channel"][2], 0x2F2E)
         self.assertEqual(frames["semantic_lidar"].array["object_id"][0], 0x13121110)
         self.assertEqual(frames["semantic_lidar"].array["class"][0], 0x14)
+        self.assertEqual(frames["lidar_returns"].array["time_ns"][0], 0x0F0E0D0C)
+        self.assertEqual(frames["lidar_returns"].array["ring"][1], 0x3736)
+        self.assertEqual(frames["lidar_returns"].array["range_mm_lsb"][2], 0x5F5E)
         self.assertEqual(frames["radar"].array["object_id"][1], 0x37363534)
         self.assertEqual(frames["radar"].array["class"][0], 0x18)
         self.assertEqual(frames["collision"].array["other_id"][1], 0x43424140)

@@ -265,7 +265,11 @@ fn planned(
         || modality.is_event()
         || matches!(
             modality,
-            Modality::Dvs | Modality::Lidar | Modality::SemanticLidar | Modality::Radar
+            Modality::Dvs
+                | Modality::Lidar
+                | Modality::SemanticLidar
+                | Modality::LidarReturns
+                | Modality::Radar
         );
     let max_payload_bytes = match is_list {
         true => payload_bytes.saturating_mul(2).max(LEAST_LIST_BYTES),

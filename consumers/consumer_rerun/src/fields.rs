@@ -14,6 +14,7 @@ pub fn element_of(modality: Modality) -> Option<&'static str> {
         Modality::Dvs => "DvsEvent",
         Modality::Lidar => "LidarPoint",
         Modality::SemanticLidar => "SemanticLidarPoint",
+        Modality::LidarReturns => "LidarReturn",
         Modality::Radar => "RadarDetection",
         Modality::Imu => "ImuSample",
         Modality::Gnss => "GnssSample",

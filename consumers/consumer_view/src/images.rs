@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 use bytemuck::pod_read_unaligned;
 use consumer_forms::palette::{self, hsv};
 use half::f16;
-use schema_frames::{DvsEvent, FrameHeader, LidarPoint, Modality, SemanticLidarPoint};
+use schema_frames::{DvsEvent, FrameHeader, LidarPoint, LidarReturn, Modality, SemanticLidarPoint};
 
 /// The rows of an image without padding, in one piece; a copy only of rows that have some.
 pub fn tight<'a>(header: &FrameHeader, payload: &'a [u8]) -> Cow<'a, [u8]> {
@@ -199,15 +199,24 @@ pub fn cloud(
     let step = (payload.len() / point_bytes)
         .div_ceil(max_points.max(1))
         .max(1);
-    let semantic = header.modality() == Some(Modality::SemanticLidar);
-    let coloured = |bytes: &[u8]| {
-        if semantic {
+    let modality = header.modality();
+    if modality.is_some_and(|modality| modality.element_bytes() != point_bytes) {
+        return (Vec::new(), Vec::new());
+    }
+    let of_class = |class: u8| {
+        let info = schema_types::Class(class).info();
+        info.map_or([255; 3], |info| info.rgb)
+    };
+    let coloured = |bytes: &[u8]| match modality {
+        Some(Modality::SemanticLidar) => {
             let point: SemanticLidarPoint = pod_read_unaligned(bytes);
-            let rgb = schema_types::Class(point.class)
-                .info()
-                .map_or([255; 3], |info| info.rgb);
-            (point.hit_in_sensor_m, rgb)
-        } else {
+            (point.hit_in_sensor_m, of_class(point.class))
+        }
+        Some(Modality::LidarReturns) => {
+            let point: LidarReturn = pod_read_unaligned(bytes);
+            (point.hit_in_sensor_m, of_class(point.class))
+        }
+        _ => {
             let point: LidarPoint = pod_read_unaligned(bytes);
             (
                 point.hit_in_sensor_m,

@@ -51,7 +51,7 @@ impl Senses {
         name: &dyn Fn(u32) -> String,
     ) -> anyhow::Result<()> {
         match place.modality {
-            Modality::Lidar | Modality::SemanticLidar => {
+            Modality::Lidar | Modality::SemanticLidar | Modality::LidarReturns => {
                 let (positions, colours) = images::cloud(header, payload, look.max_points);
                 let colours = colours
                     .into_iter()

@@ -3,6 +3,7 @@
 mod carla;
 mod look;
 mod make;
+mod sensor;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -20,6 +21,7 @@ pub use carla::{
 };
 pub use look::{Column, EchoArgs, GraphArgs, TopArgs, TopicArgs, TopicWord, WindowArgs};
 pub use make::{ConsumerArgs, Lang, NewArgs, NewWord};
+pub use sensor::{SensorArgs, SensorCheckArgs, SensorWord};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -54,6 +56,8 @@ pub enum Word {
     Doctor(DoctorArgs),
     /// Take OpenDRIVE files over from CARLA or elsewhere, check them, or write out a map's
     Map(MapArgs),
+    /// Show profiles of sensors as they are sold, and judge them by other programs
+    Sensor(SensorArgs),
     /// Make a project of your own that runs with the simulator
     New(NewArgs),
     /// Make a folder for CARLA_ROOT, whose CarlaUE4.sh starts a server that is Gantry

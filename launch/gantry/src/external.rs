@@ -79,7 +79,7 @@ pub fn run(words: &[OsString], common: &CommonArgs) -> anyhow::Result<Exit> {
     let program = programs::find(&name).map_err(|error| {
         let known: Vec<String> = installed().into_keys().collect();
         wrong_usage(format!(
-            "{error}; words are up, new, topic, top, graph, doctor, map, carla-root, completions, help{}{}",
+            "{error}; words are up, new, topic, top, graph, doctor, map, sensor, carla-root, completions, help{}{}",
             if known.is_empty() { "" } else { " and " },
             known.join(", ")
         ))

@@ -1,7 +1,8 @@
 //! `gantry`: starts, watches and stops a set of processes, and looks at what they do.
 //!
-//! Five ideas, a folder each: `up` runs a launch file; `look` shows what is on the bus (`top`,
-//! `graph`, `topic`); `doctor` examines the machine; `new` makes projects; `carla` takes over what
+//! Six ideas, a folder each: `up` runs a launch file; `look` shows what is on the bus (`top`,
+//! `graph`, `topic`); `doctor` examines the machine; `sensor` shows
+//! and judges profiles of sensors; `new` makes projects; `carla` takes over what
 //! users of CARLA bring (`map`, `carla-root`). None needs another, but that a server of `carla-root`
 //! is run by `up`. Every other word runs the program `gantry-WORD` beside this one (`external`), as
 //! `cargo` and `git` do.
@@ -17,6 +18,7 @@ mod external;
 mod look;
 mod new;
 mod programs;
+mod sensor;
 mod up;
 
 use std::process::ExitCode;
@@ -55,6 +57,10 @@ pub fn main() -> ExitCode {
         Word::New(new) => {
             args.common.init_logging();
             new::run(new)
+        }
+        Word::Sensor(sensor) => {
+            args.common.init_logging();
+            sensor::run(sensor, &args.common)
         }
         Word::CarlaRoot(root) => {
             args.common.init_logging();

@@ -168,6 +168,23 @@ impl<'r> Texts<'r> {
         self.lay_file(&path, found);
     }
 
+    /// The text of a file that is no launch file.
+    pub fn read(&mut self, path: &Path) -> io::Result<String> {
+        (self.read_file)(path).map(|file| file.text)
+    }
+
+    /// Takes note of a text that is laid beneath others; returns its number.
+    pub fn add_source(&mut self, name: &str, text: String) -> usize {
+        self.sources.push(Source {
+            name: name.to_owned(),
+            text,
+            is_file: true,
+            folder: PathBuf::new(),
+            rank: self.n_laid,
+        });
+        self.sources.len() - 1
+    }
+
     /// Lays one `key=value` over the files.
     pub fn add_set(&mut self, set: &str, folder: &Path) {
         let text = match set_as_toml(set) {

@@ -7,7 +7,8 @@
 //!
 //! In reading order: [`model`] (what a launch file says), [`process`] and [`period`] (its
 //! processes), [`topic`] (limits and types of topics), [`batch`] (cameras whose images come as one
-//! frame), [`presets`] (weathers by name), `files` (several files as one), `parse`
+//! frame), [`presets`] (weathers by name), `files` (several files as one), [`profiles`] (sensors as
+//! they are sold), `parse`
 //! (checking, one file per section), `tree` and `fill` (keys with their places, and how they are
 //! applied to a value), [`error`], `write`, and [`budget`] (the topics that the sensors will have).
 //!
@@ -38,6 +39,7 @@ mod parse;
 pub mod period;
 pub mod presets;
 pub mod process;
+pub mod profiles;
 pub mod topic;
 mod tree;
 mod write;
@@ -51,4 +53,5 @@ pub use period::{BadPeriod, Period};
 pub use process::{
     Process, READY_WITHIN, Ready, ReadyWhen, Restart, RestartPolicy, Stop, StopSignal,
 };
+pub use profiles::Profile;
 pub use topic::{Topic, TopicLimits};

@@ -7,6 +7,7 @@ use crate::error::{Errors, LaunchErrors, Source};
 use crate::files::{FileText, ReadFile, Texts};
 use crate::fill::{fill_entry, refuse_unknown};
 use crate::model::{Ego, Launch};
+use crate::profiles;
 use crate::tree::Table;
 
 mod batches;
@@ -96,6 +97,9 @@ impl Launch {
 fn finish(mut texts: Texts<'_>, sets: &[String], here: &Path) -> Result<Launch, LaunchErrors> {
     for set in sets {
         texts.add_set(set, here);
+    }
+    if !texts.is_broken {
+        profiles::lay(&mut texts);
     }
     if texts.is_broken {
         return Err(texts.finish());

@@ -38,6 +38,13 @@ impl Node {
         }
     }
 
+    pub fn table_mut(&mut self) -> Option<&mut Table> {
+        match &mut self.value {
+            Value::Table(table) => Some(table),
+            Value::Leaf(_) => None,
+        }
+    }
+
     /// The value without places.
     pub fn plain(&self) -> toml::Value {
         match &self.value {
@@ -241,5 +248,5 @@ impl Laying<'_> {
 /// Whether the key decides which other keys its table has.
 fn says_what_it_is(path: &[String]) -> bool {
     matches!(path, [section, _, key]
-        if section == "sensor" && key == "kind" || section == "topic" && key == "type")
+        if section == "sensor" && (key == "kind" || key == "sensor") || section == "topic" && key == "type")
 }

@@ -289,7 +289,7 @@ pub enum FrameError {
         found: u16,
     },
     /// An encoding this version does not know.
-    #[error("frame has encoding {found}, known are 1 to 15; rebuild the reader")]
+    #[error("frame has encoding {found}, known are 1 to {}; rebuild the reader", Modality::ALL.len())]
     Encoding {
         /// The frame's encoding.
         found: u16,

@@ -10,10 +10,10 @@ use crate::control::{ControlHeader, VehicleControlRecord};
 use crate::{
     AckRecord, ActorRecord, Box2d, Box3d, CollisionEvent, DocumentHeader, DvsEvent, FrameHeader,
     GnssSample, GpuAnswer, GpuAsk, GpuPlace, ImuSample, InputRecord, Keypoint, KeypointSet,
-    LaneCrossing, LidarPoint, MaskRecord, ObstacleEvent, Odometry, PathPoint, PoseEstimate,
-    RadarDetection, RenderedRecord, ResultHeader, Scalar, SceneFiring, SceneHeader, SceneInstance,
-    SceneStroke, SemanticLidarPoint, SnapshotHeader, Track, TrafficLightPart, TrafficSignPart,
-    VehiclePart, WalkerPart, command::RequestHeader,
+    LaneCrossing, LidarPoint, LidarReturn, MaskRecord, ObstacleEvent, Odometry, PathPoint,
+    PoseEstimate, RadarDetection, RenderedRecord, ResultHeader, Scalar, SceneFiring, SceneHeader,
+    SceneInstance, SceneStroke, SemanticLidarPoint, SnapshotHeader, Track, TrafficLightPart,
+    TrafficSignPart, VehiclePart, WalkerPart, command::RequestHeader,
 };
 
 /// One field of a struct.
@@ -87,6 +87,10 @@ layouts! {
     DvsEvent { nanos_in_window: u32, x_px: u16, y_px: u16, object_id: u32, polarity: u8, class: u8, reserved: u16 }
     LidarPoint { hit_in_sensor_m: [f32; 3], intensity: u16, channel: u16 }
     SemanticLidarPoint { hit_in_sensor_m: [f32; 3], cos_incidence: f32, object_id: u32, class: u8, reserved: u8, channel: u16 }
+    LidarReturn {
+        hit_in_sensor_m: [f32; 3], time_ns: i32, object_id: u32, intensity: u16, ring: u16, reflectivity: u8, returns: u8, class: u8,
+        flags: u8, ambient: u16, range_mm_lsb: u16,
+    }
     RadarDetection {
         velocity_mps: f32, azimuth_rad: f32, altitude_rad: f32, depth_m: f32, cos_incidence: f32, object_id: u32, class: u8,
         reserved: [u8; 7],

@@ -81,7 +81,7 @@ pub use gpu_socket::{GPU_MAGIC, GpuAnswer, GpuAsk};
 pub use header::{FrameError, FrameHeader};
 pub use imu_gnss::{GnssSample, ImuSample};
 pub use journal::{JournalAct, JournalEntry, JournalFile, JournalHead};
-pub use lidar::{LidarPoint, SemanticLidarPoint};
+pub use lidar::{LidarPoint, LidarReturn, SemanticLidarPoint};
 pub use modality::{Modality, SensorKind};
 pub use physics::{
     AckermannControl, AckermannGains, GearPhysics, PhysicsAction, PhysicsAnswer, VehiclePhysics,

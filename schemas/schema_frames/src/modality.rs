@@ -97,6 +97,8 @@ modalities! {
     LaneInvasion = 14, "lane_invasion", 32, Event;
     /// One [`crate::ObstacleEvent`]; sent only for ticks with an obstacle.
     Obstacle = 15, "obstacle", 32, Event;
+    /// List of [`crate::LidarReturn`], channel after channel.
+    LidarReturns = 16, "lidar_returns", 32, Lidar;
 }
 
 impl Modality {

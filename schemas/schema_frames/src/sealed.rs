@@ -8,8 +8,8 @@ use schema_types::Pose;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    CollisionEvent, Command, DvsEvent, FrameHeader, LaneCrossing, Modality, ObstacleEvent,
-    RadarDetection, SemanticLidarPoint, SnapshotHeader, WorldInfo,
+    CollisionEvent, Command, DvsEvent, FrameHeader, LaneCrossing, LidarReturn, Modality,
+    ObstacleEvent, RadarDetection, SemanticLidarPoint, SnapshotHeader, WorldInfo,
 };
 
 /// What a sealed world shows, and to whom it listens. Programs that seal a world hand it over as
@@ -194,6 +194,14 @@ impl Modality {
                     &[
                         bytes_of!(SemanticLidarPoint, object_id: u32),
                         bytes_of!(SemanticLidarPoint, class: u8),
+                    ]
+                }
+            }
+            Modality::LidarReturns => {
+                const {
+                    &[
+                        bytes_of!(LidarReturn, object_id: u32),
+                        bytes_of!(LidarReturn, class: u8),
                     ]
                 }
             }

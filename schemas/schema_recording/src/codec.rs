@@ -134,7 +134,7 @@ impl Encoder {
             }
             Modality::Normals if self.planes.words16(header, payload, out) => PLANES16,
             Modality::Dvs if self.events.encode(payload, out) => EVENTS,
-            Modality::Dvs | Modality::Lidar | Modality::SemanticLidar
+            Modality::Dvs | Modality::Lidar | Modality::SemanticLidar | Modality::LidarReturns
                 if records::encode(header, payload, out) =>
             {
                 RECORDS

@@ -7,12 +7,15 @@
 //! clockwise, as CARLA's head turns, from where the head stood after the previous firing: with `h`
 //! the width of the turn, column `i` looks at `h/2 − mod(was + step·i, h)`.
 //!
+//! A lidar as sold looks along tables of its own: elevation, azimuth offset and time of firing of each
+//! channel. It may turn clockwise, and its beams may begin beside the head's axis.
+//!
 //! Points come channel after channel, channel 0 on top, in the order of columns within each; rays
 //! without a return leave no gap. Losses are CARLA's, in CARLA's order: general drop-off, range
 //! noise, intensity exp(−a·d), drop-off by intensity. The bytes depend on scene, spec, path and
 //! noise key alone, not on the number of threads.
 
-use schema_frames::{LidarPoint, SemanticLidarPoint};
+use schema_frames::{LidarPoint, LidarReturn, SemanticLidarPoint};
 use schema_types::ActorId;
 use schema_types::noise::Noise;
 use sensor_spec::{LidarScan, LidarSpec};
@@ -37,6 +40,7 @@ pub(crate) use points::keep_limit;
 enum Points {
     Plain(Vec<LidarPoint>),
     Semantic(Vec<SemanticLidarPoint>),
+    Returns(Vec<LidarReturn>),
 }
 
 /// One lidar: its beams and the points of its last frame.
@@ -50,6 +54,8 @@ pub struct Lidar {
     turned_to_rad: Option<Vec<f64>>,
     /// Time for which the head has turned since it was made or reset (scan `sweep`).
     swept_nanos: u64,
+    /// Time from the frame before to the next one; 0 is that of the specification's rate.
+    window_nanos: u64,
     points: Points,
     /// Returns per channel in the last frame.
     n_returns: Vec<u32>,
@@ -62,9 +68,11 @@ impl Lidar {
             beams: Beams::new(&spec, std::iter::empty()),
             turned_to_rad: None,
             swept_nanos: 0,
-            points: match spec.semantic {
-                false => Points::Plain(Vec::new()),
-                true => Points::Semantic(Vec::new()),
+            window_nanos: 0,
+            points: match (spec.returns, spec.semantic) {
+                (true, _) => Points::Returns(Vec::new()),
+                (false, false) => Points::Plain(Vec::new()),
+                (false, true) => Points::Semantic(Vec::new()),
             },
             n_returns: vec![0; spec.channels as usize],
             clear_attenuation_per_m: spec.attenuation_per_m,
@@ -84,6 +92,12 @@ impl Lidar {
     /// its value is added to the specification's attenuation.
     pub fn set_extinction(&mut self, extinction_per_m: f64) {
         self.spec.attenuation_per_m = self.clear_attenuation_per_m + 2.0 * extinction_per_m;
+    }
+
+    /// Sets the time between the two poses of the next frame's path, nanoseconds: a lidar as sold turns
+    /// by its own clock within it.
+    pub fn set_window(&mut self, nanos: u64) {
+        self.window_nanos = nanos;
     }
 
     /// Turns the head by one tick of `tick_nanos`. Call it at every firing, whether or not anybody
@@ -113,7 +127,7 @@ impl Lidar {
     /// Azimuth of the head at the end of the frame, radians counter-clockwise from x.
     pub fn head_rad(&self) -> f64 {
         match self.spec.scan {
-            LidarScan::Turn => 0.5 * self.spec.horizontal_fov_deg.to_radians(),
+            LidarScan::Turn => azimuth_rad(&self.spec, self.spec.columns.saturating_sub(1)),
             LidarScan::Sweep => {
                 (0.5 * self.spec.horizontal_fov_deg - self.turned_deg()).to_radians()
             }
@@ -156,6 +170,7 @@ impl Lidar {
         match &mut self.points {
             Points::Plain(points) => points.resize(n_slots, LidarPoint::lost()),
             Points::Semantic(points) => points.resize(n_slots, SemanticLidarPoint::lost()),
+            Points::Returns(points) => points.resize(n_slots, LidarReturn::lost()),
         }
     }
 
@@ -178,21 +193,28 @@ impl Lidar {
     ) -> u32 {
         self.aim();
         self.make_room();
+        let window_nanos = match self.window_nanos {
+            0 => (1e9 / self.spec.rate_hz) as u64,
+            nanos => nanos,
+        };
+        let n_columns = self.beams.n_columns();
         let turn = Turn {
             scene,
             spec: &self.spec,
             beams: &self.beams,
-            poses: column_poses(&self.spec, path, self.beams.n_columns()),
+            poses: column_poses(&self.spec, path, n_columns, window_nanos),
             noise,
             ignored,
         };
         match &mut self.points {
             Points::Plain(points) => turn.cast(points),
             Points::Semantic(points) => turn.cast(points),
+            Points::Returns(points) => turn.cast(points),
         }
         match &self.points {
             Points::Plain(points) => count(&self.beams, points, &mut self.n_returns),
             Points::Semantic(points) => count(&self.beams, points, &mut self.n_returns),
+            Points::Returns(points) => count(&self.beams, points, &mut self.n_returns),
         }
         self.n_points()
     }
@@ -212,6 +234,7 @@ impl Lidar {
         let point_bytes = match &self.points {
             Points::Plain(_) => size_of::<LidarPoint>(),
             Points::Semantic(_) => size_of::<SemanticLidarPoint>(),
+            Points::Returns(_) => size_of::<LidarReturn>(),
         };
         self.n_points() as usize * point_bytes
     }
@@ -225,6 +248,7 @@ impl Lidar {
         match &self.points {
             Points::Plain(points) => write(&self.beams, points, payload),
             Points::Semantic(points) => write(&self.beams, points, payload),
+            Points::Returns(points) => write(&self.beams, points, payload),
         }
         payload.len()
     }

@@ -95,10 +95,10 @@ impl SensorSpec {
     pub fn modalities(&self) -> Vec<Modality> {
         match self {
             SensorSpec::Camera(spec) => spec.modalities.clone(),
-            SensorSpec::Lidar(spec) => vec![if spec.semantic {
-                Modality::SemanticLidar
-            } else {
-                Modality::Lidar
+            SensorSpec::Lidar(spec) => vec![match (spec.returns, spec.semantic) {
+                (true, _) => Modality::LidarReturns,
+                (false, true) => Modality::SemanticLidar,
+                (false, false) => Modality::Lidar,
             }],
             SensorSpec::Imu(_) => vec![Modality::Imu],
             SensorSpec::Gnss(_) => vec![Modality::Gnss],

@@ -463,7 +463,7 @@ impl Sensors {
             let is_sent = match &sensor.model {
                 Model::View(_) => continue,
                 model if model.is_motion() => continue,
-                Model::Lidar { .. } if lidars_are_cast => continue,
+                model if lidars_are_cast && lidar::fits_gpu(model) => continue,
                 Model::Lidar { .. } => {
                     let is_cast = lidar::cast_on_cpu(
                         &shot,

@@ -135,7 +135,7 @@ fn outputs_of_frames(topic: &str, modality: Modality) -> Vec<(Form, String, type
         .map_or(own.as_str(), |(place, _)| place);
     let one = |form, of| vec![(form, sensor.to_owned(), of)];
     match modality {
-        Modality::Lidar | Modality::SemanticLidar | Modality::Radar => {
+        Modality::Lidar | Modality::SemanticLidar | Modality::LidarReturns | Modality::Radar => {
             one(Form::Points, types::POINT_CLOUD)
         }
         Modality::Imu => one(Form::Imu, types::IMU),

@@ -4,7 +4,7 @@
 use std::fmt::Write as _;
 
 use nalgebra::{Isometry3, Matrix4};
-use schema_frames::{ImuSample, LidarPoint, Modality, SemanticLidarPoint};
+use schema_frames::{ImuSample, LidarPoint, LidarReturn, Modality, SemanticLidarPoint};
 
 use launch_cli::wrong_usage;
 
@@ -25,7 +25,7 @@ pub struct Cloud {
     pub ids: Option<Vec<u32>>,
     /// Classes; of plain lidars `None`.
     pub classes: Option<Vec<u8>>,
-    /// Beam numbers, 0 is the top.
+    /// Beam numbers, 0 is the top; of returns, the maker's.
     pub channels: Vec<u16>,
 }
 
@@ -54,6 +54,17 @@ impl Cloud {
                     ids: Some(points.iter().map(|p| p.object_id).collect()),
                     classes: Some(points.iter().map(|p| p.class).collect()),
                     channels: points.iter().map(|p| p.channel).collect(),
+                }
+            }
+            Modality::LidarReturns => {
+                let points = frame.elements::<LidarReturn>();
+                let intensity = |p: &LidarReturn| f32::from(p.intensity) / 65535.0;
+                Cloud {
+                    points_m: points.iter().map(|p| p.hit_in_sensor_m).collect(),
+                    intensities: points.iter().map(intensity).collect(),
+                    ids: Some(points.iter().map(|p| p.object_id).collect()),
+                    classes: Some(points.iter().map(|p| p.class).collect()),
+                    channels: points.iter().map(|p| p.ring).collect(),
                 }
             }
             _ => Cloud::default(),

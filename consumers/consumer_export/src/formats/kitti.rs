@@ -70,10 +70,17 @@ impl Kitti {
     fn choose<'a>(&self, scenario: &'a Scenario) -> anyhow::Result<Chosen<'a>> {
         Ok(Chosen {
             cameras: camera_pair(Format::Kitti, scenario, &self.options)?,
-            lidar: first_topic(scenario, &[Modality::Lidar, Modality::SemanticLidar]),
+            lidar: first_topic(scenario, &LIDARS),
         })
     }
 }
+
+/// Clouds that can be written, the preferred ones first.
+const LIDARS: [Modality; 3] = [
+    Modality::Lidar,
+    Modality::SemanticLidar,
+    Modality::LidarReturns,
+];
 
 /// Names of KITTI's folders for the cameras of a pair.
 const IMAGES: [(&str, &str); 2] = [("image_2", "image_02"), ("image_3", "image_03")];
@@ -84,7 +91,7 @@ impl Exporter for Kitti {
     }
 
     fn wants(&self, scenario: &Scenario, topic: &Topic) -> bool {
-        use Modality::{Depth, Flow, Gnss, Imu, Instance, Lidar, Rgb, Semantic, SemanticLidar};
+        use Modality::{Depth, Flow, Gnss, Imu, Instance, Rgb, Semantic};
         let Ok(chosen) = self.choose(scenario) else {
             return false;
         };
@@ -97,7 +104,7 @@ impl Exporter for Kitti {
         match topic.modality {
             Rgb => of_camera(0) || of_camera(1),
             Depth | Flow | Instance | Semantic => of_camera(0),
-            Lidar | SemanticLidar => chosen
+            modality if LIDARS.contains(&modality) => chosen
                 .lidar
                 .is_some_and(|(_, lidar)| lidar.name == topic.name),
             Imu | Gnss => true,

@@ -74,7 +74,12 @@ fn carrier_from_pose() -> Isometry3<f64> {
 }
 
 fn lidar(scenario: &Scenario) -> Option<(&Sensor, &Topic)> {
-    first_topic(scenario, &[Modality::SemanticLidar, Modality::Lidar])
+    let any = [
+        Modality::SemanticLidar,
+        Modality::LidarReturns,
+        Modality::Lidar,
+    ];
+    first_topic(scenario, &any)
 }
 
 impl Kitti360 {

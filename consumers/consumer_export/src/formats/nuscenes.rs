@@ -76,7 +76,11 @@ impl Exporter for NuScenes {
     fn check(&mut self, scenario: &Scenario) -> anyhow::Result<()> {
         let channels = channels(scenario, &self.options)?;
         if !channels.iter().any(|channel| channel.name == "LIDAR_TOP") {
-            let any = [Modality::Lidar, Modality::SemanticLidar];
+            let any = [
+                Modality::Lidar,
+                Modality::SemanticLidar,
+                Modality::LidarReturns,
+            ];
             return Err(missing(Format::Nuscenes, scenario, "a lidar", &any));
         }
         Ok(())

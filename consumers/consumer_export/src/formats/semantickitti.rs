@@ -45,8 +45,11 @@ fn folder(index: u32) -> String {
     format!("sequences/{index:02}")
 }
 
+/// Clouds whose points have labels.
+const LABELLED: [Modality; 2] = [Modality::SemanticLidar, Modality::LidarReturns];
+
 fn cloud_topic(scenario: &Scenario) -> Option<(&Sensor, &Topic)> {
-    first_topic(scenario, &[Modality::SemanticLidar])
+    first_topic(scenario, &LABELLED)
 }
 
 impl SemanticKitti {
@@ -79,9 +82,8 @@ impl Exporter for SemanticKitti {
     fn check(&mut self, scenario: &Scenario) -> anyhow::Result<()> {
         self.camera(scenario)?;
         if cloud_topic(scenario).is_none() {
-            let needed = "a semantic lidar (kind lidar with semantic = true)";
-            let any = [Modality::SemanticLidar];
-            return Err(missing(Format::SemanticKitti, scenario, needed, &any));
+            let needed = "a semantic lidar (kind lidar with semantic = true or returns = true)";
+            return Err(missing(Format::SemanticKitti, scenario, needed, &LABELLED));
         }
         Ok(())
     }

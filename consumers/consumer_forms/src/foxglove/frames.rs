@@ -91,7 +91,7 @@ pub fn frame_entries(
         Modality::Semantic => Some((image(name, header, "mono8", payload, reuse), true)),
         Modality::Instance => Some((low_ids(name, header, payload, reuse), false)),
         Modality::Dvs => events_image(name, header, payload).map(|entry| (entry, false)),
-        Modality::Lidar | Modality::SemanticLidar => {
+        Modality::Lidar | Modality::SemanticLidar | Modality::LidarReturns => {
             Some((cloud(name, header, modality, payload, reuse), true))
         }
         Modality::Imu => {
@@ -272,7 +272,7 @@ fn events_image(name: &TopicName, header: &FrameHeader, payload: &[u8]) -> Optio
 
 /// Name, offset and type of each field of a point, as in `schema_frames`.
 fn point_fields(modality: Modality) -> Vec<fox::PackedElementField> {
-    use fox::packed_element_field::NumericType::{Float32, Uint8, Uint16, Uint32};
+    use fox::packed_element_field::NumericType::{Float32, Int32, Uint8, Uint16, Uint32};
     let mut fields = vec![("x", 0, Float32), ("y", 4, Float32), ("z", 8, Float32)];
     fields.extend(match modality {
         Modality::SemanticLidar => {
@@ -281,6 +281,20 @@ fn point_fields(modality: Modality) -> Vec<fox::PackedElementField> {
                 ("object_id", 16, Uint32),
                 ("class", 20, Uint8),
                 ("channel", 22, Uint16),
+            ]
+        }
+        Modality::LidarReturns => {
+            vec![
+                ("time_ns", 12, Int32),
+                ("object_id", 16, Uint32),
+                ("intensity", 20, Uint16),
+                ("ring", 22, Uint16),
+                ("reflectivity", 24, Uint8),
+                ("returns", 25, Uint8),
+                ("class", 26, Uint8),
+                ("flags", 27, Uint8),
+                ("ambient", 28, Uint16),
+                ("range_mm_lsb", 30, Uint16),
             ]
         }
         _ => vec![("intensity", 12, Uint16), ("channel", 14, Uint16)],

@@ -19,8 +19,11 @@ const HALF_BRIGHT_M: f32 = 10.0;
 
 /// Whether frames of this kind get a preview.
 pub fn has_preview(modality: Modality) -> bool {
-    use Modality::{Depth, Dvs, Instance, Lidar, SemanticLidar};
-    matches!(modality, Depth | Instance | Dvs | Lidar | SemanticLidar)
+    use Modality::{Depth, Dvs, Instance, Lidar, LidarReturns, SemanticLidar};
+    matches!(
+        modality,
+        Depth | Instance | Dvs | Lidar | SemanticLidar | LidarReturns
+    )
 }
 
 /// A preview of a frame; `None` of what has none.
@@ -59,7 +62,7 @@ pub fn preview(
             let png = png(size, Some(&palette::EVENTS), &pixels)?;
             Some(compressed(name, header, "png", &png))
         }
-        Modality::Lidar | Modality::SemanticLidar => {
+        Modality::Lidar | Modality::SemanticLidar | Modality::LidarReturns => {
             let element_bytes = modality.element_bytes();
             let points: Vec<u8> = payload
                 .chunks_exact(element_bytes)

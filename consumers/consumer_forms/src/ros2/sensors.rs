@@ -2,7 +2,8 @@
 
 use half::f16;
 use schema_frames::{
-    FrameHeader, GnssSample, ImuSample, LidarPoint, Modality, RadarDetection, SemanticLidarPoint,
+    FrameHeader, GnssSample, ImuSample, LidarPoint, LidarReturn, Modality, RadarDetection,
+    SemanticLidarPoint,
 };
 
 use super::cdr::{TooLong, Writer};
@@ -142,6 +143,8 @@ pub fn camera_info(out: &mut Writer, of: &FrameHeader, size_px: (u32, u32), fram
 const UINT8: u8 = 2;
 /// `uint16`.
 const UINT16: u8 = 4;
+/// `int32`.
+const INT32: u8 = 5;
 /// `uint32`.
 const UINT32: u8 = 6;
 /// `float32`.
@@ -166,6 +169,24 @@ const SEMANTIC_LIDAR_FIELDS: &[Field] = &[
     ("ring", UINT16, 2),
     ("class", UINT8, 1),
 ];
+/// `time` is that of Velodyne's drivers, seconds from the message's stamp, and `time_ns` the same in
+/// nanoseconds; `return_type` is [`LidarReturn::returns`].
+const RETURN_FIELDS: &[Field] = &[
+    ("x", FLOAT32, 4),
+    ("y", FLOAT32, 4),
+    ("z", FLOAT32, 4),
+    ("intensity", FLOAT32, 4),
+    ("time", FLOAT32, 4),
+    ("object_id", UINT32, 4),
+    ("ring", UINT16, 2),
+    ("return_type", UINT8, 1),
+    ("class", UINT8, 1),
+    ("time_ns", INT32, 4),
+    ("range_mm_lsb", UINT16, 2),
+    ("ambient", UINT16, 2),
+    ("reflectivity", UINT8, 1),
+    ("flags", UINT8, 1),
+];
 const RADAR_FIELDS: &[Field] = &[
     ("x", FLOAT32, 4),
     ("y", FLOAT32, 4),
@@ -178,7 +199,7 @@ const RADAR_FIELDS: &[Field] = &[
     ("class", UINT8, 1),
 ];
 
-/// Writes `sensor_msgs/PointCloud2` of a lidar, semantic lidar or radar, in the sensor's own frame.
+/// Writes `sensor_msgs/PointCloud2` of any lidar or a radar, in the sensor's own frame.
 ///
 /// # Errors
 /// [`FrameError`] if the frame has no points or too many.
@@ -196,6 +217,7 @@ pub fn points(
             let element_bytes = size_of::<SemanticLidarPoint>();
             (SEMANTIC_LIDAR_FIELDS, element_bytes, semantic_lidar)
         }
+        Some(Modality::LidarReturns) => (RETURN_FIELDS, size_of::<LidarReturn>(), lidar_return),
         Some(Modality::Radar) => (RADAR_FIELDS, size_of::<RadarDetection>(), radar),
         other => return Err(FrameError::Modality(other)),
     };
@@ -239,6 +261,23 @@ fn semantic_lidar(element: &[u8], data: &mut Vec<u8>) {
     data.extend(point.object_id.to_le_bytes());
     data.extend(point.channel.to_le_bytes());
     data.extend([point.class, 0]);
+}
+
+fn lidar_return(element: &[u8], data: &mut Vec<u8>) {
+    let point: LidarReturn = bytemuck::pod_read_unaligned(element);
+    let [x, y, z] = point.hit_in_sensor_m;
+    let (intensity, time_s) = (
+        f32::from(point.intensity) / 65_535.0,
+        point.time_ns as f32 * 1e-9,
+    );
+    floats(data, &[x, y, z, intensity, time_s]);
+    data.extend(point.object_id.to_le_bytes());
+    data.extend(point.ring.to_le_bytes());
+    data.extend([point.returns, point.class]);
+    data.extend(point.time_ns.to_le_bytes());
+    data.extend(point.range_mm_lsb.to_le_bytes());
+    data.extend(point.ambient.to_le_bytes());
+    data.extend([point.reflectivity, point.flags, 0, 0]);
 }
 
 fn radar(element: &[u8], data: &mut Vec<u8>) {

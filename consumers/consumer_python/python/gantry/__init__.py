@@ -33,6 +33,7 @@ from ._dtypes import (
     KEYPOINT_SET,
     LANE_CROSSING,
     LIDAR_POINT,
+    LIDAR_RETURN,
     MASK,
     OBSTACLE_EVENT,
     ODOMETRY,
@@ -75,7 +76,7 @@ from ._world import Document, Snapshot, document, snapshot, snapshot_at
 __all__ = [
     "ACTOR", "BOX2D", "BOX3D", "BatchCamera", "BorrowLimitError", "BytesSchema", "CLASS_COLOURS", "CLASS_NAMES", "COLLISION_EVENT", "Counts", "DVS_EVENT",
     "Document", "Frame", "FrameFormatError", "GNSS_SAMPLE", "GantryError", "GpuArray", "GpuLoan", "GpuPublisher", "Header", "IMU_SAMPLE", "Input", "KEYPOINT", "KEYPOINT_SET",
-    "LANE_CROSSING", "LIDAR_POINT", "Loan", "Lockstep", "MASK", "Message", "NoSuchTopicError", "OBSTACLE_EVENT", "ODOMETRY", "PATH_POINT",
+    "LANE_CROSSING", "LIDAR_POINT", "LIDAR_RETURN", "Loan", "Lockstep", "MASK", "Message", "NoSuchTopicError", "OBSTACLE_EVENT", "ODOMETRY", "PATH_POINT",
     "POSE_ESTIMATE", "Pose", "Publisher", "RADAR_DETECTION", "RESULT_TYPES", "RecordedTopic", "Recording", "RecordsAndTail", "Result", "ResultHeader", "Row", "SCALAR",
     "SCHEMA_VERSION", "SEMANTIC_LIDAR_POINT", "SchemaVersionError", "Snapshot", "Sync", "TRACK", "TRAFFIC_LIGHT_PART", "Tick",
     "TooManyReadersError", "Topic", "TopicDetails", "TopicTakenError", "VEHICLE_CONTROL", "VEHICLE_PART", "Vehicle", "WALKER_PART", "attach",

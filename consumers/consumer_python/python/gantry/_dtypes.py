@@ -57,6 +57,7 @@ INPUT_RECORD = _dtype("InputRecord")
 DVS_EVENT = _dtype("DvsEvent")
 LIDAR_POINT = _dtype("LidarPoint")
 SEMANTIC_LIDAR_POINT = _dtype("SemanticLidarPoint")
+LIDAR_RETURN = _dtype("LidarReturn")
 IMU_SAMPLE = _dtype("ImuSample")
 GNSS_SAMPLE = _dtype("GnssSample")
 RADAR_DETECTION = _dtype("RadarDetection")
@@ -98,6 +99,7 @@ ELEMENTS: dict[str, tuple[np.dtype[Any], int]] = {
     "collision": (COLLISION_EVENT, 0),
     "lane_invasion": (LANE_CROSSING, 0),
     "obstacle": (OBSTACLE_EVENT, 0),
+    "lidar_returns": (LIDAR_RETURN, 0),
 }
 native.set_elements([(name, dtype, parts) for name, (dtype, parts) in ELEMENTS.items()])
 

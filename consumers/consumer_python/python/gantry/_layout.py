@@ -104,6 +104,19 @@ STRUCTS: dict[str, tuple[str | None, int, list[tuple[str, str, tuple[int, ...], 
         ("reserved", "u1", (), 21),
         ("channel", "<u2", (), 22),
     ]),
+    "LidarReturn": (None, 32, [
+        ("hit_in_sensor_m", "<f4", (3,), 0),
+        ("time_ns", "<i4", (), 12),
+        ("object_id", "<u4", (), 16),
+        ("intensity", "<u2", (), 20),
+        ("ring", "<u2", (), 22),
+        ("reflectivity", "u1", (), 24),
+        ("returns", "u1", (), 25),
+        ("class", "u1", (), 26),
+        ("flags", "u1", (), 27),
+        ("ambient", "<u2", (), 28),
+        ("range_mm_lsb", "<u2", (), 30),
+    ]),
     "RadarDetection": (None, 32, [
         ("velocity_mps", "<f4", (), 0),
         ("azimuth_rad", "<f4", (), 4),
@@ -478,6 +491,7 @@ MODALITIES: dict[int, tuple[str, int, str]] = {
     13: ("collision", 64, "event"),
     14: ("lane_invasion", 32, "event"),
     15: ("obstacle", 32, "event"),
+    16: ("lidar_returns", 32, "lidar"),
 }
 
 RESULT_TYPES: dict[int, str] = {

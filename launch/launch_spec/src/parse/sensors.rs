@@ -70,15 +70,18 @@ pub(super) fn check_ego(
 
 /// Reads `kind` first, then the other keys into the struct of that kind.
 fn spec(table: &Table, entry: &Entry, path: &str, errors: &mut Errors) -> Option<SensorSpec> {
-    const ELSEWHERE: [&str; 2] = ["kind", "rig"];
+    const ELSEWHERE: [&str; 3] = ["kind", "rig", "sensor"];
     let Some(kind) = table.get("kind") else {
-        errors.push(
-            entry.key_at,
-            format!(
-                "[{path}] has no kind; give one of {}",
-                SensorSpec::KINDS.join(", ")
-            ),
-        );
+        // A profile that gives none has been reported already.
+        if !table.contains_key("sensor") {
+            errors.push(
+                entry.key_at,
+                format!(
+                    "[{path}] has no kind; give one of {}, or a profile as sensor",
+                    SensorSpec::KINDS.join(", ")
+                ),
+            );
+        }
         return None;
     };
     use SensorSpec::*;

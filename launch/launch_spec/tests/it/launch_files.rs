@@ -136,7 +136,7 @@ fn sensors_need_a_known_kind_and_a_rig_that_exists() {
     check(
         "[sensor.a]\n",
         &[
-            "[sensor.a] has no kind; give one of camera, lidar, imu, gnss, radar, obstacle, collision, lane_invasion at launch/town.toml:2:9",
+            "[sensor.a] has no kind; give one of camera, lidar, imu, gnss, radar, obstacle, collision, lane_invasion, or a profile as sensor at launch/town.toml:2:9",
         ],
     );
     check(

@@ -3,5 +3,6 @@
 mod batch_sections;
 mod launch_files;
 mod page;
+mod profiles;
 mod schema;
 mod several_files;

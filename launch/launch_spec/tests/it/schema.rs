@@ -146,6 +146,13 @@ impl Maker {
                     "description": self.descriptions.of("Sensor", "rigs"),
                 }),
             );
+            keys.insert(
+                "sensor".into(),
+                json!({
+                    "type": "string",
+                    "description": "Profile of a sensor as it is sold, such as \"ouster/os1-128\", or a file that ends in .toml; the other keys stand above it.",
+                }),
+            );
             let mut schema = closed(keys);
             schema["title"] = kind.into();
             schema

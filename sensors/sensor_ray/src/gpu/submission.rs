@@ -135,7 +135,7 @@ impl Submission {
             .extend(beams.elevations.iter().map(pair_of_pairs));
         let first_azimuth = self.tables.len() as u32;
         self.tables.extend(beams.azimuths.iter().map(pair_of_pairs));
-        let poses = column_poses(&spec, &path, n_columns as usize);
+        let poses = column_poses(&spec, &path, n_columns as usize, 0);
         let first_pose = self.tables.len() as u32;
         for pose in &poses {
             self.tables

@@ -5,7 +5,8 @@ use sensor_spec::LidarSpec;
 
 use crate::rays::{Bundle, GROUP, GROUPS, RAYS};
 
-/// Channels of a bundle with motion distortion: only the rays of one column share an origin then.
+/// Channels of a bundle with motion distortion or a lever arm: only the rays of one column share an
+/// origin then.
 const DISTORTED_CHANNELS: usize = 2 * GROUP;
 
 /// Neighbouring rays of a frame.
@@ -23,6 +24,13 @@ pub(crate) struct Beams {
     pub elevations: Vec<(f64, f64)>,
     /// Cosine and sine of each column's azimuth.
     pub azimuths: Vec<(f64, f64)>,
+    /// Cosine and sine of the angle by which each channel looks aside from its column; empty if none
+    /// does.
+    pub asides: Vec<(f64, f64)>,
+    /// When each channel fires after its column's last firing, nanoseconds; never positive.
+    fires_nanos: Vec<f64>,
+    /// Time from one column to the next, nanoseconds.
+    column_nanos: f64,
     pub bunches: Vec<Bunch>,
     /// Largest number of rays of a bunch: the points of bunch `i` begin at `i · bunch_rays`.
     pub bunch_rays: usize,
@@ -38,6 +46,16 @@ impl Beams {
                 .map(|channel| cos_sin(spec.elevation_rad(channel)))
                 .collect(),
             azimuths: azimuths_rad.map(cos_sin).collect(),
+            fires_nanos: (0..spec.channels)
+                .map(|channel| spec.firing_nanos(channel, spec.columns.saturating_sub(1)))
+                .collect(),
+            column_nanos: spec.column_nanos(),
+            asides: if spec.azimuth_offsets_deg.is_empty() && spec.fire_offsets_ns.is_empty() {
+                Vec::new()
+            } else {
+                let asides = (0..spec.channels).map(|channel| spec.aside_rad(channel));
+                asides.map(cos_sin).collect()
+            },
             ..Default::default()
         }
     }
@@ -48,12 +66,14 @@ impl Beams {
         if !self.bunches.is_empty() || n_columns == 0 {
             return;
         }
-        let [channels, columns] = if spec.motion_distortion {
+        // The origin moves from column to column with the sensor, or about the head's axis.
+        let is_by_column = spec.motion_distortion || spec.origin_offset_m > 0.0;
+        let [channels, columns] = if is_by_column {
             [DISTORTED_CHANNELS, 1]
         } else {
             shape(spec, n_columns)
         };
-        self.bunch_rays = if spec.motion_distortion {
+        self.bunch_rays = if is_by_column {
             DISTORTED_CHANNELS
         } else {
             RAYS
@@ -84,6 +104,13 @@ impl Beams {
         channel as u64 * self.azimuths.len() as u64 + column as u64
     }
 
+    /// When a ray of a turn is fired, nanoseconds from the turn's last firing.
+    #[inline(always)]
+    pub fn fired_nanos(&self, (channel, column): (u32, u32)) -> f64 {
+        let columns_left = (self.azimuths.len() as u32 - 1 - column) as f64;
+        self.fires_nanos[channel as usize] - columns_left * self.column_nanos
+    }
+
     pub fn n_columns(&self) -> usize {
         self.azimuths.len()
     }
@@ -91,7 +118,11 @@ impl Beams {
     /// Unit vector of a ray in the sensor's space.
     #[inline(always)]
     pub fn direction(&self, channel: usize, column: usize) -> Vector3<f64> {
-        let ((cos_e, sin_e), (cos_a, sin_a)) = (self.elevations[channel], self.azimuths[column]);
+        let ((cos_e, sin_e), (mut cos_a, mut sin_a)) =
+            (self.elevations[channel], self.azimuths[column]);
+        if let Some((cos, sin)) = self.asides.get(channel) {
+            (cos_a, sin_a) = (cos_a * cos - sin_a * sin, sin_a * cos + cos_a * sin);
+        }
         Vector3::new(cos_e * cos_a, cos_e * sin_a, sin_e)
     }
 
@@ -147,8 +178,14 @@ impl Beams {
 
 /// Azimuth of a column of a full turn, radians counter-clockwise from x.
 pub fn azimuth_rad(spec: &LidarSpec, column: u32) -> f64 {
-    0.5 * spec.horizontal_fov_deg.to_radians()
-        * (2.0 * (column + 1) as f64 / spec.columns as f64 - 1.0)
+    let counter_clockwise = 0.5
+        * spec.horizontal_fov_deg.to_radians()
+        * (2.0 * (column + 1) as f64 / spec.columns as f64 - 1.0);
+    if spec.clockwise {
+        -counter_clockwise
+    } else {
+        counter_clockwise
+    }
 }
 
 /// Channels and columns of a bundle: eight groups of eight neighbours, as near to a square as

@@ -38,13 +38,30 @@ impl From<&Isometry3<f64>> for Pose {
 }
 
 /// Pose of the sensor at each column, or a single one for all.
-pub(crate) fn column_poses(spec: &LidarSpec, path: &SensorPath, n_columns: usize) -> Vec<Pose> {
+pub(crate) fn column_poses(
+    spec: &LidarSpec,
+    path: &SensorPath,
+    n_columns: usize,
+    window_nanos: u64,
+) -> Vec<Pose> {
     if !spec.motion_distortion {
         return vec![(&path.world_from_sensor).into()];
     }
     let (start, end) = (&path.world_from_sensor_start, &path.world_from_sensor);
+    // A lidar as sold may turn faster than it sends frames, or fire less often than it could.
+    let is_timed = spec.is_as_sold() && window_nanos > 0;
+    let fires = (0..spec.channels).map(|channel| spec.firing_nanos(channel, 0));
+    let (first, last) = fires.fold((0.0, f64::MIN), |(first, last): (f64, f64), nanos| {
+        (first.min(nanos), last.max(nanos))
+    });
     let pose = |column: usize| {
-        let share = (column + 1) as f64 / n_columns as f64;
+        let share = if is_timed {
+            // The middle of the column's firings.
+            let middle = 0.5 * (first + last) + column as f64 * spec.column_nanos();
+            (1.0 + middle / window_nanos as f64).clamp(0.0, 1.0)
+        } else {
+            (column + 1) as f64 / n_columns as f64
+        };
         (&start.try_lerp_slerp(end, share, 1e-9).unwrap_or(*end)).into()
     };
     (0..n_columns).map(pose).collect()

@@ -4,7 +4,7 @@
 //! drop-off by intensity.
 
 use nalgebra::{Point3, Vector3};
-use schema_frames::{LidarPoint, SemanticLidarPoint};
+use schema_frames::{LidarPoint, LidarReturn, SemanticLidarPoint};
 use schema_types::noise::Noise;
 use sensor_spec::LidarSpec;
 
@@ -23,12 +23,16 @@ pub(crate) struct Returns<'a> {
     pub hits: &'a Hits,
     pub group: usize,
     pub origin_m: Point3<f64>,
+    /// From the head's axis to the origin, x and y in the sensor's space, metres.
+    pub lever_m: [f64; 2],
     /// Unit vectors, an axis at a time.
     pub directions_in_world: [[f64; GROUP]; 3],
     pub directions_in_sensor: [[f64; GROUP]; 3],
     /// Numbers of the rays in the frame, which key the noise.
     pub rays: [u64; GROUP],
     pub channels: [u16; GROUP],
+    /// When the rays are fired, nanoseconds from the turn's last firing.
+    pub fired_nanos: [i32; GROUP],
 }
 
 impl Returns<'_> {
@@ -37,10 +41,37 @@ impl Returns<'_> {
     fn at(&self, lane: usize, distance_m: f64) -> [f32; 3] {
         let [x, y, z] = &self.directions_in_sensor;
         [
-            (x[lane] * distance_m) as f32,
-            (y[lane] * distance_m) as f32,
+            (self.lever_m[0] + x[lane] * distance_m) as f32,
+            (self.lever_m[1] + y[lane] * distance_m) as f32,
             (z[lane] * distance_m) as f32,
         ]
+    }
+
+    /// A distance as the sensor measures it, with noise and in its steps. Steps count from the axis.
+    #[inline(always)]
+    fn measured(&self, lane: usize, mut distance_m: f64) -> f64 {
+        let (noise_m, step_m) = (self.spec.noise_range_stddev_m, self.spec.range_resolution_m);
+        if noise_m > 0.0 {
+            distance_m = (distance_m + noise_m * self.noise.gaussian(self.rays[lane])).max(0.0);
+        }
+        if step_m > 0.0 {
+            let axis_m = self.spec.origin_offset_m;
+            distance_m = ((distance_m + axis_m) / step_m).round() * step_m - axis_m;
+        }
+        distance_m
+    }
+
+    /// Whether something at this distance gives a return; not if it is NaN.
+    #[inline(always)]
+    fn is_in_range(&self, distance_m: f64) -> bool {
+        distance_m <= self.spec.range_m && distance_m >= self.spec.min_range_m
+    }
+
+    /// Whether a return of this intensity is kept.
+    #[inline(always)]
+    fn is_kept(&self, lane: usize, intensity: f64) -> bool {
+        intensity >= keep_limit(self.spec)
+            || self.noise.uniform(2 * self.rays[lane] + 1) < keep_ratio(self.spec, intensity)
     }
 }
 
@@ -87,7 +118,6 @@ impl Point for LidarPoint {
         let Returns {
             scene,
             spec,
-            noise,
             bundle,
             hits,
             group,
@@ -102,18 +132,16 @@ impl Point for LidarPoint {
             origin_m,
             &returns.directions_in_world,
         );
-        let is_return = distances_m.map(|distance_m| distance_m <= spec.range_m);
-        if spec.noise_range_stddev_m > 0.0 {
-            for (distance_m, ray) in distances_m.iter_mut().zip(&returns.rays) {
-                *distance_m =
-                    (*distance_m + spec.noise_range_stddev_m * noise.gaussian(*ray)).max(0.0);
+        let is_return = distances_m.map(|distance_m| returns.is_in_range(distance_m));
+        if spec.noise_range_stddev_m > 0.0 || spec.range_resolution_m > 0.0 {
+            for (lane, distance_m) in distances_m.iter_mut().enumerate() {
+                *distance_m = returns.measured(lane, *distance_m);
             }
         }
-        let (limit, attenuation_per_m) = (keep_limit(spec), spec.attenuation_per_m);
+        let attenuation_per_m = spec.attenuation_per_m;
         for (lane, point) in points.iter_mut().enumerate().take(GROUP) {
             let intensity = (-attenuation_per_m * distances_m[lane]).exp();
-            let kept = intensity >= limit
-                || noise.uniform(2 * returns.rays[lane] + 1) < keep_ratio(spec, intensity);
+            let kept = returns.is_kept(lane, intensity);
             *point = LidarPoint {
                 hit_in_sensor_m: returns.at(lane, distances_m[lane]),
                 intensity: (intensity * 65535.0 + 0.5) as u16,
@@ -169,7 +197,6 @@ impl Point for SemanticLidarPoint {
     fn write(returns: &Returns, points: &mut [Self]) {
         let Returns {
             scene,
-            spec,
             bundle,
             hits,
             group,
@@ -187,7 +214,7 @@ impl Point for SemanticLidarPoint {
                 origin_m,
                 &forward,
             );
-            *point = match hit.filter(|hit| hit.distance_m <= spec.range_m) {
+            *point = match hit.filter(|hit| returns.is_in_range(hit.distance_m)) {
                 Some(hit) => SemanticLidarPoint {
                     hit_in_sensor_m: returns.at(lane, hit.distance_m),
                     cos_incidence: hit.cos_incidence(&forward) as f32,
@@ -197,6 +224,74 @@ impl Point for SemanticLidarPoint {
                     channel: returns.channels[lane],
                 },
                 None => Self::lost(),
+            };
+        }
+    }
+}
+
+impl Point for LidarReturn {
+    #[inline(always)]
+    fn lost() -> Self {
+        LidarReturn {
+            ring: LOST,
+            ..bytemuck::Zeroable::zeroed()
+        }
+    }
+
+    #[inline(always)]
+    fn is_lost(&self) -> bool {
+        self.ring == LOST
+    }
+
+    #[inline(always)]
+    fn can_misfire(spec: &LidarSpec) -> bool {
+        LidarPoint::can_misfire(spec)
+    }
+
+    #[inline(always)]
+    fn misfires(spec: &LidarSpec, noise: Noise, ray: u64) -> bool {
+        LidarPoint::misfires(spec, noise, ray)
+    }
+
+    #[inline(always)]
+    fn write(returns: &Returns, points: &mut [Self]) {
+        let Returns {
+            scene,
+            spec,
+            bundle,
+            hits,
+            group,
+            origin_m,
+            directions_in_world: [x, y, z],
+            ..
+        } = returns;
+        for (lane, point) in points.iter_mut().enumerate().take(GROUP) {
+            *point = Self::lost();
+            let forward = Vector3::new(x[lane], y[lane], z[lane]);
+            let ray = group * GROUP + lane;
+            let hit = surface(scene, hits, bundle, ray, origin_m, &forward);
+            let Some(hit) = hit.filter(|hit| returns.is_in_range(hit.distance_m)) else {
+                continue;
+            };
+            let distance_m = returns.measured(lane, hit.distance_m);
+            let intensity = (-spec.attenuation_per_m * distance_m).exp();
+            if !returns.is_kept(lane, intensity) {
+                continue;
+            }
+            let channel = u32::from(returns.channels[lane]);
+            let range_mm = ((distance_m + spec.origin_offset_m) * 1000.0).round() as u64;
+            *point = LidarReturn {
+                hit_in_sensor_m: returns.at(lane, distance_m),
+                time_ns: returns.fired_nanos[lane],
+                object_id: hit.object.0,
+                intensity: (intensity * 65535.0 + 0.5) as u16,
+                ring: spec.ring(channel),
+                reflectivity: 0,
+                returns: LidarReturn::ONLY,
+                class: hit.class.0,
+                flags: 0,
+                ambient: 0,
+                range_mm_lsb: range_mm as u16,
             };
         }
     }

@@ -1,6 +1,6 @@
 //! Casts the rays of one frame on the CPU, in parallel tasks of some bunches each.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use schema_stages::Stage;
 use schema_types::ActorId;
@@ -61,6 +61,14 @@ impl Turn<'_> {
         } else {
             rays[0].1 as usize
         }];
+        // From the head's axis to where the beams of the bunch's column begin. Negative zeros change
+        // no sum, not even another negative zero.
+        let (mut lever_m, mut origin_m) = ([-0.0; 2], pose.origin_m);
+        if self.spec.origin_offset_m > 0.0 {
+            let (cos, sin) = self.beams.azimuths[rays[0].1 as usize];
+            lever_m = [cos, sin].map(|part| part * self.spec.origin_offset_m);
+            origin_m += pose.world_from_sensor * Vector3::new(lever_m[0], lever_m[1], 0.0);
+        }
         let mut hits = Hits::new(bundle, self.spec.range_m);
         if P::can_misfire(self.spec) {
             for (ray, beam) in rays.iter().enumerate() {
@@ -70,7 +78,7 @@ impl Turn<'_> {
             }
         }
         hits.begin::<L>();
-        caster.cast::<L>(&pose.origin_m, &pose.world_from_sensor, bundle, &mut hits);
+        caster.cast::<L>(&origin_m, &pose.world_from_sensor, bundle, &mut hits);
         for (group, (rays, points)) in rays
             .chunks_exact(GROUP)
             .zip(points.chunks_exact_mut(GROUP))
@@ -83,11 +91,13 @@ impl Turn<'_> {
                 bundle,
                 hits: &hits,
                 group,
-                origin_m: pose.origin_m,
+                origin_m,
+                lever_m,
                 directions_in_world: [[0.0; GROUP]; 3],
                 directions_in_sensor: [[0.0; GROUP]; 3],
                 rays: [0; GROUP],
                 channels: [0; GROUP],
+                fired_nanos: [0; GROUP],
             };
             self.aim(rays, &pose.world_from_sensor, &mut returns);
             P::write(&returns, points);
@@ -99,6 +109,7 @@ impl Turn<'_> {
         for (lane, beam) in rays.iter().enumerate().take(GROUP) {
             returns.rays[lane] = self.beams.number(*beam);
             returns.channels[lane] = beam.0 as u16;
+            returns.fired_nanos[lane] = self.beams.fired_nanos(*beam).round() as i32;
             let direction = self.beams.direction(beam.0 as usize, beam.1 as usize);
             for axis in 0..3 {
                 returns.directions_in_sensor[axis][lane] = direction[axis];

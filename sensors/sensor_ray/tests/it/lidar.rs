@@ -2,7 +2,7 @@
 //! distributions.
 
 use nalgebra::{Isometry3, Vector3};
-use schema_frames::{LidarPoint, SemanticLidarPoint};
+use schema_frames::{LidarPoint, LidarReturn, SemanticLidarPoint};
 use schema_types::noise::Noise;
 use schema_types::{ActorId, Class, ObjectId};
 use sensor_core::mesh::Surface;
@@ -354,4 +354,58 @@ fn bytes_do_not_depend_on_the_number_of_threads() {
     assert!(one.len() > 1000);
     assert_eq!(one, run(2));
     assert_eq!(one, run(2));
+}
+
+/// The middle channel fires 10 ms after the others, so a column lasts 10 ms, and the sensor moves 10 m
+/// in the 100 ms of a turn.
+#[test]
+fn a_column_of_a_sold_lidar_is_seen_from_the_middle_of_its_firings() {
+    let spec = LidarSpec {
+        returns: true,
+        channels: 3,
+        columns: 2,
+        elevations_deg: vec![0.0],
+        fire_offsets_ns: vec![0.0, 1e7, 0.0],
+        motion_distortion: true,
+        ..Default::default()
+    };
+    let path = SensorPath {
+        world_from_sensor_start: Isometry3::identity(),
+        world_from_sensor: Isometry3::translation(10.0, 0.0, 0.0),
+    };
+    let mut lidar = Lidar::new(spec);
+    lidar.set_window(100_000_000);
+    assert_eq!(lidar.scan(&room(), &path, Noise::new(1, 2, 1), None), 6);
+    let mut bytes = vec![0; lidar.payload_bytes()];
+    lidar.write(&mut bytes);
+    let points: Vec<LidarReturn> = bytemuck::pod_collect_to_vec(&bytes);
+    // The first column looks ahead, the last one back; their middles are 55 ms and 5 ms before the end.
+    for (point, hit_m, time_ns) in [
+        (points[0], 20.0 - 4.5, -60_000_000),
+        (points[1], -20.0 - 9.5, -10_000_000),
+    ] {
+        assert_eq!((point.time_ns, point.ring), (time_ns, 0));
+        assert!((f64::from(point.hit_in_sensor_m[0]) - hit_m).abs() < 1e-4);
+    }
+    assert_eq!((points[3].time_ns, points[3].ring), (0, 1));
+}
+
+#[test]
+fn a_head_that_turns_clockwise_ends_on_the_right() {
+    for (clockwise, head_deg) in [(false, 45.0_f64), (true, -45.0)] {
+        let spec = LidarSpec {
+            channels: 1,
+            columns: 3,
+            upper_fov_deg: 0.0,
+            horizontal_fov_deg: 90.0,
+            clockwise,
+            ..spec()
+        };
+        let mut lidar = Lidar::new(spec);
+        let path = SensorPath::still(Isometry3::identity());
+        let points = turn(&mut lidar, &room(), &path, 1);
+        assert!((lidar.head_rad().to_degrees() - head_deg).abs() < 1e-12);
+        let [x, y, _] = points[2].hit_in_sensor_m;
+        assert!((f64::from(y).atan2(f64::from(x)).to_degrees() - head_deg).abs() < 1e-4);
+    }
 }

@@ -42,11 +42,21 @@ pub(super) fn submit(
     audience: Audience,
 ) -> Option<PendingLidars> {
     let _span = stages::LIDAR.span();
+    if !rays.casts_lidars_on_gpu() {
+        return None;
+    }
     let is_read = |due: &Due| {
         let sensor = &sensors[due.sensor_idx];
-        matches!(sensor.model, Model::Lidar { .. }) && sensor.topics[0].is_read(audience)
+        fits_gpu(&sensor.model) && sensor.topics[0].is_read(audience)
     };
-    if !rays.casts_lidars_on_gpu() || !due.iter().any(is_read) {
+    let is_left_to_cpu = |due: &Due| {
+        let sensor = &sensors[due.sensor_idx];
+        matches!(sensor.model, Model::Lidar { .. }) && !fits_gpu(&sensor.model)
+    };
+    if let Some(due) = due.iter().find(|due| is_left_to_cpu(due)) {
+        rays.note_as_sold(&sensors[due.sensor_idx].topics[0].name);
+    }
+    if !due.iter().any(is_read) {
         return None;
     }
     let gpu = rays.on_gpu(tick.scene)?;
@@ -56,7 +66,7 @@ pub(super) fn submit(
         let Some(due) = due.next_if(|due| due.sensor_idx == sensor_idx) else {
             continue;
         };
-        if !matches!(sensor.model, Model::Lidar { .. }) {
+        if !fits_gpu(&sensor.model) {
             continue;
         }
         let shot = Shot::new(tick, due, sensor, audience);
@@ -98,6 +108,12 @@ pub(super) fn submit(
         scans: Lent::new(gpu.scan(jobs), loans),
         frames,
     })
+}
+
+/// Whether it is a lidar that the GPU casts, if it casts any: its shader knows an even fan of beams
+/// from one origin, and no returns.
+pub(super) fn fits_gpu(model: &Model) -> bool {
+    matches!(model, Model::Lidar { lidar, .. } if !lidar.spec().is_as_sold())
 }
 
 /// Waits for the lidars of this tick and sends them; returns how many were cast.
@@ -240,6 +256,7 @@ fn aim(shot: &Shot<'_>, sensor: &mut Sensor, caster: Writer) -> Option<Aimed> {
         world_from_sensor: shot.world_from_sensor,
     };
     lidar.set_extinction(scene.lidar_extinction_per_m);
+    lidar.set_window(shot.due.firing.window_nanos);
     header.range_limit_m = lidar.spec().range_m as f32;
     header.n_channels = lidar.spec().channels;
     header.azimuth_rad = lidar.head_rad() as f32;

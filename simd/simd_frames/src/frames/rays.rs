@@ -16,6 +16,8 @@ pub(super) struct Rays {
     lidar_gpu: Option<GpuRays>,
     /// Lidars fell back to the CPU once, which is logged only then.
     lidars_were_refused: bool,
+    /// A lidar as sold was left to the CPU, which is logged only once.
+    has_noted_as_sold: bool,
 }
 
 impl Rays {
@@ -27,6 +29,7 @@ impl Rays {
                 .filter(|_| lidars_on == Writer::Gpu)
                 .map(|gpu| GpuRays::new(gpu, GpuRayOptions::default())),
             lidars_were_refused: false,
+            has_noted_as_sold: false,
         }
     }
 
@@ -81,6 +84,16 @@ impl Rays {
     /// Whether the GPU casts lidars.
     pub fn casts_lidars_on_gpu(&self) -> bool {
         self.lidar_gpu.is_some()
+    }
+
+    /// Says that the processor casts a lidar as sold, once.
+    pub fn note_as_sold(&mut self, topic: &str) {
+        if !std::mem::replace(&mut self.has_noted_as_sold, true) {
+            tracing::info!(
+                topic,
+                "lidars with returns or tables of channels are cast on the processor; said once"
+            );
+        }
     }
 
     /// The GPU's hierarchies at the scene's tick; `None` if the CPU has to cast the lidars.

@@ -20,7 +20,9 @@ fn allowed(from: &str, to: &str) -> bool {
             "gantry" | "consumer_dataset" | "consumer_perception" | "consumer_rerun",
             "launch_run",
         ) => true,
-        ("launch_spec", "sensor_spec") | ("gantry", "launch_spec" | "sensor_spec") => true,
+        ("launch_spec", "sensor_spec") | ("gantry", "launch_spec") => true,
+        // `gantry sensor check` casts a scan.
+        ("gantry", "sensor_core" | "sensor_ray" | "sensor_spec") => true,
         ("simd" | "simd_frames" | "simd_render", "launch_spec") => true,
         ("simd_render", "simd_frames") => true,
         ("simd_frames" | "simd_render", _) => matches!(district(to).as_str(), "schema" | "sensor"),

@@ -72,7 +72,11 @@ pub fn channels(scenario: &Scenario, options: &Options) -> anyhow::Result<Vec<Ch
         .iter()
         .copied()
         .map(|s| (s, Modality::SemanticLidar));
-    for (at, (sensor, wanted)) in all.chain(plain.map(|s| (s, Modality::Lidar))).enumerate() {
+    let returns = scenario.with(Modality::LidarReturns);
+    let all = all
+        .chain(returns.map(|s| (s, Modality::LidarReturns)))
+        .chain(plain.map(|s| (s, Modality::Lidar)));
+    for (at, (sensor, wanted)) in all.enumerate() {
         let name = if at == 0 {
             "LIDAR_TOP".into()
         } else {

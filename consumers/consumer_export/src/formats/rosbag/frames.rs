@@ -46,10 +46,11 @@ pub fn messages(
             sensors::camera_info(cdr, header, size_px, &optical);
             take(&format!("{base}/dvs/camera_info"), &types::CAMERA_INFO, cdr)
         }
-        Modality::Lidar | Modality::SemanticLidar | Modality::Radar => {
+        Modality::Lidar | Modality::SemanticLidar | Modality::LidarReturns | Modality::Radar => {
             let leaf = match frame.modality {
                 Modality::Lidar => "points",
                 Modality::SemanticLidar => "semantic_points",
+                Modality::LidarReturns => "returns",
                 _ => "detections",
             };
             sensors::points(cdr, header, payload, &own)?;

@@ -8,7 +8,9 @@ use std::collections::{BTreeMap, HashMap, VecDeque};
 
 use consumer_metrics::classes::{Collector, Settings};
 use nalgebra::{Isometry3, Point3};
-use schema_frames::{ElementType, LidarPoint, Modality, ResultType, SemanticLidarPoint};
+use schema_frames::{
+    ElementType, LidarPoint, LidarReturn, Modality, ResultType, SemanticLidarPoint,
+};
 
 use super::semantic::{bad, ignored};
 use crate::evidence::moment::Moment;
@@ -240,6 +242,10 @@ impl Measure for LidarSemantic {
                 }
                 Modality::SemanticLidar => {
                     let points = frame.elements::<SemanticLidarPoint>().into_iter();
+                    points.map(|point| point.hit_in_sensor_m).collect()
+                }
+                Modality::LidarReturns => {
+                    let points = frame.elements::<LidarReturn>().into_iter();
                     points.map(|point| point.hit_in_sensor_m).collect()
                 }
                 _ => continue,

@@ -6,7 +6,7 @@ use launch_cli::{Exit, Shutdown};
 use schema_bus::{Ack, AnySample, Bus, ControlBatch, Document, Frame, Snapshot};
 use schema_frames::{
     About, ActorRecord, CollisionEvent, DvsEvent, GnssSample, ImuSample, LaneCrossing, LidarPoint,
-    Modality, ObstacleEvent, RadarDetection, SemanticLidarPoint,
+    LidarReturn, Modality, ObstacleEvent, RadarDetection, SemanticLidarPoint,
 };
 use serde_json::{Value, json};
 
@@ -98,6 +98,9 @@ fn elements(frame: &Frame, n: usize) -> Value {
             debug_fields(point)
         }),
         Modality::SemanticLidar => first(frame.elements(), n, |point: &SemanticLidarPoint| {
+            debug_fields(point)
+        }),
+        Modality::LidarReturns => first(frame.elements(), n, |point: &LidarReturn| {
             debug_fields(point)
         }),
         Modality::Radar => first(frame.elements(), n, |detection: &RadarDetection| {

@@ -95,13 +95,19 @@ impl Probe {
             let n = default.len();
             return json!({ "type": "array", "items": items, "minItems": n, "maxItems": n });
         }
-        let sentences = self.refusals(path, &["[\"no such word\"]", "[5000]"]);
+        let sentences = self.refusals(path, &["[\"no such word\"]", "[5000]", "[-1e10]"]);
         let only = Regex::new(r"must name only (.*?); ").unwrap();
         for sentence in &sentences {
             if let Some(found) = only.captures(sentence) {
                 let words: Vec<&str> = found[1].split(", ").collect();
                 return json!({ "type": "array", "items": { "enum": words }, "minItems": 1, "uniqueItems": true });
             }
+        }
+        let fractions = Regex::new(r"numbers are (-?\d+\.\d+) to (-?\d+\.\d+)$").unwrap();
+        let found = sentences.iter().find_map(|text| fractions.captures(text));
+        if let Some(found) = found {
+            let bound = |i: usize| found[i].parse::<f64>().unwrap();
+            return json!({ "type": "array", "items": { "type": "number", "minimum": bound(1), "maximum": bound(2) } });
         }
         let numbers = Regex::new(r"are (\d+) to (\d+)$").unwrap();
         match sentences

@@ -1,0 +1,19 @@
+//! `gantry sensor`: profiles of sensors as they are sold, and what other programs make of their
+//! returns.
+
+mod check;
+mod profile;
+mod scan;
+
+use launch_cli::{CommonArgs, Exit};
+
+use crate::cli::{SensorArgs, SensorWord};
+
+/// Runs `gantry sensor`.
+pub fn run(args: &SensorArgs, _common: &CommonArgs) -> anyhow::Result<Exit> {
+    match &args.word {
+        SensorWord::List => profile::list(),
+        SensorWord::Show(args) => profile::show(&args.profile),
+        SensorWord::Check(args) => check::run(args),
+    }
+}
