@@ -20,6 +20,7 @@ const QUEUE_ROOM_M: f64 = 40.0;
 /// Beyond this a vehicle that drives straight at us counts wherever the path leads, metres.
 const FAR_M: f64 = 30.0;
 const STRAIGHT_RAD: f64 = 0.15;
+
 /// What is seen of a vehicle that goes round something.
 pub(crate) struct Scene<'a> {
     pub me: &'a Mover,

@@ -7,10 +7,11 @@
 //!
 //! Modules in reading order: [`traffic`] (what drivers see), [`plane`] (points, sides, distances),
 //! [`lanes`] (the lanes of the map, the way ahead of one vehicle, who is on which lane), [`idm`] and
-//! [`mobil`] (the models of following and of changing lanes), [`steer`] and [`speed`] (controllers), [`driver`] (one driver), [`crossing`] (whose turn it is at
-//! junctions), `overtaking` (lane changes, ways round what stands) with `detour` (whether one has time), `upkeep` (driving without
-//! physics, respawn, removal), [`fleet`] (all drivers), [`crowd`] (people on foot), [`parameters`]
-//! (what may be set).
+//! [`mobil`] (the models of following and of changing lanes), [`steer`] and [`speed`] (controllers),
+//! [`driver`] (one driver), [`crossing`] (whose turn it is at junctions), `overtaking` (lane changes,
+//! ways round what stands) with `detour` (whether one has time), `upkeep` (driving without physics,
+//! respawn, removal), [`fleet`] (all drivers), [`crowd`] (people on foot), [`parameters`] (what may be
+//! set).
 //!
 //! ```
 //! use consumer_driver::speed;
