@@ -4,18 +4,25 @@
 //! ways meet the one with the greater number lets the other pass. Numbers are a total order, so
 //! nobody waits in a circle. Who is granted first follows from lights, signs, roundabouts and the
 //! time of arrival; a later one goes before an earlier one if it is out of the way in time (gap
-//! acceptance). Vehicles that others drive are taken as they come: inside a junction they go first.
+//! acceptance).
+//!
+//! Vehicles that others drive are strangers. They have the right of way that the rules give them, are
+//! counted by their time to arrival, are never asked to brake harder than comfort, and inside a
+//! junction they go first. Waiting long gains nothing against them; among driven vehicles it does.
 
 use std::collections::BTreeMap;
 
+use crate::idm::{COMFORT_BRAKE_MPS2, Leader};
 use crate::lanes::network::{Meet, Network, TURN_RAD};
+use crate::plane::wrap;
+use crate::speed::travel_secs;
 use crate::traffic::STANDING_MPS;
 
 /// Smallest room between two vehicles whose ways do not meet, metres.
 const CLEARANCE_M: f64 = 0.4;
 /// A vehicle nearer to a junction than this has arrived there, metres.
 const ARRIVAL_M: f64 = 12.0;
-/// A vehicle that waits longer goes before those with the right of way, seconds.
+/// A vehicle that waits longer is let in by driven ones that have the right of way, seconds.
 const PATIENCE_SECS: f64 = 12.0;
 /// A vehicle that another keeps waiting without going itself loses its turn after this, seconds.
 const COURTESY_SECS: f64 = 6.0;
@@ -25,6 +32,17 @@ const IDLE_SECS: f64 = 2.5;
 const GAP_SECS: f64 = 0.9;
 /// Time between two vehicles that go on one behind the other, seconds.
 const MERGE_SECS: f64 = 1.8;
+/// The same between a vehicle that has begun to go and a stranger with the right of way: less, so
+/// that a turn is not taken back for a prediction that was a little off.
+const BEGUN_GAP_SECS: f64 = 0.4;
+const BEGUN_MERGE_SECS: f64 = 1.0;
+/// Vehicles that arrive within this time arrive together: the one on the right goes first, seconds.
+const TOGETHER_SECS: f64 = 1.0;
+/// Direction of travel to ours of a vehicle that comes from the right, and of an oncoming one,
+/// radians to the left.
+const FROM_RIGHT_RAD: [f64; 2] = [0.6, 2.3];
+/// Acceleration with which a vehicle goes at least, m/s².
+const CALM_ACCEL_MPS2: f64 = 1.4;
 /// Hardest braking before a junction that a vehicle is asked for, m/s².
 const BRAKE_MPS2: f64 = 4.5;
 /// Room that is kept beyond a vehicle in the exit, metres.
@@ -57,6 +75,8 @@ pub(crate) struct User {
     /// Speed that its way allows, m/s.
     pub pace_mps: f64,
     pub turn_rad: f64,
+    /// Direction of travel where it enters, radians.
+    pub heading_rad: f64,
     /// 0 goes before 1 before 2.
     pub class: u8,
     /// Whether a light, or a sign at which it has not stopped yet, holds it.
@@ -77,6 +97,25 @@ impl User {
     fn can_stop(&self) -> bool {
         self.speed_mps * self.speed_mps < -2.0 * BRAKE_MPS2 * self.front_m.min(-0.05)
             || self.speed_mps < 1.0
+    }
+
+    /// Whether it can still stop before the junction without braking harder than comfort.
+    fn can_stop_gently(&self) -> bool {
+        self.speed_mps * self.speed_mps < -2.0 * COMFORT_BRAKE_MPS2 * self.front_m.min(-0.05)
+            || self.speed_mps < 1.0
+    }
+
+    /// How far the other's direction of travel is to the left of ours, radians.
+    fn turned_rad(&self, other: &User) -> f64 {
+        wrap(other.heading_rad - self.heading_rad)
+    }
+
+    fn has_on_its_right(&self, other: &User) -> bool {
+        (FROM_RIGHT_RAD[0]..FROM_RIGHT_RAD[1]).contains(&self.turned_rad(other))
+    }
+
+    fn is_met_by(&self, other: &User) -> bool {
+        self.turned_rad(other).abs() > FROM_RIGHT_RAD[1]
     }
 
     fn can_stop_before(&self, at_m: f64) -> bool {
@@ -102,17 +141,20 @@ impl User {
     fn latest_secs(&self, at_m: f64) -> f64 {
         let pause = if self.speed_mps < 1.0 { 0.4 } else { 0.0 };
         let distance = at_m + self.body_m - self.front_m;
-        pause + travel_secs(distance, self.speed_mps, 0.8 * self.pace_mps, 1.4)
+        pause + travel_secs(distance, self.speed_mps, self.calm_mps(), CALM_ACCEL_MPS2)
     }
-}
 
-/// A vehicle that goes first where two ways become one.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Leader {
-    /// Gap to it if both stood in one line, metres.
-    pub gap_m: f64,
-    /// Its speed, m/s.
-    pub speed_mps: f64,
+    /// Speed and acceleration with which it goes at least.
+    fn calm_mps(&self) -> f64 {
+        0.8 * self.pace_mps
+    }
+
+    /// Its speed when its rear is beyond a place, at least, m/s.
+    fn speed_beyond_mps(&self, at_m: f64) -> f64 {
+        let distance = (at_m + self.body_m - self.front_m).max(0.0);
+        let reached = (self.speed_mps * self.speed_mps + 2.0 * CALM_ACCEL_MPS2 * distance).sqrt();
+        reached.min(self.calm_mps()).max(0.0)
+    }
 }
 
 /// What a driver may do at a junction.
@@ -122,7 +164,7 @@ pub(crate) struct Passage {
     pub refusal: Option<Refusal>,
     /// Where to stop inside, metres beyond the entry.
     pub line_m: Option<f64>,
-    /// A vehicle to fall in behind.
+    /// A vehicle to fall in behind, with the gap to it if both stood in one line.
     pub behind: Option<Leader>,
 }
 
@@ -185,9 +227,10 @@ impl Crossings {
         let mut passages = BTreeMap::new();
         for group in users.chunk_by(|a, b| a.zone == b.zone) {
             self.note(group, now);
+            self.withdraw(net, group, now);
             self.grant(net, group, now);
             for user in group.iter().filter(|user| user.is_driven) {
-                passages.insert((user.id, user.zone), self.passage(net, user, group));
+                passages.insert((user.id, user.zone), self.passage(net, user, group, now));
             }
         }
         self.turns.retain(|_, turn| turn.seen_tick == now.tick);
@@ -212,8 +255,12 @@ impl Crossings {
                 waiting_secs: 0.0,
                 idle_secs: 0.0,
                 refusal: None,
-                seen_tick: now.tick,
+                seen_tick: now.tick.wrapping_sub(1),
             });
+            // A stranger has several uses of one junction; its time counts once.
+            if turn.seen_tick == now.tick {
+                continue;
+            }
             turn.seen_tick = now.tick;
             turn.refusal = None;
             let stands = user.speed_mps.abs() < STANDING_MPS;
@@ -236,6 +283,73 @@ impl Crossings {
         }
     }
 
+    /// Takes back turns of vehicles that can still stop, if a stranger with the right of way has
+    /// come too near meanwhile.
+    fn withdraw(&mut self, net: &mut Network, group: &[User], now: Now) {
+        let strangers = || group.iter().filter(|other| !other.is_driven);
+        if strangers().next().is_none() {
+            return;
+        }
+        let margin = Margin::begun();
+        for user in group.iter().filter(|user| user.is_driven) {
+            let may_still_wait = !user.is_inside() && user.can_stop();
+            if !may_still_wait || !self.is_granted(user.id, user.zone) {
+                continue;
+            }
+            let mut is_hindrance = |other: &&User| {
+                other.id != user.id
+                    && !other.is_inside()
+                    && other.speed_mps > 1.0
+                    && self.goes_before(other, user, group, now)
+                    && meet(net, user, other)
+                        .is_some_and(|meet| !leaves_in_time(user, other, &meet, margin))
+            };
+            if strangers().any(|other| is_hindrance(&other))
+                && let Some(turn) = self.turns.get_mut(&(user.id, user.zone))
+            {
+                turn.grant = None;
+            }
+        }
+    }
+
+    /// Whether a stranger that is not inside yet goes before a driven vehicle by the rules of the
+    /// road. One that cannot stop without braking hard does whatever the rules say; one that stands
+    /// has given up its turn once the other has run out of courtesy.
+    fn goes_before(&self, stranger: &User, user: &User, group: &[User], now: Now) -> bool {
+        if stranger.held {
+            return false;
+        }
+        if !stranger.can_stop_gently() {
+            return true;
+        }
+        let has_priority_road = has_priority_road(group);
+        let (theirs, mine) = (
+            rank(stranger, has_priority_road),
+            rank(user, has_priority_road),
+        );
+        if theirs != mine {
+            return theirs < mine;
+        }
+        let is_met = user.is_met_by(stranger) && stranger.turn_rad < TURN_RAD;
+        if user.turn_rad > TURN_RAD && is_met && user.class < 2 {
+            return true;
+        }
+        let later = self.arrives_secs(stranger, now) - self.arrives_secs(user, now);
+        if later.abs() < TOGETHER_SECS {
+            user.has_on_its_right(stranger)
+        } else {
+            later < 0.0
+        }
+    }
+
+    /// When a vehicle has arrived or will arrive, seconds.
+    fn arrives_secs(&self, user: &User, now: Now) -> f64 {
+        let arrived = self
+            .turn(user.id, user.zone)
+            .and_then(|turn| turn.arrived_secs);
+        arrived.unwrap_or(now.time_secs + (-user.front_m).max(0.0) / user.speed_mps.max(3.0))
+    }
+
     fn grant<'u>(&mut self, net: &mut Network, group: &'u [User], now: Now) {
         for user in group.iter().filter(|user| user.is_driven) {
             let is_new = !self.is_granted(user.id, user.zone);
@@ -243,19 +357,17 @@ impl Crossings {
                 self.give(user);
             }
         }
-        let has_priority_road = group.iter().any(|user| user.class > 1);
+        let has_priority_road = has_priority_road(group);
         let order = |user: &'u User| {
             let turn = self.turn(user.id, user.zone);
             let waited = turn.map_or(0.0, |turn| turn.waiting_secs);
-            let class = match user.class {
-                _ if waited > PATIENCE_SECS => 0,
-                0 if has_priority_road && user.turn_rad > TURN_RAD => 1,
-                class => class,
-            };
-            let eta = now.time_secs + (-user.front_m).max(0.0) / user.speed_mps.max(3.0);
             Claim {
-                class,
-                arrives_secs: turn.and_then(|turn| turn.arrived_secs).unwrap_or(eta),
+                class: if waited > PATIENCE_SECS {
+                    0
+                } else {
+                    rank(user, has_priority_road)
+                },
+                arrives_secs: self.arrives_secs(user, now),
                 user,
             }
         };
@@ -270,6 +382,14 @@ impl Crossings {
                 .then(a.arrives_secs.total_cmp(&b.arrives_secs))
                 .then(a.user.id.cmp(&b.user.id))
         });
+        // Of two that arrive together, the one on the right goes first.
+        for idx in 1..waiting.len() {
+            let (a, b) = (waiting[idx - 1], waiting[idx]);
+            let together = b.arrives_secs - a.arrives_secs < TOGETHER_SECS;
+            if a.class == b.class && together && a.user.has_on_its_right(b.user) {
+                waiting.swap(idx - 1, idx);
+            }
+        }
         // Who stands behind one that waits cannot go before it, so nobody waits for it.
         let mut heads: BTreeMap<u32, f64> = BTreeMap::new();
         for Claim { user, .. } in &waiting {
@@ -287,7 +407,13 @@ impl Crossings {
                 continue;
             }
             let refusal = if self.exit_is_free(user, group) {
-                self.refusal(net, user, group, &waiting[..idx], &is_head)
+                let before = Before {
+                    group,
+                    earlier: &waiting[..idx],
+                    is_head: &is_head,
+                    now,
+                };
+                self.refusal(net, user, &before)
             } else {
                 Some(Refusal::Exit)
             };
@@ -325,14 +451,13 @@ impl Crossings {
         user.room_m - taken > user.body_m + EXIT_GAP_M
     }
 
-    fn refusal(
-        &self,
-        net: &mut Network,
-        user: &User,
-        group: &[User],
-        earlier: &[Claim<'_>],
-        is_head: &dyn Fn(&User) -> bool,
-    ) -> Option<Refusal> {
+    fn refusal(&self, net: &mut Network, user: &User, before: &Before<'_>) -> Option<Refusal> {
+        let Before {
+            group,
+            earlier,
+            is_head,
+            now,
+        } = *before;
         let waited = self
             .turn(user.id, user.zone)
             .map_or(0.0, |turn| turn.waiting_secs);
@@ -370,20 +495,21 @@ impl Crossings {
                 if !is_clear {
                     return Some(Refusal::Vehicle(other.id));
                 }
-            } else if !other.held && earlier.iter().any(|it| std::ptr::eq(it.user, other)) {
+                continue;
+            }
+            let goes_before = if other.is_driven {
+                !other.held && earlier.iter().any(|it| std::ptr::eq(it.user, other))
+            } else {
+                self.goes_before(other, user, group, now)
+            };
+            if goes_before {
                 if other.room_m < other.body_m + EXIT_GAP_M || !is_head(other) {
                     continue;
                 }
                 let Some(meet) = meet(net, user, other) else {
                     continue;
                 };
-                let comes_secs = other.soonest_secs(meet.theirs_m[0]);
-                let is_clear = if meet.merges {
-                    user.latest_secs(meet.mine_m[0]) + MERGE_SECS < comes_secs
-                } else {
-                    user.latest_secs(meet.mine_m[1]) + GAP_SECS < comes_secs
-                };
-                if !is_clear {
+                if !leaves_in_time(user, other, &meet, Margin::before()) {
                     return Some(Refusal::Vehicle(other.id));
                 }
             }
@@ -392,7 +518,7 @@ impl Crossings {
     }
 
     /// What `user` may do, and whom it lets pass.
-    fn passage(&self, net: &mut Network, user: &User, group: &[User]) -> Passage {
+    fn passage(&self, net: &mut Network, user: &User, group: &[User], now: Now) -> Passage {
         let turn = self.turn(user.id, user.zone);
         let Some(mine) = turn.and_then(|turn| turn.grant) else {
             return Passage {
@@ -409,7 +535,23 @@ impl Crossings {
             passage.line_m = Some(passage.line_m.map_or(line, |it: f64| it.min(line)));
         };
         for other in group {
-            if other.id == user.id || !self.goes(other) {
+            if other.id == user.id {
+                continue;
+            }
+            if !other.is_driven && !other.is_inside() {
+                // A stranger that has come too near stops us before its way, while we can stop.
+                if self.goes_before(other, user, group, now)
+                    && other.speed_mps > 1.0
+                    && let Some(meet) = meet(net, user, other)
+                    && user.front_m < meet.mine_m[0]
+                    && user.can_stop_before(meet.mine_m[0])
+                    && !leaves_in_time(user, other, &meet, Margin::begun())
+                {
+                    yield_at(&mut passage, &meet);
+                }
+                continue;
+            }
+            if !self.goes(other) {
                 continue;
             }
             let turn = self.turn(other.id, other.zone);
@@ -453,6 +595,67 @@ impl Crossings {
     }
 }
 
+/// What a vehicle that asks is measured against.
+#[derive(Clone, Copy)]
+struct Before<'b> {
+    group: &'b [User],
+    earlier: &'b [Claim<'b>],
+    /// Whether a waiting vehicle is the first in its lane.
+    is_head: &'b dyn Fn(&User) -> bool,
+    now: Now,
+}
+
+/// Times to keep to a vehicle that goes first, seconds.
+#[derive(Clone, Copy, Debug)]
+struct Margin {
+    cross_secs: f64,
+    merge_secs: f64,
+}
+
+impl Margin {
+    /// Before a vehicle goes.
+    fn before() -> Margin {
+        Margin {
+            cross_secs: GAP_SECS,
+            merge_secs: MERGE_SECS,
+        }
+    }
+
+    /// Once it has begun to.
+    fn begun() -> Margin {
+        Margin {
+            cross_secs: BEGUN_GAP_SECS,
+            merge_secs: BEGUN_MERGE_SECS,
+        }
+    }
+}
+
+/// Whether signs make one of the roads go before others.
+fn has_priority_road(group: &[User]) -> bool {
+    group.iter().any(|user| user.class > 1)
+}
+
+/// Rank by signs, lights, shape and turn: 0 goes before 1 before 2.
+fn rank(user: &User, has_priority_road: bool) -> u8 {
+    match user.class {
+        0 if has_priority_road && user.turn_rad > TURN_RAD => 1,
+        class => class,
+    }
+}
+
+/// Whether a vehicle is out of the way of another one that goes first before that comes; where they
+/// go on as one, whether the other need not brake harder than comfort behind it.
+fn leaves_in_time(user: &User, other: &User, meet: &Meet, margin: Margin) -> bool {
+    let comes_secs = other.soonest_secs(meet.theirs_m[0]);
+    if !meet.merges {
+        return user.latest_secs(meet.mine_m[1]) + margin.cross_secs < comes_secs;
+    }
+    let closing = (other.speed_mps - user.speed_beyond_mps(meet.mine_m[0])).max(0.0);
+    let braking_m = closing * closing / (2.0 * COMFORT_BRAKE_MPS2);
+    let braking_secs = braking_m / other.speed_mps.max(1.0);
+    user.latest_secs(meet.mine_m[0]) + margin.merge_secs + braking_secs < comes_secs
+}
+
 /// Gap between our front and their rear if both stood in one line before the place where their ways
 /// have become one, metres.
 fn gap_in_line_m(user: &User, other: &User, meet: &Meet) -> f64 {
@@ -491,34 +694,4 @@ fn meet(net: &mut Network, a: &User, b: &User) -> Option<Meet> {
         }
     }
     all
-}
-
-/// Time for a distance with this acceleration up to a speed, seconds.
-fn travel_secs(distance_m: f64, speed_mps: f64, most_mps: f64, accel_mps2: f64) -> f64 {
-    if distance_m <= 0.0 {
-        return 0.0;
-    }
-    let (v, most) = (speed_mps.max(0.0), most_mps.max(1.0));
-    if v >= most {
-        return distance_m / most;
-    }
-    let run_m = (most * most - v * v) / (2.0 * accel_mps2);
-    if distance_m <= run_m {
-        ((v * v + 2.0 * accel_mps2 * distance_m).sqrt() - v) / accel_mps2
-    } else {
-        (most - v) / accel_mps2 + (distance_m - run_m) / most
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn travel_times_are_those_of_uniform_acceleration() {
-        // From rest at 2 m/s²: 9 m take 3 s; up to 4 m/s in 2 s and 4 m, then 8 m in 2 s.
-        assert!((travel_secs(9.0, 0.0, 100.0, 2.0) - 3.0).abs() < 1e-9);
-        assert!((travel_secs(12.0, 0.0, 4.0, 2.0) - 4.0).abs() < 1e-9);
-        assert_eq!(travel_secs(-1.0, 3.0, 4.0, 2.0), 0.0);
-    }
 }

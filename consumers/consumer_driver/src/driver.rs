@@ -8,6 +8,8 @@ use schema_roads::LaneKey;
 use schema_types::noise::Noise;
 
 use crate::crossing::{Passage, Refusal};
+use crate::detour::Detour;
+use crate::idm::{Idm, Leader};
 use crate::lanes::network::{LanePlace, Network, TURN_RAD};
 use crate::lanes::path::{Foot, Guide, Path};
 use crate::lanes::strangers::locate;
@@ -38,13 +40,24 @@ pub(crate) use view::{TickView, View};
 
 /// Smallest distance for which a path is planned ahead, metres.
 const HORIZON_M: f64 = 90.0;
+/// The same for whoever may have to pass something over the lane of oncoming traffic, metres.
+const PASS_HORIZON_M: f64 = 300.0;
 /// A driver that has stood at the end of a lane for so long looks beside it, seconds and metres.
 const DEAD_END_SECS: f64 = 4.0;
 const BESIDE_M: f64 = 4.6;
 /// Gap kept to a vehicle that is parked on the lane, so that there is room to go round it, metres.
 const PARKED_GAP_M: f64 = 11.0;
+/// Gap kept to somebody on foot, whoever is in a hurry, and to a vehicle that is crept past, metres.
+const WALKER_GAP_M: f64 = 2.2;
+const CREEP_GAP_M: f64 = 0.8;
 /// A driver whose exit is full for so long takes another one, seconds.
 const EXIT_PATIENCE_SECS: f64 = 8.0;
+/// Desired speed where a path has no points to tell, m/s.
+const SLOW_ROAD_MPS: f64 = 5.0;
+/// Largest speed of a driver that creeps past something, m/s.
+const CREEP_MPS: f64 = 1.5;
+/// Hardest braking for a limit or a bend, m/s².
+const ROAD_BRAKE_MPS2: f64 = 4.0;
 /// Greatest change of the wanted acceleration, m/s³: upwards, and downwards without need.
 const JERK_MPS3: [f64; 2] = [2.5, 4.0];
 /// Stream of the choices at junctions.
@@ -79,12 +92,17 @@ pub struct Driver {
     signals: Signals,
     /// Acceleration that was wanted last, m/s².
     wanted_mps2: f64,
-    /// Free acceleration of the road, m/s².
+    /// Speed that limits and bends allow where it is, m/s.
+    pub(crate) desired_mps: f64,
+    /// Acceleration that limits and bends allow, here and ahead, m/s².
     pub(crate) road_mps2: f64,
     /// Time before which it does not change lanes again, seconds.
     pub(crate) settled_until_secs: f64,
     /// Length that is left of the swerve under way, path metres.
     pub(crate) swerve_until_m: f64,
+    /// The way round something that it drives, and whether it has broken one off.
+    pub(crate) detour: Option<Detour>,
+    pub(crate) has_gone_back: bool,
     /// What is left of the route and the places to come through, as last seen.
     route_left: Vec<RoadOption>,
     places_left: Vec<[f64; 3]>,
@@ -127,9 +145,12 @@ impl Driver {
             passages: Vec::new(),
             signals: Signals::default(),
             wanted_mps2: 0.0,
+            desired_mps: SLOW_ROAD_MPS,
             road_mps2: 0.0,
             settled_until_secs: 0.0,
             swerve_until_m: f64::NEG_INFINITY,
+            detour: None,
+            has_gone_back: false,
             route_left: Vec::new(),
             places_left: Vec::new(),
             seed,
@@ -187,6 +208,16 @@ impl Driver {
     /// Makes it back off a little in its own lane, so that another vehicle gets past.
     pub(crate) fn make_room(&mut self) {
         self.rescue.make_room();
+    }
+
+    /// Goes back to the path that it left for a way round.
+    pub(crate) fn go_back(&mut self, before: Path, me: &Mover) {
+        self.path = before;
+        self.foot = self
+            .path
+            .project(me.origin(), self.foot.arc_m - 5.0, self.foot.arc_m + 5.0);
+        self.swerve_until_m = self.foot.arc_m;
+        self.has_gone_back = true;
     }
 
     /// The junctions that it is in or comes to, the nearest first.
@@ -265,6 +296,7 @@ impl Driver {
             let guide = self.path.guide().clone();
             self.path = Path::new(net, place, choices, n, guide);
             self.swerve_until_m = f64::NEG_INFINITY;
+            self.detour = None;
             self.steering.reset();
             self.foot = self.path.project(point, 0.0, 60.0);
         }
@@ -285,7 +317,12 @@ impl Driver {
             };
             self.path.replan(self.foot.arc_m, choices, guide);
         }
-        let until = self.foot.arc_m + HORIZON_M.max(6.0 * me.speed_mps);
+        let horizon_m = if self.blocked_secs > 0.0 || self.detour.is_some() {
+            PASS_HORIZON_M
+        } else {
+            HORIZON_M
+        };
+        let until = self.foot.arc_m + horizon_m.max(6.0 * me.speed_mps);
         self.path.extend(net, self.foot.arc_m, until);
         find_entries(&self.path, self.foot, me, &mut self.entries);
     }
@@ -430,13 +467,14 @@ impl Driver {
         }
         let creeping = self.rescue.is_creeping();
         let front = self.foot.arc_m + me.front_m();
-        self.obstacle = self.look_out(me, view, creeping);
-        let road = self.road_speed(me, front, view.rules);
-        self.road_mps2 = road;
-        let (mut wanted, wait) = self.weigh(me, view, road, creeping);
+        self.read_road(me, front, view.rules);
         if creeping {
-            wanted = wanted.min(speed::towards(me.speed_mps, 1.5));
+            self.desired_mps = self.desired_mps.min(CREEP_MPS);
+            let creep = self.idm(view.rules).free_accel(me.speed_mps);
+            self.road_mps2 = self.road_mps2.min(creep);
         }
+        self.obstacle = self.look_out(me, view, creeping);
+        let (wanted, wait) = self.weigh(me, view, creeping);
         self.wait = wait;
         let blocker = self
             .obstacle
@@ -466,10 +504,9 @@ impl Driver {
     /// Acceleration of a driver that moves without physics, m/s².
     pub(crate) fn glide_accel(&mut self, me: &Mover, view: View) -> f64 {
         let front = self.foot.arc_m + me.front_m();
+        self.read_road(me, front, view.rules);
         self.obstacle = self.look_out(me, view, false);
-        let road = self.road_speed(me, front, view.rules);
-        self.road_mps2 = road;
-        let (wanted, wait) = self.weigh(me, view, road, false);
+        let (wanted, wait) = self.weigh(me, view, false);
         self.wait = wait;
         self.standing_secs = if me.speed_mps.abs() < STANDING_MPS {
             self.standing_secs + view.traffic.period_secs
@@ -481,7 +518,7 @@ impl Driver {
 
     /// The smallest of the accelerations that road, lights, right of way and others allow, and
     /// whose it is.
-    fn weigh(&mut self, me: &Mover, view: View, road_mps2: f64, creeping: bool) -> (f64, Wait) {
+    fn weigh(&mut self, me: &Mover, view: View, creeping: bool) -> (f64, Wait) {
         let v = me.speed_mps;
         let front = self.foot.arc_m + me.front_m();
         let ahead = Ahead {
@@ -491,7 +528,7 @@ impl Driver {
             entries: &self.entries,
         };
         let sign_line = self.signals.sign_line(&ahead, view);
-        let mut least = (road_mps2, Wait::No);
+        let mut least = (self.road_mps2, Wait::No);
         let mut consider = |accel: f64, why: Wait| {
             if accel < least.0 {
                 least = (accel, why);
@@ -509,7 +546,7 @@ impl Driver {
             let line = self.waiting_line(line, front);
             consider(speed::stop_before(v, line - front), Wait::Sign);
         }
-        let gap = view.rules.standing_gap_m();
+        let idm = self.idm(view.rules);
         for (entry, passage) in self.entries.iter().zip(&self.passages) {
             if !passage.may_enter {
                 if front < entry.arc_m[0] + 1.0 {
@@ -523,27 +560,29 @@ impl Driver {
                 consider(speed::stop_before(v, left.max(0.0)), Wait::Turn);
             }
             if let Some(leader) = passage.behind {
-                let accel = speed::follow(v, leader.speed_mps, leader.gap_m, gap);
-                consider(accel, Wait::Turn);
+                consider(speed::follow(v, &idm, leader), Wait::Turn);
             }
         }
         if let Some(obstacle) = self.obstacle {
-            let gap = if creeping {
-                0.8
-            } else if view
-                .strangers
-                .is_parked(obstacle.id, view.traffic.time_secs)
-            {
-                gap.max(PARKED_GAP_M)
-            } else if obstacle.is_vehicle {
-                gap
+            let parked = view.strangers;
+            let standing_gap_m = if !obstacle.is_vehicle {
+                WALKER_GAP_M
+            } else if creeping {
+                CREEP_GAP_M
+            } else if parked.is_parked(obstacle.id, view.traffic.time_secs) {
+                idm.standing_gap_m.max(PARKED_GAP_M)
             } else {
-                2.2
+                idm.standing_gap_m
             };
-            consider(
-                speed::follow(v, obstacle.along_mps, obstacle.gap_m, gap),
-                Wait::Ahead,
-            );
+            let idm = Idm {
+                standing_gap_m,
+                ..idm
+            };
+            let leader = Leader {
+                gap_m: obstacle.gap_m,
+                speed_mps: obstacle.along_mps,
+            };
+            consider(speed::follow(v, &idm, leader), Wait::Ahead);
         }
         least
     }
@@ -579,7 +618,7 @@ impl Driver {
             !is_ignored && !own.ignored.contains(&other.id)
         };
         Lookout {
-            standing_gap_m: view.rules.standing_gap_m(),
+            idm: self.idm(view.rules),
             ..self.lookout(me)
         }
         .obstacle(
@@ -623,36 +662,44 @@ impl Driver {
         record
     }
 
-    /// Acceleration that speed limits and bends allow, here and as far ahead as braking reaches.
-    fn road_speed(&self, me: &Mover, front: f64, rules: Rules) -> f64 {
+    /// Its parameters of the Intelligent Driver Model, where it is.
+    pub(crate) fn idm(&self, rules: Rules) -> Idm {
+        Idm {
+            desired_mps: self.desired_mps,
+            standing_gap_m: rules.standing_gap_m(),
+        }
+    }
+
+    /// Notes the speed that limits and bends allow here, and the acceleration that they allow here
+    /// and as far ahead as braking reaches.
+    fn read_road(&mut self, me: &Mover, front: f64, rules: Rules) {
         let v = me.speed_mps;
         let reach = front + 6.0 + v * v / 3.0;
-        let mut wanted = f64::INFINITY;
         let rear = self.foot.arc_m - 0.5 * me.rear_m();
         let points = self.path.points();
         // Where signs post another limit than the map states, theirs holds until the next one.
         let stated = self.path.at(self.foot.arc_m).limit_mps;
         let posted = Some(me.limit_mps).filter(|l| *l > 0.5 && (l - stated).abs() > 0.3);
+        let (mut desired, mut ahead) = (f64::INFINITY, f64::INFINITY);
         for point in &points[self.path.point_idx(rear)..] {
             if point.arc_m > reach {
                 break;
             }
             let limit = posted.unwrap_or(point.limit_mps);
             let limit = rules.speed_mps(limit).min(point.bend_mps);
-            let accel = if point.arc_m <= front {
-                speed::towards(v, limit)
+            if point.arc_m <= front {
+                desired = desired.min(limit);
             } else if limit < v {
-                speed::ahead(v, limit, point.arc_m - front).max(-4.0)
-            } else {
-                continue;
-            };
-            wanted = wanted.min(accel);
+                ahead = ahead.min(speed::ahead(v, limit, point.arc_m - front));
+            }
         }
-        if wanted.is_finite() {
-            wanted
+        self.desired_mps = if desired.is_finite() {
+            desired
         } else {
-            speed::towards(v, 5.0)
-        }
+            SLOW_ROAD_MPS
+        };
+        let here = self.idm(rules).free_accel(v);
+        self.road_mps2 = here.min(ahead.max(-ROAD_BRAKE_MPS2));
     }
 
     /// Finds the first stop line whose light says stop.
@@ -683,7 +730,10 @@ impl Driver {
             path: &self.path,
             foot: self.foot,
             wheelbase_m: self.steering.wheelbase_m(),
-            standing_gap_m: 2.0,
+            idm: Idm {
+                desired_mps: self.desired_mps,
+                standing_gap_m: 2.0,
+            },
         }
     }
 

@@ -53,7 +53,7 @@ impl Fleet {
     /// A fleet without drivers.
     pub fn new(map: Arc<RoadMap>) -> Fleet {
         Fleet {
-            lights: vec![LightState::Off; map.signals().len()],
+            lights: vec![LightState::Unknown; map.signals().len()],
             net: Network::new(map),
             drivers: BTreeMap::new(),
             strangers: Strangers::default(),
@@ -228,7 +228,7 @@ impl Fleet {
     }
 
     fn read_lights(&mut self, traffic: &Traffic) {
-        self.lights.fill(LightState::Off);
+        self.lights.fill(LightState::Unknown);
         for (id, state) in &traffic.lights {
             if let Some(idx) = self.net.signal(id) {
                 self.lights[idx as usize] = *state;
@@ -284,6 +284,7 @@ impl Fleet {
                 rules: settings.rules(me.id, &self.plain),
                 seed: self.seed,
             };
+            overtaking::watch_detour(driver, me, &around);
             let change = overtaking::consider(&mut self.net, driver, me, idx as u32, &around);
             if let Some(change) = change {
                 if change.was_forced {

@@ -6,11 +6,12 @@
 //! path lengths and lane places are metres; angles are radians, positive to the left.
 //!
 //! Modules in reading order: [`traffic`] (what drivers see), [`plane`] (points, sides, distances),
-//! [`lanes`] (the lanes of the map, the way ahead of one vehicle, who is on which lane), [`steer`]
-//! and [`speed`] (its controllers), [`driver`] (one driver), [`crossing`] (whose turn it is at
-//! junctions), `overtaking` (lane changes, ways round what stands), `upkeep` (driving without
-//! physics, respawn, removal), [`fleet`] (all drivers), [`crowd`] (people on foot), [`parameters`]
-//! (what may be set).
+//! [`lanes`] (the lanes of the map, the way ahead of one vehicle, who is on which lane), [`idm`] and
+//! [`mobil`] (the models of following and of changing lanes), [`steer`] and [`speed`] (controllers),
+//! [`driver`] (one driver), [`crossing`] (whose turn it is at junctions), `overtaking` (lane changes,
+//! ways round what stands) with `detour` (whether one has time), `upkeep` (driving without physics,
+//! respawn, removal), [`fleet`] (all drivers), [`crowd`] (people on foot), [`parameters`] (what may be
+//! set).
 //!
 //! ```
 //! use consumer_driver::speed;
@@ -25,9 +26,12 @@
 
 pub mod crossing;
 pub mod crowd;
+mod detour;
 pub mod driver;
 pub mod fleet;
+pub mod idm;
 pub mod lanes;
+pub mod mobil;
 mod overtaking;
 pub mod parameters;
 pub mod plane;

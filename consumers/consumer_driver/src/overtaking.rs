@@ -1,15 +1,17 @@
 //! Changes of lanes and ways round what stands: whether one is wanted, and whether there is room.
 //!
-//! Whether a change is wanted is MOBIL's question (Kesting, Treiber, Helbing 2007): what we gain in
-//! acceleration against what the new follower loses, with the accelerations of the Intelligent
-//! Driver Model. A change that the way ahead, the route or somebody else demands needs no gain, only
-//! room.
+//! Whether a change is worth it and safe is decided by [`crate::mobil`]. One that the way ahead, the
+//! route or somebody else demands needs no gain, but room and a follower that need not brake hard.
 
+use crate::detour::{BEGUN_MARGIN_SECS, Detour, Scene};
 use crate::driver::{Blocker, Driver};
+use crate::idm::{Idm, Leader};
 use crate::lanes::network::{LanePlace, Network};
+use crate::lanes::path::Foot;
 use crate::lanes::table::{LaneTable, Neighbour, Search};
+use crate::mobil::{Outlook, Prospect, SAFE_BRAKE_MPS2};
 use crate::parameters::Rules;
-use crate::plane::Side;
+use crate::plane::{Side, wrap};
 use crate::speed;
 use crate::traffic::{Grid, Mover, Traffic};
 use schema_types::noise::Noise;
@@ -18,23 +20,23 @@ use schema_types::noise::Noise;
 const THINK_SECS: f64 = 0.5;
 /// Time between a change and the next one without need, seconds.
 const SETTLE_SECS: f64 = 12.0;
-/// Gain that a change without need must bring, m/s².
-const GAIN_MPS2: f64 = 0.5;
-/// How much the new follower's loss counts.
-const POLITENESS: f64 = 0.4;
-/// Hardest braking that a change may ask of the new follower, m/s².
-const SAFE_BRAKE_MPS2: f64 = 2.0;
 /// Time that a change takes, seconds, and its least and greatest length, metres.
 const CHANGE_SECS: f64 = 3.2;
 const CHANGE_M: [f64; 2] = [14.0, 70.0];
-/// How far we look along another lane, metres.
+/// How far we look along a lane, ahead and behind, metres. At 130 km/h, somebody behind us who drives
+/// 50 km/h faster than we do wants a gap of 153 m.
 const SIGHT_M: f64 = 90.0;
+const SIGHT_BEHIND_M: f64 = 250.0;
+/// Gap in standstill that followers are taken to keep, metres.
+const FOLLOWER_GAP_M: f64 = 2.0;
 /// How near the end of a lane a change becomes urgent, metres.
 const URGENT_M: f64 = 150.0;
 /// A vehicle ahead that stands for so long without a queue before it is passed, seconds.
 const PASS_SECS: f64 = 7.0;
 /// Room to begin a way round, metres.
 const PASS_ROOM_M: f64 = 7.5;
+/// Greatest curvature of a way round in units of its offset over its length squared.
+const SWERVE_BEND: f64 = 5.8;
 /// Stream of the chances of lane changes.
 const CHANCES: u64 = 0x6c61_6e65;
 
@@ -47,10 +49,23 @@ pub(crate) struct Around<'a> {
     pub seed: u64,
 }
 
+impl<'a> Around<'a> {
+    fn scene(&self, foot: Foot, me: &'a Mover) -> Scene<'a> {
+        Scene {
+            me,
+            foot,
+            traffic: self.traffic,
+            grid: self.grid,
+        }
+    }
+}
+
 /// A change of lanes that is thought about.
 struct LaneChange {
     from: LanePlace,
     to_lane: u32,
+    side: Side,
+    keeps_right: bool,
     /// Length of the way on which it is made, metres.
     length_m: f64,
 }
@@ -127,6 +142,7 @@ pub(crate) fn consider(
     }
     let chance =
         Noise::new(around.seed, u64::from(me.number), CHANCES).uniform(beat(traffic.time_secs));
+    let keeps_right = 100.0 * chance < rules.own.keep_right_percent;
     let s_m = leg.s_at_m(foot.arc_m);
     let mut best: Option<(f64, Side)> = None;
     for side in [Side::Right, Side::Left] {
@@ -152,10 +168,7 @@ pub(crate) fn consider(
         }
         let random = match side {
             Side::Left => rules.own.random_left_percent,
-            Side::Right => rules
-                .own
-                .random_right_percent
-                .max(rules.own.keep_right_percent),
+            Side::Right => rules.own.random_right_percent,
         };
         let is_by_chance = 100.0 * chance < random;
         let needs_gain = !is_urgent && !is_by_chance;
@@ -166,13 +179,16 @@ pub(crate) fn consider(
                 s_m,
             },
             to_lane: target,
+            side,
+            keeps_right,
             length_m,
         };
-        let gain = gain(net, driver, me, my_idx, around, &change);
+        let prospect = prospect(net, driver, me, my_idx, around, &change);
+        let gain = prospect.map(|prospect| prospect.incentive_mps2());
         let Some(gain) = gain.or(ignores_others.then_some(0.0)) else {
             continue;
         };
-        if needs_gain && gain < GAIN_MPS2 {
+        if needs_gain && gain <= 0.0 {
             continue;
         }
         if best.is_none_or(|(most, _)| gain > most) {
@@ -193,38 +209,23 @@ pub(crate) fn consider(
     })
 }
 
-/// What a change brings, m/s²; `None` if there is no room for it.
-fn gain(
+/// What a change would mean for us and for both followers; `None` if there is no room for it.
+fn prospect(
     net: &mut Network,
     driver: &Driver,
     me: &Mover,
     my_idx: u32,
     around: &Around,
     change: &LaneChange,
-) -> Option<f64> {
+) -> Option<Prospect> {
     let (s_m, target) = (change.from.s_m, change.to_lane);
-    let from = |lane: u32| Search {
+    let search = |lane: u32, within_m: f64| Search {
         from: LanePlace { lane, s_m },
-        within_m: SIGHT_M,
+        within_m,
         me: my_idx,
     };
     let movers = &around.traffic.movers;
     let table = around.lanes;
-    let v = me.speed_mps;
-    let standing_gap = around.rules.standing_gap_m();
-    let free = driver.road_mps2;
-    let gap_to = |distance: f64, other: &Mover| distance - me.half_m[0] - other.half_m[0];
-    let leader_accel = |found: Option<Neighbour>| {
-        found.map_or((free, f64::INFINITY), |found| {
-            let other = &movers[found.mover as usize];
-            let gap = gap_to(found.distance_m, other);
-            (
-                free.min(speed::follow(v, other.speed_mps, gap, standing_gap)),
-                gap,
-            )
-        })
-    };
-    let (now, _) = leader_accel(table.ahead(net, &from(change.from.lane)));
     // A vehicle whose middle is beside ours counts as ahead of us and behind us.
     let beside = [s_m - me.half_m[0] - 4.0, s_m + me.half_m[0] + 4.0];
     let is_beside = table.on(target).iter().any(|it| {
@@ -236,23 +237,60 @@ fn gain(
     if is_beside {
         return None;
     }
-    let (then, gap_ahead) = leader_accel(table.ahead(net, &from(target)));
-    if then < -SAFE_BRAKE_MPS2 || gap_ahead < 2.0 + 0.3 * v {
+    let found = |at: Neighbour| Ranked {
+        at_m: at.distance_m,
+        mover: &movers[at.mover as usize],
+    };
+    let [old_leader, new_leader] =
+        [change.from.lane, target].map(|lane| table.ahead(net, &search(lane, SIGHT_M)).map(found));
+    let ours = Ranked {
+        at_m: 0.0,
+        mover: me,
+    };
+    let own_idm = driver.idm(around.rules);
+    let own_accel = |leader: Option<Ranked>| {
+        let accel =
+            leader.map(|leader| speed::follow(me.speed_mps, &own_idm, ours.behind(&leader)));
+        accel.map_or(driver.road_mps2, |accel| accel.min(driver.road_mps2))
+    };
+    let own = Outlook {
+        before_mps2: own_accel(old_leader),
+        after_mps2: own_accel(new_leader),
+    };
+    let gap_ahead_m = new_leader.map_or(f64::INFINITY, |it| ours.behind(&it).gap_m);
+    if own.after_mps2 < -SAFE_BRAKE_MPS2 || gap_ahead_m < 2.0 + 0.3 * me.speed_mps {
         return None;
     }
-    let behind = table.behind(net, &from(target));
-    let loss = match behind {
-        Some(found) => {
-            let other = &movers[found.mover as usize];
-            let gap = gap_to(found.distance_m, other);
-            let after = speed::follow(other.speed_mps, v, gap, standing_gap);
-            if gap < 2.0 + 0.4 * other.speed_mps || after < -SAFE_BRAKE_MPS2 {
-                return None;
-            }
-            (0.5 - after).max(0.0)
-        }
-        None => 0.0,
+    let [old_follower, new_follower] = [change.from.lane, target].map(|lane| {
+        let it = table
+            .behind(net, &search(lane, SIGHT_BEHIND_M))
+            .map(found)?;
+        Some(Ranked {
+            at_m: -it.at_m,
+            ..it
+        })
+    });
+    if let Some(it) = new_follower
+        && it.behind(&ours).gap_m < 2.0 + 0.4 * it.mover.speed_mps
+    {
+        return None;
+    }
+    let outlook = |follower: Option<Ranked>, now: Option<Ranked>, then: Option<Ranked>| {
+        follower.map_or(Outlook::default(), |it| Outlook {
+            before_mps2: it.accel(driver.desired_mps, now),
+            after_mps2: it.accel(driver.desired_mps, then),
+        })
     };
+    let prospect = Prospect {
+        side: change.side,
+        keeps_right: change.keeps_right,
+        own,
+        old_follower: outlook(old_follower, Some(ours), old_leader),
+        new_follower: outlook(new_follower, new_leader, Some(ours)),
+    };
+    if !prospect.is_safe() {
+        return None;
+    }
     // Somebody who comes into the same lane from its other side.
     let middle = me.point(0.5 * change.length_m, 0.0);
     let reach = 0.5 * change.length_m + 10.0;
@@ -272,7 +310,39 @@ fn gain(
     if far_side {
         return None;
     }
-    Some(then - now - POLITENESS * loss)
+    Some(prospect)
+}
+
+/// A vehicle in a row of vehicles.
+#[derive(Clone, Copy)]
+struct Ranked<'m> {
+    /// How far ahead of us its middle is, metres.
+    at_m: f64,
+    mover: &'m Mover,
+}
+
+impl Ranked<'_> {
+    /// What it has before it if it drives behind `ahead`.
+    fn behind(&self, ahead: &Ranked) -> Leader {
+        Leader {
+            gap_m: ahead.at_m - self.at_m - ahead.mover.half_m[0] - self.mover.half_m[0],
+            speed_mps: ahead.mover.speed_mps,
+        }
+    }
+
+    /// Its acceleration by the model. Nobody knows its desired speed: it is the road's, or the one
+    /// that it drives if that is greater.
+    fn accel(&self, road_mps: f64, ahead: Option<Ranked>) -> f64 {
+        let idm = Idm {
+            desired_mps: road_mps.max(self.mover.speed_mps),
+            standing_gap_m: FOLLOWER_GAP_M,
+        };
+        let v = self.mover.speed_mps;
+        ahead.map_or_else(
+            || idm.free_accel(v),
+            |ahead| speed::follow(v, &idm, self.behind(&ahead)),
+        )
+    }
 }
 
 /// Goes round a vehicle that stands on the lane for no reason, through the lane of oncoming
@@ -297,7 +367,7 @@ pub(crate) fn pass_standing(
     let Some(other) = around.traffic.mover(blocker) else {
         return false;
     };
-    let is_along = crate::plane::wrap(other.yaw_rad - foot.heading_rad).abs() < 0.5;
+    let is_along = wrap(other.yaw_rad - foot.heading_rad).abs() < 0.5;
     if !other.is_vehicle || !is_along || other.speed_mps.abs() > 0.2 || is_queueing(blocker) {
         return false;
     }
@@ -308,6 +378,11 @@ pub(crate) fn pass_standing(
     let offset_m = their.offset_m + other.half_m[1] + me.half_m[1] + 0.7;
     let gap_m = their.arc_m - other.half_m[0] - front;
     if gap_m < PASS_ROOM_M {
+        // One that broke off stands too near to begin again.
+        if driver.has_gone_back {
+            driver.has_gone_back = false;
+            driver.make_room();
+        }
         return false;
     }
     let between = [
@@ -325,36 +400,38 @@ pub(crate) fn pass_standing(
     if near_junction || offset_m > 4.5 || driver.path().end().arc_m < until + 20.0 {
         return false;
     }
-    // Nobody may be on the way round, nor come along it, for as long as it takes.
-    let sight_m = 70.0;
-    let middle = driver.path().at(0.5 * (front + until)).position_m;
-    let reach = 0.5 * (until - front) + sight_m;
-    let low = [middle[0] - reach, middle[1] - reach];
-    let high = [middle[0] + reach, middle[1] + reach];
-    let is_taken = around.grid.within(low, high).any(|idx| {
-        let mover = &around.traffic.movers[idx as usize];
-        if mover.id == me.id || mover.id == blocker {
-            return false;
-        }
-        let start = driver.path().point_idx(their.arc_m);
-        let (at, _) = driver.path().descend(mover.middle(), start);
-        let aside = mover.half_m[1] + 0.6;
-        let in_strip = at.offset_m + aside > offset_m - me.half_m[1] - 1.0
-            && at.offset_m - aside < offset_m + me.half_m[1] + 0.5;
-        let comes = mover.velocity_mps[0] * at.heading_rad.cos()
-            + mover.velocity_mps[1] * at.heading_rad.sin()
-            < -0.5;
-        let overlaps = at.arc_m > foot.arc_m - 12.0 && at.arc_m < until + 4.0;
-        let far = if comes { until + sight_m } else { until + 4.0 };
-        let behind_blocker_in_lane =
-            at.arc_m > their.arc_m && at.arc_m < until + 6.0 && at.offset_m.abs() < 1.5;
-        in_strip && (overlaps || comes && at.arc_m > foot.arc_m && at.arc_m < far)
-            || behind_blocker_in_lane
-    });
-    if is_taken {
+    let detour = Detour {
+        blocker,
+        between_m: between,
+        until_m: until,
+        offset_m,
+        pace_mps: speed::on_bend(SWERVE_BEND * offset_m / (length_m * length_m))
+            .min(driver.path().at(front).limit_mps),
+        before: Box::new(driver.path().clone()),
+    };
+    if detour.is_taken(&around.scene(foot, me), &is_queueing) {
         return false;
     }
     driver.path_mut().swerve(between, offset_m, length_m);
     driver.swerve_until_m = until;
+    driver.detour = Some(detour);
     true
+}
+
+/// Breaks off a way round while the vehicle is not yet beside what it passes, if somebody comes that
+/// was not foreseen: it goes back onto its lane and stops there.
+pub(crate) fn watch_detour(driver: &mut Driver, me: &Mover, around: &Around) {
+    let foot = driver.foot();
+    let Some(detour) = driver.detour.take() else {
+        return;
+    };
+    if foot.arc_m >= detour.until_m || foot.arc_m >= driver.swerve_until_m {
+        return;
+    }
+    let can_go_back = foot.arc_m < detour.between_m[0];
+    if can_go_back && detour.meets_oncoming(&around.scene(foot, me), BEGUN_MARGIN_SECS) {
+        driver.go_back(*detour.before, me);
+    } else {
+        driver.detour = Some(detour);
+    }
 }

@@ -114,7 +114,7 @@ pub struct VehicleParameters {
     pub random_left_percent: f64,
     /// Chance that it changes to the right without need, percent.
     pub random_right_percent: f64,
-    /// Chance that it goes back to the slow lane, percent.
+    /// Share of its thoughts about another lane in which it keeps to the right, percent.
     pub keep_right_percent: f64,
     /// Actors that it neither sees nor avoids.
     pub ignored: BTreeSet<u32>,

@@ -1,38 +1,29 @@
 //! Longitudinal control: the acceleration that the road, lights and other traffic allow, and the
 //! pedals for it.
 
-/// Acceleration wanted from standstill on a free road, m/s².
-const COMFORT_ACCEL_MPS2: f64 = 2.7;
-/// Deceleration at which braking for something ahead begins, m/s².
-const COMFORT_BRAKE_MPS2: f64 = 2.0;
+use crate::idm::{COMFORT_BRAKE_MPS2, Idm, Leader, MAX_ACCEL_MPS2};
+
 /// Hardest braking, m/s².
 const MAX_BRAKE_MPS2: f64 = 8.0;
 /// Gap between the front and a stop line, metres.
 const LINE_GAP_M: f64 = 1.0;
-/// Time gap to the vehicle ahead, seconds.
-const TIME_GAP_SECS: f64 = 1.2;
 /// Acceleration that full throttle is assumed to give at low speed, m/s²; the integral corrects the
 /// rest.
 const FULL_THROTTLE_MPS2: f64 = 4.5;
 /// Deceleration that full brake is assumed to give, m/s².
 const FULL_BRAKE_MPS2: f64 = 9.0;
 
-/// Acceleration that reaches `limit_mps` where it holds now.
-pub fn towards(speed_mps: f64, limit_mps: f64) -> f64 {
-    (1.2 * (limit_mps - speed_mps)).clamp(-4.0, COMFORT_ACCEL_MPS2)
-}
-
 /// Acceleration that reaches `limit_mps` after `distance_m`: unrestricted until braking is due,
 /// then the braking that is needed.
 pub fn ahead(speed_mps: f64, limit_mps: f64, distance_m: f64) -> f64 {
     let needed = (limit_mps * limit_mps - speed_mps * speed_mps) / (2.0 * distance_m.max(0.3));
     if needed >= 0.0 {
-        return COMFORT_ACCEL_MPS2;
+        return MAX_ACCEL_MPS2;
     }
     if needed <= -COMFORT_BRAKE_MPS2 {
         return needed.max(-MAX_BRAKE_MPS2);
     }
-    COMFORT_ACCEL_MPS2 + needed / COMFORT_BRAKE_MPS2 * (COMFORT_ACCEL_MPS2 + COMFORT_BRAKE_MPS2)
+    MAX_ACCEL_MPS2 + needed / COMFORT_BRAKE_MPS2 * (MAX_ACCEL_MPS2 + COMFORT_BRAKE_MPS2)
 }
 
 /// Acceleration that stops a metre before a line `distance_m` ahead, and holds there.
@@ -49,26 +40,39 @@ pub fn to_stop(speed_mps: f64, distance_m: f64) -> f64 {
     -speed_mps * speed_mps / (2.0 * distance_m.max(0.05))
 }
 
-/// Acceleration behind a vehicle `gap_m` ahead that drives `their_mps`: Treiber's Intelligent
-/// Driver Model with a hard stop.
-pub fn follow(speed_mps: f64, their_mps: f64, gap_m: f64, standing_gap_m: f64) -> f64 {
-    if gap_m < 0.3 * standing_gap_m {
+/// Acceleration behind a vehicle: the Intelligent Driver Model, and the deceleration that is
+/// physically needed where the model brakes too late.
+pub fn follow(speed_mps: f64, idm: &Idm, leader: Leader) -> f64 {
+    let gap_m = leader.gap_m;
+    if gap_m < 0.3 * idm.standing_gap_m {
         return -MAX_BRAKE_MPS2;
     }
-    let closing = speed_mps - their_mps;
-    let dynamic = speed_mps * TIME_GAP_SECS
-        + speed_mps * closing / (2.0 * (COMFORT_ACCEL_MPS2 * COMFORT_BRAKE_MPS2).sqrt());
-    let wanted = standing_gap_m + dynamic.max(0.0);
-    let idm = COMFORT_ACCEL_MPS2 * (1.0 - (wanted / gap_m.max(0.1)).powi(2));
-    // The deceleration that is physically needed, where the model brakes too late.
-    let their_stop = their_mps.max(0.0).powi(2) / (2.0 * MAX_BRAKE_MPS2);
-    let hard = to_stop(speed_mps, gap_m - 0.6 * standing_gap_m + their_stop);
-    let braking = if hard < -COMFORT_BRAKE_MPS2 && closing > 0.0 {
-        idm.min(hard)
+    let model = idm.accel(speed_mps, Some(leader));
+    let their_stop = leader.speed_mps.max(0.0).powi(2) / (2.0 * MAX_BRAKE_MPS2);
+    let hard = to_stop(speed_mps, gap_m - 0.6 * idm.standing_gap_m + their_stop);
+    let braking = if hard < -COMFORT_BRAKE_MPS2 && speed_mps > leader.speed_mps {
+        model.min(hard)
     } else {
-        idm
+        model
     };
-    braking.clamp(-MAX_BRAKE_MPS2, COMFORT_ACCEL_MPS2)
+    braking.clamp(-MAX_BRAKE_MPS2, MAX_ACCEL_MPS2)
+}
+
+/// Time for a distance with this acceleration up to a speed, seconds.
+pub fn travel_secs(distance_m: f64, speed_mps: f64, most_mps: f64, accel_mps2: f64) -> f64 {
+    if distance_m <= 0.0 {
+        return 0.0;
+    }
+    let (v, most) = (speed_mps.max(0.0), most_mps.max(1.0));
+    if v >= most {
+        return distance_m / most;
+    }
+    let run_m = (most * most - v * v) / (2.0 * accel_mps2);
+    if distance_m <= run_m {
+        ((v * v + 2.0 * accel_mps2 * distance_m).sqrt() - v) / accel_mps2
+    } else {
+        (most - v) / accel_mps2 + (distance_m - run_m) / most
+    }
 }
 
 /// A vehicle slower than this is braked against its idling engine, m/s, with this share of the
@@ -162,12 +166,17 @@ impl Pedals {
 mod tests {
     use super::*;
 
+    const CITY: Idm = Idm {
+        desired_mps: 14.0,
+        standing_gap_m: 2.2,
+    };
+
     #[test]
     fn braking_for_a_line_ends_before_it() {
         let (mut v, mut x, dt) = (14.0, 0.0, 0.05);
         let mut hardest: f64 = 0.0;
         for _ in 0..2000 {
-            let a = stop_before(v, 60.0 - x).min(towards(v, 14.0));
+            let a = stop_before(v, 60.0 - x).min(CITY.free_accel(v));
             hardest = hardest.min(a);
             v = f64::max(v + a * dt, 0.0);
             x += v * dt;
@@ -181,7 +190,11 @@ mod tests {
         let (mut v, mut x, mut leader, dt) = (14.0, 0.0, 40.0, 0.05);
         for _ in 0..2000 {
             leader += 5.0 * dt;
-            let a = follow(v, 5.0, leader - x, 2.2).min(towards(v, 14.0));
+            let ahead = Leader {
+                gap_m: leader - x,
+                speed_mps: 5.0,
+            };
+            let a = follow(v, &CITY, ahead);
             v = f64::max(v + a * dt, 0.0);
             x += v * dt;
             assert!(leader - x > 2.0, "{}", leader - x);
@@ -191,5 +204,13 @@ mod tests {
             "{v} {}",
             leader - x
         );
+    }
+
+    #[test]
+    fn travel_times_are_those_of_uniform_acceleration() {
+        // From rest at 2 m/s²: 9 m take 3 s; up to 4 m/s in 2 s and 4 m, then 8 m in 2 s.
+        assert!((travel_secs(9.0, 0.0, 100.0, 2.0) - 3.0).abs() < 1e-9);
+        assert!((travel_secs(12.0, 0.0, 4.0, 2.0) - 4.0).abs() < 1e-9);
+        assert_eq!(travel_secs(-1.0, 3.0, 4.0, 2.0), 0.0);
     }
 }

@@ -1,5 +1,6 @@
 //! What keeps a driver from going on, and how it finds the first vehicle or walker on its path.
 
+use crate::idm::{Idm, Leader};
 use crate::lanes::path::{Foot, Path};
 use crate::plane::{Side, distance};
 use crate::speed;
@@ -55,7 +56,7 @@ pub(crate) struct Lookout<'d> {
     pub path: &'d Path,
     pub foot: Foot,
     pub wheelbase_m: f64,
-    pub standing_gap_m: f64,
+    pub idm: Idm,
 }
 
 impl Lookout<'_> {
@@ -99,12 +100,11 @@ impl Lookout<'_> {
             }) else {
                 continue;
             };
-            let need = speed::follow(
-                me.speed_mps,
-                found.along_mps,
-                found.gap_m,
-                self.standing_gap_m,
-            );
+            let leader = Leader {
+                gap_m: found.gap_m,
+                speed_mps: found.along_mps,
+            };
+            let need = speed::follow(me.speed_mps, &self.idm, leader);
             if nearest
                 .is_none_or(|(least, old)| need < least || need == least && found.gap_m < old.gap_m)
             {

@@ -148,7 +148,7 @@ impl Signals {
             .entries
             .iter()
             .find(|entry| front < entry.arc_m[0] + 1.0)?;
-        if entry.sign != Some(SignalKind::Stop) || entry.has_light || self.has_stopped(entry.zone) {
+        if !must_stop(ahead.path, entry, view) || self.has_stopped(entry.zone) {
             return None;
         }
         let (zone, line) = (entry.zone, entry.line_m);
@@ -171,8 +171,7 @@ impl Signals {
 
     /// Whether a light or sign holds it before a junction.
     pub fn holds(&self, ahead: &Ahead, entry: &Entry, view: View) -> bool {
-        let must_stop = entry.sign == Some(SignalKind::Stop)
-            && !entry.has_light
+        let must_stop = must_stop(ahead.path, entry, view)
             && !self.has_stopped(entry.zone)
             && !ahead.ignores(
                 view.rules.own.ignore_signs_percent,
@@ -181,4 +180,19 @@ impl Signals {
             );
         must_stop || self.line_m.is_some_and(|line| line < entry.arc_m[0] + 3.0)
     }
+}
+
+/// Whether everybody stops there: at a stop sign without a light that works, and where lights are
+/// dark and no sign tells the order.
+fn must_stop(path: &Path, entry: &Entry, view: View) -> bool {
+    if !entry.has_light {
+        return entry.sign == Some(SignalKind::Stop);
+    }
+    let first = entry.legs[0];
+    let legs = &path.legs()[first.saturating_sub(1)..=first];
+    let guards = legs.iter().flat_map(|leg| &leg.way.guards);
+    let is_dark = guards
+        .filter(|guard| guard.kind == SignalKind::TrafficLight)
+        .all(|guard| view.lights[guard.signal as usize] == LightState::Off);
+    is_dark && entry.sign != Some(SignalKind::Yield)
 }
