@@ -51,6 +51,7 @@ mod rerun;
 mod scarce;
 mod sensor_kinds;
 mod sensors;
+mod sold_lidars;
 mod spectator;
 mod stages;
 mod up;
