@@ -485,7 +485,8 @@ def drive(road, seed):
     road = Road(road.client)
     road.manager.set_random_device_seed(seed)
     lanes, way = road.straight(350.0, 3), []
-    cars = [road.car(lane, ahead_m=ahead) for ahead in (1.0, 25.0) for lane in lanes]
+    # None is beside another, so that there is room for changes.
+    cars = [road.car(lane, ahead_m=1.0 + 20.0 * (idx + 3 * row)) for row in (0, 1) for idx, lane in enumerate(lanes)]
     for car in cars:
         road.manager.random_left_lanechange_percentage(car, 30.0)
         road.manager.random_right_lanechange_percentage(car, 30.0)
