@@ -12,7 +12,7 @@ class Live(CardCase):
     def test_every_frame_kind_is_read_in_place(self):
         self.script("""
             names = [topic.name for topic in gantry.topics("live") if topic.modality]
-            assert len(names) == 15, names
+            assert len(names) == 16, names
             for name in names:
                 with gantry.open(name, domain="live") as topic:
                     frame = topic.next(timeout=10)

@@ -18,6 +18,8 @@ pub(super) const WAITING_M: f64 = 2.5;
 const STOP_SECS: f64 = 1.0;
 /// Hardest braking for a light that has just turned yellow, m/s².
 const YELLOW_BRAKE_MPS2: f64 = 3.0;
+/// Time until that braking is reached: comfort builds it up.
+const YELLOW_REACTION_SECS: f64 = 0.6;
 /// A vehicle that reaches the line sooner passes in the yellow, seconds.
 const YELLOW_SECS: f64 = 2.4;
 
@@ -121,12 +123,17 @@ impl Signals {
                 let waits = entries.iter().zip(passages).any(|(entry, passage)| {
                     (arc - 1.0..arc + LINE_BEFORE_M).contains(&entry.arc_m[0]) && !passage.may_enter
                 });
+                // Whose front was beyond the line before the light changed clears the junction.
+                let is_beyond = left_m < 0.0;
                 let passes = match (known, state) {
                     _ if waits && needed > -9.0 => false,
+                    (None, _) if is_beyond => true,
                     (Some((_, passes)), LightState::Yellow) => *passes,
-                    (Some((_, passes)), _) => *passes && needed < -6.0,
+                    (Some((_, passes)), _) => *passes && (is_beyond || needed < -6.0),
                     (None, LightState::Yellow) => {
-                        needed < -YELLOW_BRAKE_MPS2 && left_m < YELLOW_SECS * v
+                        let braking_m = (left_m - YELLOW_REACTION_SECS * v).max(0.0);
+                        speed::to_stop(v, braking_m) < -YELLOW_BRAKE_MPS2
+                            && left_m < YELLOW_SECS * v
                     }
                     (None, _) => needed < -9.0,
                 };
