@@ -34,6 +34,7 @@ enum {
     GANTRY_MODALITY_COLLISION = 13,
     GANTRY_MODALITY_LANE_INVASION = 14,
     GANTRY_MODALITY_OBSTACLE = 15,
+    GANTRY_MODALITY_LIDAR_RETURNS = 16,
 };
 
 /* gantry_result_header.result_type */
@@ -327,6 +328,43 @@ GANTRY_CHECK(offsetof(gantry_semantic_lidar_point, object_id) == 16, "gantry_sem
 GANTRY_CHECK(offsetof(gantry_semantic_lidar_point, class_) == 20, "gantry_semantic_lidar_point.class_ is elsewhere");
 GANTRY_CHECK(offsetof(gantry_semantic_lidar_point, reserved) == 21, "gantry_semantic_lidar_point.reserved is elsewhere");
 GANTRY_CHECK(offsetof(gantry_semantic_lidar_point, channel) == 22, "gantry_semantic_lidar_point.channel is elsewhere");
+
+typedef struct gantry_lidar_return {
+    /* Hit point in the sensor's space (x forward, y left, z up) at the time of the firing, metres. */
+    float hit_in_sensor_m[3];
+    /* Time of the firing, nanoseconds from sim_nanos; never positive. */
+    int32_t time_ns;
+    /* Object hit. */
+    uint32_t object_id;
+    /* Received over emitted energy; 0..=65535 maps to 0..=1. */
+    uint16_t intensity;
+    /* Number of the beam as the maker counts. */
+    uint16_t ring;
+    /* Reflectivity of the surface in the maker's units; 0 where it is not measured. */
+    uint8_t reflectivity;
+    /* Bits 0–3: which return of its firing, from 0; bits 4–7: how many the firing has. */
+    uint8_t returns;
+    /* Class hit. */
+    uint8_t class_;
+    /* Bit 0: from the air (rain, fog, dust); 1: mirrored; 2: retro-reflector; 3: saturated. */
+    uint8_t flags;
+    /* Ambient light in the maker's units; 0 where it is not measured. */
+    uint16_t ambient;
+    /* Low 16 bits of the measured range in whole millimetres. */
+    uint16_t range_mm_lsb;
+} gantry_lidar_return;
+GANTRY_CHECK(sizeof(gantry_lidar_return) == 32, "gantry_lidar_return has another size");
+GANTRY_CHECK(offsetof(gantry_lidar_return, hit_in_sensor_m) == 0, "gantry_lidar_return.hit_in_sensor_m is elsewhere");
+GANTRY_CHECK(offsetof(gantry_lidar_return, time_ns) == 12, "gantry_lidar_return.time_ns is elsewhere");
+GANTRY_CHECK(offsetof(gantry_lidar_return, object_id) == 16, "gantry_lidar_return.object_id is elsewhere");
+GANTRY_CHECK(offsetof(gantry_lidar_return, intensity) == 20, "gantry_lidar_return.intensity is elsewhere");
+GANTRY_CHECK(offsetof(gantry_lidar_return, ring) == 22, "gantry_lidar_return.ring is elsewhere");
+GANTRY_CHECK(offsetof(gantry_lidar_return, reflectivity) == 24, "gantry_lidar_return.reflectivity is elsewhere");
+GANTRY_CHECK(offsetof(gantry_lidar_return, returns) == 25, "gantry_lidar_return.returns is elsewhere");
+GANTRY_CHECK(offsetof(gantry_lidar_return, class_) == 26, "gantry_lidar_return.class_ is elsewhere");
+GANTRY_CHECK(offsetof(gantry_lidar_return, flags) == 27, "gantry_lidar_return.flags is elsewhere");
+GANTRY_CHECK(offsetof(gantry_lidar_return, ambient) == 28, "gantry_lidar_return.ambient is elsewhere");
+GANTRY_CHECK(offsetof(gantry_lidar_return, range_mm_lsb) == 30, "gantry_lidar_return.range_mm_lsb is elsewhere");
 
 typedef struct gantry_radar_detection {
     /* Rate at which the distance grows, m/s: velocity of what was hit minus the radar's own, along the ray; negative if it comes nearer. */

@@ -163,7 +163,7 @@ fn sold_lidars_send_what_their_tables_say_and_replay_the_same_bytes() {
         "--await-participant",
         "again",
     ];
-    let mut replay = spawn_consumer(&sandbox, "gantry-replay", &replay);
+    let replay = spawn_consumer(&sandbox, "gantry-replay", &replay);
     let recorder = ["--out", "again.mcap", "--lockstep=again"];
     let recorder = spawn_consumer(&sandbox, "gantry-record", &recorder);
     replay.wait().expect_code(0);
