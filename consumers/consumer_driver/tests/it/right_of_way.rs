@@ -358,6 +358,37 @@ fn lights_decide_and_a_red_light_that_is_run_is_seen() {
     assert_eq!(verdict(Green, Red, stop_m - 2.0), YieldsTo(OTHER));
 }
 
+/// Whoever is beyond its line when the light changes clears the junction, or it stands in the way of
+/// those whose turn it is. Before the line, a vehicle that has just set off goes on in the yellow if
+/// it could only stop beyond: at 1.2 m/s, with 4 m/s³ until it brakes with 3 m/s², it needs 0.7 m.
+#[test]
+fn who_is_beyond_the_line_when_the_light_changes_clears_the_junction() {
+    let lit = [EAST, NORTH, WEST, SOUTH].map(|arm| arm.with(LIGHT));
+    let junction = crossing(lit, &STRAIGHT);
+    let roads = junction.roads();
+    // The line is 0.2 m before the junction.
+    let verdict = |changed: LightState, to_line_m: f64, speed_mps: f64| {
+        let mut scene = Scene::new(roads.clone());
+        scene.lights = vec![(signal_id(S), LightState::Green)];
+        let place = before(&junction, S, to_line_m + 0.2);
+        scene.drive(MINE, place, speed_mps, RoadOption::Straight);
+        assert_eq!(scene.now(), Goes);
+        scene.lights = vec![(signal_id(S), changed)];
+        scene.after(0.5)
+    };
+    use LightState::{Red, Yellow};
+    for changed in [Yellow, Red] {
+        assert_eq!(verdict(changed, -0.1, 0.4), Goes, "{changed:?}");
+        assert_eq!(
+            verdict(changed, 3.0, 0.4),
+            Waits(Wait::Light),
+            "{changed:?}"
+        );
+    }
+    assert_eq!(verdict(Yellow, 0.4, 1.2), Goes);
+    assert_eq!(verdict(Yellow, 3.0, 1.2), Waits(Wait::Light));
+}
+
 /// Lights out and no sign: everybody stops for a second before going on.
 #[test]
 fn where_lights_are_out_everybody_stops_first() {
