@@ -88,13 +88,7 @@ impl Planted {
                 wrong.elevations_deg[0] += 0.1;
             }
             Planted::Time => {
-                let last = spec.columns.saturating_sub(1);
-                let first_ns = channels
-                    .clone()
-                    .map(|it| spec.firing_nanos(it, last))
-                    .fold(0.0, f64::min);
-                let offsets = channels.map(|it| spec.firing_nanos(it, last) - first_ns);
-                wrong.fire_offsets_ns = offsets.collect();
+                wrong.fire_offsets_ns = fire_offsets_ns(spec);
                 // Not the last one, to which all times refer.
                 let n = wrong.fire_offsets_ns.len();
                 wrong.fire_offsets_ns[n - 1] += 5000.0;
@@ -105,7 +99,15 @@ impl Planted {
     }
 }
 
-/// What the script is told of a case.
+/// When each channel of a column fires, from the first on.
+fn fire_offsets_ns(spec: &LidarSpec) -> Vec<f64> {
+    let last = spec.columns.saturating_sub(1);
+    let fires_ns = || (0..spec.channels).map(|it| spec.firing_nanos(it, last));
+    let first_ns = fires_ns().fold(0.0, f64::min);
+    fires_ns().map(|it| it - first_ns).collect()
+}
+
+/// What the script is told of a case, in a line before the returns.
 #[derive(Serialize)]
 struct Case {
     tool: &'static str,
@@ -116,7 +118,6 @@ struct Case {
     azimuth_offsets_deg: Vec<f64>,
     rings: Vec<u16>,
     origin_offset_m: f64,
-    returns: PathBuf,
 }
 
 /// What the script answers of a case.
@@ -210,21 +211,13 @@ fn ask(
     nominal: &LidarSpec,
     scanned: &LidarSpec,
 ) -> anyhow::Result<Verdict> {
-    let (bytes, _) = scan::returns_in_a_room(scanned);
-    let file = std::env::temp_dir().join(format!("gantry-returns-{}.bin", std::process::id()));
-    std::fs::write(&file, bytes).with_context(|| format!("cannot write {}", file.display()))?;
+    let (returns, _) = scan::returns_in_a_room(scanned);
     let channels = || 0..nominal.channels;
-    let last = nominal.columns.saturating_sub(1);
-    let first_ns = channels()
-        .map(|it| nominal.firing_nanos(it, last))
-        .fold(0.0, f64::min);
     let case = Case {
         tool: judge.tool,
         columns: nominal.columns,
         column_ns: nominal.column_nanos(),
-        fire_offsets_ns: channels()
-            .map(|it| nominal.firing_nanos(it, last) - first_ns)
-            .collect(),
+        fire_offsets_ns: fire_offsets_ns(nominal),
         elevations_deg: channels()
             .map(|it| nominal.elevation_rad(it).to_degrees())
             .collect(),
@@ -233,17 +226,16 @@ fn ask(
             .collect(),
         rings: channels().map(|it| nominal.ring(it)).collect(),
         origin_offset_m: nominal.origin_offset_m,
-        returns: file.clone(),
     };
-    let answer = run_script(python, &serde_json::to_string(&case)?);
-    let removed = std::fs::remove_file(&file);
-    let answer = answer?;
-    removed.with_context(|| format!("cannot remove {}", file.display()))?;
+    let mut told = serde_json::to_vec(&case)?;
+    told.push(b'\n');
+    told.extend(returns);
+    let answer = run_script(python, &told)?;
     serde_json::from_str(&answer).with_context(|| format!("the script answered {answer:?}"))
 }
 
-/// What the script prints for a case.
-fn run_script(python: &Path, case: &str) -> anyhow::Result<String> {
+/// What the script prints for a case and its returns.
+fn run_script(python: &Path, told: &[u8]) -> anyhow::Result<String> {
     let mut child = Command::new(python)
         .args(["-c", SCRIPT])
         .stdin(Stdio::piped())
@@ -258,7 +250,7 @@ fn run_script(python: &Path, case: &str) -> anyhow::Result<String> {
         })?;
     let mut stdin = child.stdin.take().context("stdin is piped")?;
     // A script that ends early reads nothing; its own words say why.
-    let _ = stdin.write_all(case.as_bytes());
+    let _ = stdin.write_all(told);
     drop(stdin);
     let output = child.wait_with_output().context("cannot wait for Python")?;
     if !output.status.success() {

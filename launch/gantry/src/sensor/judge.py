@@ -92,8 +92,8 @@ def ouster(case, points):
 
 
 def main():
-    case = json.load(sys.stdin)
-    points = np.fromfile(case["returns"], RETURN)
+    case = json.loads(sys.stdin.buffer.readline())
+    points = np.frombuffer(sys.stdin.buffer.read(), RETURN)
     judges = {"velodyne-decoder": velodyne, "ouster-sdk": ouster}
     print(json.dumps(judges[case["tool"]](case, points)))
 
