@@ -8,6 +8,13 @@
 //! ```sh
 //! cargo run --release --example traffic_quality -- --maps Town10HD,Town01 --vehicles 100 --minutes 60
 //! ```
+//!
+//! With `--strangers` so many of the vehicles are driven by somebody else, who keeps the right of way
+//! ([`strangers`]); every contact with the fleet is printed with the seconds before and with whose
+//! fault it is ([`faults`]).
+
+mod faults;
+mod strangers;
 
 use std::collections::{BTreeMap, HashMap};
 use std::process::ExitCode;
@@ -15,12 +22,14 @@ use std::sync::Arc;
 
 use consumer_driver::plane::distance;
 use consumer_driver::{Fleet, Geometry, Settings, Snapshot, Traffic};
+use faults::Faults;
 use launch_cli::bench::{self, BenchResult, clap, thread_cpu_secs};
-use schema_frames::{ActorList, ActorRecord, LightState};
+use schema_frames::{ActorKind, ActorList, ActorRecord, LightState};
 use schema_roads::{LanePosition, RoadMap, SignalKind};
 use schema_types::{ActorId, ObjectId};
 use simd_town::imported::{ImportOptions, import};
 use simd_world::{MapData, World, WorldOptions};
+use strangers::Strangers;
 
 const PERIOD_NANOS: u64 = 50_000_000;
 const PERIOD_SECS: f64 = 0.05;
@@ -53,6 +62,15 @@ struct Args {
     /// Simulated minutes
     #[arg(long, default_value_t = 5.0)]
     minutes: f64,
+    /// Vehicles that the fleet does not know, of all vehicles
+    #[arg(long, default_value_t = 0)]
+    strangers: usize,
+    /// Speeds that strangers drive where bends let them, km/h
+    #[arg(long, value_delimiter = ',', default_value = "50,80,110,130")]
+    strangers_kmh: Vec<f64>,
+    /// Share of other vehicles that the fleet does not see, percent: a planted fault, which must show
+    #[arg(long, default_value_t = 0.0)]
+    careless: f64,
     /// Seed of places and choices
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -89,6 +107,10 @@ struct Sums {
     /// Contacts with what belongs to the map.
     scenery: u32,
     red_lights: u32,
+    /// Contacts with strangers, by whose fault it is.
+    at_fault: u32,
+    strangers_fault: u32,
+    strangers_kmh: Vec<f32>,
     stuck: u32,
     jerks: Vec<f32>,
     ticks_micros: Vec<f64>,
@@ -137,11 +159,21 @@ fn run(args: &Args, map: &str, result: &mut BenchResult) {
     let actors = world.actor_list();
     let lines = lines(&roads);
     let solids = Solids::new(&data);
+    let ids: Vec<u32> = cars(world.snapshot_records());
+    // Spread over the map as the others are.
+    let every = (ids.len() / args.strangers.max(1)).max(1);
+    let ids = ids.iter().step_by(every).take(args.strangers);
+    let ids: Vec<u32> = ids.copied().collect();
+    let mut strangers = Strangers::new(&roads, &ids, &args.strangers_kmh, args.seed);
+    let mut faults = Faults::new(&roads);
     let mut fleet = Fleet::new(roads);
     let mut settings = Settings {
         seed: args.seed,
         ..Settings::default()
     };
+    for id in cars(world.snapshot_records()) {
+        settings.vehicle_mut(id).ignore_vehicles_percent = args.careless;
+    }
     let mut logs: BTreeMap<u32, Log> = BTreeMap::new();
     let mut red_since: BTreeMap<String, f64> = BTreeMap::new();
     let mut sums = Sums::default();
@@ -159,11 +191,18 @@ fn run(args: &Args, map: &str, result: &mut BenchResult) {
             actors: &actors,
         });
         if tick % 20 == 1 {
-            assign(&mut fleet, &traffic, &actors);
+            assign(&mut fleet, &mut strangers, &traffic, &actors);
         }
         let step = fleet.step(&traffic, &mut settings);
         sums.ticks_micros.push((thread_cpu_secs() - start) * 1e6);
-        for record in step.controls {
+        if !strangers.ids().is_empty() {
+            let fast = strangers.ids().iter().filter_map(|id| traffic.mover(*id));
+            sums.strangers_kmh
+                .extend(fast.map(|it| (3.6 * it.speed_mps) as f32));
+            faults.note(&traffic);
+            meet(&mut faults, &strangers, &traffic, &world);
+        }
+        for record in step.controls.into_iter().chain(strangers.step(&traffic)) {
             let bits = [
                 record.throttle_ratio,
                 record.brake_ratio,
@@ -215,6 +254,7 @@ fn run(args: &Args, map: &str, result: &mut BenchResult) {
         };
         watch(&seen, &mut logs, &mut sums);
     }
+    (sums.at_fault, sums.strangers_fault) = (faults.n_fleet, faults.n_stranger);
     report(args, map, logs.len(), &logs, sums, result);
 }
 
@@ -251,19 +291,47 @@ fn fill(world: &mut World, roads: &RoadMap, n_wanted: usize) {
     }
 }
 
-fn assign(fleet: &mut Fleet, traffic: &Traffic, actors: &ActorList) {
+/// The vehicles among the actors.
+fn cars(records: &[ActorRecord]) -> Vec<u32> {
+    let is_vehicle = |it: &&ActorRecord| it.kind == ActorKind::Vehicle as u16;
+    records.iter().filter(is_vehicle).map(|it| it.id).collect()
+}
+
+/// Judges the contacts of strangers with the fleet.
+fn meet(faults: &mut Faults, strangers: &Strangers, traffic: &Traffic, world: &World) {
+    for touched in world.collisions() {
+        let Some(other) = touched.other else {
+            continue;
+        };
+        let is_stranger = |id: u32| strangers.ids().contains(&id);
+        if !is_stranger(touched.actor.0) || is_stranger(other.0) {
+            continue;
+        }
+        if let (Some(stranger), Some(other)) =
+            (traffic.mover(touched.actor.0), traffic.mover(other.0))
+            && other.is_vehicle
+        {
+            faults.judge(stranger, other, traffic.time_secs);
+        }
+    }
+}
+
+fn assign(fleet: &mut Fleet, strangers: &mut Strangers, traffic: &Traffic, actors: &ActorList) {
     let vehicles = traffic.movers.iter().filter(|m| m.is_vehicle);
+    let vehicles = vehicles.filter(|m| !strangers.ids().contains(&m.id));
     let ids: Vec<u32> = vehicles.map(|m| m.id).collect();
     let attribute = |id: u32, name: &str| {
         let actor = actors.actors.iter().find(|a| a.id == id)?;
         actor.attributes.get(name)?.parse::<f64>().ok()
     };
-    fleet.assign(&ids, traffic, |id| {
+    let geometry = |id: u32| {
         Some(Geometry {
             wheelbase_m: attribute(id, "wheelbase_m")?,
             max_steer_rad: attribute(id, "max_steer_rad")?,
         })
-    });
+    };
+    fleet.assign(&ids, traffic, geometry);
+    strangers.assign(traffic, geometry);
 }
 
 /// The stop lines of all lights, by cell.
@@ -553,6 +621,20 @@ fn report(
         ("tick_ms_p50", tick(0.5) / 1e3),
         ("tick_ms_p99", tick(0.99) / 1e3),
     ];
+    sums.strangers_kmh.sort_by(f32::total_cmp);
+    let speeds = &sums.strangers_kmh;
+    let speed = |part: f64| f64::from(*speeds.get(share(speeds.len(), part)).unwrap_or(&0.0));
+    let with_strangers = [
+        ("strangers", args.strangers as f64),
+        ("strangers_kmh_p90", speed(0.9)),
+        ("strangers_kmh_p99", speed(0.99)),
+        ("contacts_at_fault", f64::from(sums.at_fault)),
+        ("contacts_strangers_fault", f64::from(sums.strangers_fault)),
+    ];
+    let mut figures = figures.to_vec();
+    if args.strangers > 0 {
+        figures.extend(with_strangers);
+    }
     let text: Vec<String> = figures
         .iter()
         .map(|(name, figure)| format!("{name} {figure:.3}"))
