@@ -5,9 +5,9 @@
 //! or shared memory.
 //!
 //! Modules in reading order: [`scene`] (what sensors see in one tick), [`mesh`] (the triangles that
-//! cameras draw and rays hit), [`schedule`] (which sensors fire at a tick), [`imu`], [`gnss`],
-//! [`lane_marks`] (painted lines and who crosses them), [`vector_lanes`] (vector instructions with
-//! the same results on every processor).
+//! cameras draw and rays hit), [`history`] (where things were at the ticks before), [`schedule`] (which
+//! sensors fire at a tick), [`imu`], [`gnss`], [`lane_marks`] (painted lines and who crosses them),
+//! [`vector_lanes`] (vector instructions with the same results on every processor).
 //!
 //! ```
 //! use schema_types::SimTime;
@@ -22,6 +22,7 @@
 #![warn(missing_docs)]
 
 pub mod gnss;
+pub mod history;
 pub mod imu;
 pub mod lane_marks;
 pub mod mesh;
@@ -31,8 +32,11 @@ pub mod stream;
 pub mod vector_lanes;
 
 pub use gnss::GeoReference;
+pub use history::{InstancePoses, PoseHistory};
 pub use imu::{BodyMotion, BodyState, ImuInput};
 pub use lane_marks::{PaintedLine, PaintedLines};
 pub use mesh::{Lod, Material, Mesh, MeshBuilder, Vertex};
-pub use scene::{DynamicInstance, LampSetting, MeshId, Scene, SceneAssets, StaticInstance, Sun};
+pub use scene::{
+    DynamicInstance, LampSetting, MeshId, Past, Scene, SceneAssets, StaticInstance, Sun,
+};
 pub use schedule::{Firing, Schedule};

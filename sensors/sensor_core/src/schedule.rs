@@ -70,6 +70,11 @@ impl Schedule {
         self.interval_nanos
     }
 
+    /// Time of the last firing.
+    pub fn last_fired(&self) -> Option<SimTime> {
+        self.last_fired
+    }
+
     /// Firings so far.
     pub fn n_fired(&self) -> u64 {
         self.n_fired

@@ -79,6 +79,11 @@ impl Model {
         matches!(self, Model::Imu(_) | Model::Gnss)
     }
 
+    /// Whether its rays see what moves where it was when they were fired.
+    pub fn looks_back(&self) -> bool {
+        matches!(self, Model::Lidar { lidar, .. } if lidar.spec().motion_distortion)
+    }
+
     /// Whether a frame of it takes much of a tick.
     pub fn is_costly(&self) -> bool {
         matches!(self, Model::View(_) | Model::Lidar { .. })
