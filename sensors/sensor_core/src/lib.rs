@@ -6,8 +6,9 @@
 //!
 //! Modules in reading order: [`scene`] (what sensors see in one tick), [`mesh`] (the triangles that
 //! cameras draw and rays hit), [`history`] (where things were at the ticks before), [`schedule`] (which
-//! sensors fire at a tick), [`imu`], [`gnss`], [`lane_marks`] (painted lines and who crosses them),
-//! [`vector_lanes`] (vector instructions with the same results on every processor).
+//! sensors fire at a tick), [`imu`], [`drift`] (its slow errors), [`gnss`], [`lane_marks`] (painted
+//! lines and who crosses them), [`vector_lanes`] (vector instructions with the same results on every
+//! processor).
 //!
 //! ```
 //! use schema_types::SimTime;
@@ -21,6 +22,7 @@
 
 #![warn(missing_docs)]
 
+pub mod drift;
 pub mod gnss;
 pub mod history;
 pub mod imu;
@@ -31,9 +33,10 @@ pub mod schedule;
 pub mod stream;
 pub mod vector_lanes;
 
+pub use drift::Drift;
 pub use gnss::GeoReference;
 pub use history::{InstancePoses, PoseHistory};
-pub use imu::{BodyMotion, BodyState, ImuInput};
+pub use imu::{BodyMotion, BodyState, Felt, ImuInput, ImuNoise, ImuState};
 pub use lane_marks::{PaintedLine, PaintedLines};
 pub use mesh::{Lod, Material, Mesh, MeshBuilder, Vertex};
 pub use scene::{
