@@ -229,7 +229,7 @@ pub struct ImuNoise {
 }
 
 /// Correlation times of the Gauss-Markov processes that make a bias instability: one a decade, so that
-/// the Allan deviation is level within 5 % from 2 s to 300 s.
+/// the Allan deviation is level within 5 % from 4 s to 600 s.
 const INSTABILITY_SECS: [f64; 4] = [1.0, 10.0, 100.0, 1000.0];
 
 /// Numbers of an axis' processes: its random walk, its white noise within the bandwidth, and its bias
