@@ -2,6 +2,8 @@
 //! returns.
 
 mod check;
+mod inertial;
+mod judge;
 mod profile;
 mod scan;
 

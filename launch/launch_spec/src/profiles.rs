@@ -12,7 +12,11 @@ use crate::fill::{refuse_unknown, table_or_error};
 use crate::tree::{Entry, Table, read};
 
 /// Name and text of each profile that is built in.
-const BUILT_IN: [(&str, &str); 7] = [
+const BUILT_IN: [(&str, &str); 11] = [
+    (
+        "adi/adis16448",
+        include_str!("../../sensors/adi/adis16448.toml"),
+    ),
     ("hesai/xt32", include_str!("../../sensors/hesai/xt32.toml")),
     (
         "ouster/os0-128",
@@ -37,6 +41,18 @@ const BUILT_IN: [(&str, &str); 7] = [
     (
         "velodyne/vlp-16",
         include_str!("../../sensors/velodyne/vlp-16.toml"),
+    ),
+    (
+        "xsens/mti-1",
+        include_str!("../../sensors/xsens/mti-1.toml"),
+    ),
+    (
+        "xsens/mti-300",
+        include_str!("../../sensors/xsens/mti-300.toml"),
+    ),
+    (
+        "xsens/mti-630",
+        include_str!("../../sensors/xsens/mti-630.toml"),
     ),
 ];
 

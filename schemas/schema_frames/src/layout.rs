@@ -176,7 +176,7 @@ layouts! {
     SceneHeader as "GantrySceneHeader" {
         magic: u32, schema_version: u16, header_bytes: u16, number: u64, epoch: u64, tick: u64, sim_nanos: u64, period_nanos: u64,
         cameras_version: u64, scenery_version: u64, lidar_extinction_per_m: f64, episode: u32, n_firings: u32, n_instances: u32,
-        n_strokes: u32, overlay_bytes: u32, reserved0: u32, weather: [f32; 14], published_mono_nanos: u64, reserved1: [u8; 32],
+        n_strokes: u32, overlay_bytes: u32, past_bytes: u32, weather: [f32; 14], published_mono_nanos: u64, reserved1: [u8; 32],
     }
     SceneFiring {
         sensor_id: u32, worker: u32, seq: u64, window_nanos: u64, previous_nanos: u64, outputs: u32, parent_id: u32,

@@ -14,8 +14,8 @@ use crate::Modality;
 pub const SCENE_MAGIC: u32 = u32::from_le_bytes(*b"GSCN");
 
 /// Payload of a message on `control/scene`: `n_firings` [`SceneFiring`]s, `n_instances`
-/// [`SceneInstance`]s, `n_strokes` [`SceneStroke`]s, and `overlay_bytes` bytes of what the spectator
-/// alone shows. User header: iceoryx2 type name `GantrySceneHeader`, 192 bytes.
+/// [`SceneInstance`]s, `n_strokes` [`SceneStroke`]s, `overlay_bytes` bytes of what the spectator alone
+/// shows, and `past_bytes` bytes of where parts were at the ticks before, for turning lidars. User header: iceoryx2 type name `GantrySceneHeader`, 192 bytes.
 #[repr(C, align(64))]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct SceneHeader {
@@ -52,8 +52,8 @@ pub struct SceneHeader {
     pub n_strokes: u32,
     /// Bytes of the overlay.
     pub overlay_bytes: u32,
-    /// Zero.
-    pub reserved0: u32,
+    /// Bytes of the poses at earlier ticks.
+    pub past_bytes: u32,
     /// The weather's numbers in the order of the keys of `world/info`.
     pub weather: [f32; 14],
     /// `CLOCK_MONOTONIC` just before the message was sent.

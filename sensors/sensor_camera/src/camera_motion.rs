@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::Isometry3;
 use schema_types::SimTime;
-use sensor_core::Scene;
+use sensor_core::InstancePoses;
 
 /// Near plane, metres.
 pub(crate) const NEAR_M: f64 = 0.1;
@@ -16,29 +16,6 @@ pub(crate) struct Firing {
     pub sim_time: SimTime,
     pub episode: u32,
     pub poses: Arc<InstancePoses>,
-}
-
-/// Poses of all dynamic instances at one tick, sorted by (actor, part).
-#[derive(Clone, Debug, Default)]
-pub(crate) struct InstancePoses(Vec<((u32, u16), Isometry3<f64>)>);
-
-impl InstancePoses {
-    pub fn of(scene: &Scene) -> Self {
-        let mut poses: Vec<_> = scene
-            .dynamics
-            .iter()
-            .map(|instance| (instance.key(), instance.world_from_mesh))
-            .collect();
-        poses.sort_by_key(|(key, _)| *key);
-        InstancePoses(poses)
-    }
-
-    pub fn get(&self, key: (u32, u16)) -> Option<&Isometry3<f64>> {
-        self.0
-            .binary_search_by_key(&key, |(known, _)| *known)
-            .ok()
-            .map(|i| &self.0[i].1)
-    }
 }
 
 /// Pose of a camera in this and in the previous firing.

@@ -19,7 +19,7 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 use schema_frames::Modality;
 use schema_types::space::sensor_from_camera;
-use sensor_core::{Scene, SceneAssets};
+use sensor_core::{InstancePoses, Scene, SceneAssets};
 use sensor_gpu::{CopyBatch, Gpu, GpuError};
 
 use active::Active;
@@ -31,7 +31,7 @@ use passes::Passes;
 use tick::{TickDrawing, TickScene};
 
 use crate::assets::GpuAssets;
-use crate::camera_motion::{CameraMotion, Firing, InstancePoses};
+use crate::camera_motion::{CameraMotion, Firing};
 use crate::debug::is_drawn;
 use crate::geometry::SceneryLamps;
 use crate::lamps::{LampLists, LampRange};

@@ -8,14 +8,20 @@
 //! (6e-5 m at 1 km) would turn into 0.6 m/s² of noise at 100 Hz. Lever arm, mounting rotation and
 //! centripetal terms are included.
 //!
-//! The model reads no clock and keeps no state but the last two ticks; noise is a function of
-//! (seed, sensor, tick).
+//! The model reads no clock and keeps no state but the last two ticks, and what its bandwidth let
+//! through of earlier ones. Noise is a function of (seed, sensor, tick), drift one of (seed, sensor,
+//! time).
+//!
+//! Sources: IEEE Std 952, *Specification Format Guide and Test Procedure for Single-Axis
+//! Interferometric Fiber Optic Gyros*, annex C, for noise density, bias instability and random walk.
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use schema_frames::ImuSample;
 use schema_types::SimTime;
 use schema_types::noise::Noise;
 use sensor_spec::ImuSpec;
+
+use crate::drift::Drift;
 
 /// Gravity where nothing else is given, m/s².
 pub const STANDARD_GRAVITY_MPS2: f64 = 9.81;
@@ -93,6 +99,88 @@ impl BodyMotion {
     }
 }
 
+/// What an IMU remembers: the motion of its body, and what its bandwidth lets through.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImuState {
+    motion: BodyMotion,
+    /// Bandwidths of specific force and angular velocity, hertz; 0 is no limit.
+    bandwidths_hz: [f64; 2],
+    passed: Option<(SimTime, Felt)>,
+}
+
+impl ImuState {
+    /// An IMU that has felt nothing yet.
+    pub fn new(spec: &ImuSpec) -> Self {
+        ImuState {
+            motion: BodyMotion::default(),
+            bandwidths_hz: [spec.bandwidth_accel_hz, spec.bandwidth_gyro_hz],
+            passed: None,
+        }
+    }
+
+    /// Adds the state of the body at the end of a tick.
+    pub fn push(
+        &mut self,
+        state: BodyState,
+        vehicle_from_sensor: &Isometry3<f64>,
+        gravity_mps2: f64,
+    ) {
+        self.motion.push(state);
+        if self.bandwidths_hz == [0.0; 2] {
+            return;
+        }
+        let Some(input) = self.motion.at(vehicle_from_sensor, gravity_mps2) else {
+            return;
+        };
+        let mut now = input.felt();
+        if let Some((time, before)) = self.passed.filter(|(time, _)| *time < state.sim_time) {
+            let secs = (state.sim_time.0 - time.0) as f64 * 1e-9;
+            let kept = self.bandwidths_hz.map(|hz| kept(hz, secs));
+            now.force_mps2 += (before.force_mps2 - now.force_mps2) * kept[0];
+            now.turn_radps += (before.turn_radps - now.turn_radps) * kept[1];
+        }
+        self.passed = Some((state.sim_time, now));
+    }
+
+    /// What it measures now, without errors: what it feels, and its orientation. `None` before the
+    /// first state.
+    pub fn at(
+        &self,
+        vehicle_from_sensor: &Isometry3<f64>,
+        gravity_mps2: f64,
+    ) -> Option<(Felt, UnitQuaternion<f64>)> {
+        let input = self.motion.at(vehicle_from_sensor, gravity_mps2)?;
+        let felt = self
+            .passed
+            .map_or_else(|| input.felt(), |(_, passed)| passed);
+        Some((felt, input.world_from_sensor))
+    }
+
+    /// Forgets everything: after a teleport or a respawn.
+    pub fn reset(&mut self) {
+        self.motion.reset();
+        self.passed = None;
+    }
+}
+
+/// Share of what a low-pass of first order held that is left after a time; 0 without a limit.
+fn kept(bandwidth_hz: f64, secs: f64) -> f64 {
+    if bandwidth_hz > 0.0 {
+        (-std::f64::consts::TAU * bandwidth_hz * secs).exp()
+    } else {
+        0.0
+    }
+}
+
+/// What an IMU feels along its own axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Felt {
+    /// Specific force, m/s².
+    pub force_mps2: Vector3<f64>,
+    /// Angular velocity, rad/s.
+    pub turn_radps: Vector3<f64>,
+}
+
 /// The rotation half-way between two; the second one if they are opposite.
 fn halfway(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
     a.try_slerp(b, 0.5, 1e-9).unwrap_or(*b)
@@ -113,32 +201,145 @@ pub struct ImuInput {
     pub gravity_mps2: f64,
 }
 
-/// One sample. The specific force takes noise samples 0–2 (x, y, z), the angular velocity 3–5.
-pub fn sample(spec: &ImuSpec, input: &ImuInput, noise: Noise) -> ImuSample {
-    let lift = Vector3::z() * input.gravity_mps2;
-    let force = input
-        .world_from_sensor_mid
-        .inverse_transform_vector(&(input.acceleration_in_world_mps2 + lift));
-    let turn = input
-        .world_from_sensor
-        .inverse_transform_vector(&input.angular_velocity_in_world_radps);
-    let gaussian = |stddev: f64, number: u64| {
-        if stddev > 0.0 {
-            stddev * noise.gaussian(number)
-        } else {
-            0.0
+impl ImuInput {
+    /// What the sensor feels along its own axes.
+    pub fn felt(&self) -> Felt {
+        let lift = Vector3::z() * self.gravity_mps2;
+        Felt {
+            force_mps2: self
+                .world_from_sensor_mid
+                .inverse_transform_vector(&(self.acceleration_in_world_mps2 + lift)),
+            turn_radps: self
+                .world_from_sensor
+                .inverse_transform_vector(&self.angular_velocity_in_world_radps),
         }
+    }
+}
+
+/// Where the random numbers of a sample come from.
+#[derive(Clone, Copy, Debug)]
+pub struct ImuNoise {
+    /// Key of the tick. The specific force takes samples 0–2 (x, y, z), the angular velocity 3–5; white
+    /// noise by its density takes 6–8 and 9–11.
+    pub of_tick: Noise,
+    /// Slow errors.
+    pub drift: Drift,
+    /// Time since the sample before, seconds.
+    pub window_secs: f64,
+}
+
+/// Correlation times of the Gauss-Markov processes that make a bias instability: one a decade, so that
+/// the Allan deviation is level within 5 % from 4 s to 600 s.
+const INSTABILITY_SECS: [f64; 4] = [1.0, 10.0, 100.0, 1000.0];
+
+/// Numbers of an axis' processes: its random walk, its white noise within the bandwidth, and its bias
+/// instability from the third on.
+const AXIS_PROCESSES: u64 = 8;
+
+/// Errors of the accelerometer or of the gyroscope.
+struct Triad<'a> {
+    /// Number of its first axis among all.
+    first: u64,
+    stddev: &'a [f64; 3],
+    density: &'a [f64; 3],
+    instability: &'a [f64; 3],
+    walk: &'a [f64; 3],
+    bias: &'a [f64; 3],
+    scale: &'a [f64; 3],
+    misalignment: &'a [f64; 6],
+    bandwidth_hz: f64,
+    range: f64,
+}
+
+impl Triad<'_> {
+    /// What it measures where it feels `felt`, along each of its axes; `shown` is added.
+    fn measure(&self, felt: &Vector3<f64>, shown: [f64; 3], noise: &ImuNoise) -> [f64; 3] {
+        let others = [[1, 2], [0, 2], [0, 1]];
+        std::array::from_fn(|axis| {
+            let aside: f64 = (0..2)
+                .map(|i| self.misalignment[2 * axis + i] * felt[others[axis][i]])
+                .sum();
+            let exact = self.scale[axis] * felt[axis] + aside + shown[axis];
+            let measured = exact + self.bias[axis] + self.error(axis, noise);
+            if self.range > 0.0 {
+                measured.clamp(-self.range, self.range)
+            } else {
+                measured
+            }
+        })
+    }
+
+    /// Random errors of an axis.
+    fn error(&self, axis: usize, noise: &ImuNoise) -> f64 {
+        let number = self.first + axis as u64;
+        let process = AXIS_PROCESSES * number;
+        let mut error = 0.0;
+        if self.stddev[axis] > 0.0 {
+            error += self.stddev[axis] * noise.of_tick.gaussian(number);
+        }
+        if self.density[axis] > 0.0 {
+            // A density N gives samples that are Δt apart a variance of N²/Δt.
+            let spread = self.density[axis] / noise.window_secs.max(1e-9).sqrt();
+            let kept = kept(self.bandwidth_hz, noise.window_secs);
+            error += if kept > 1e-9 {
+                // The low-pass makes it a process that forgets, with the same density at frequency 0.
+                let correlation_secs = 1.0 / (std::f64::consts::TAU * self.bandwidth_hz);
+                let value = noise.drift.gauss_markov(process + 1, correlation_secs);
+                spread * ((1.0 - kept) / (1.0 + kept)).sqrt() * value
+            } else {
+                spread * noise.of_tick.gaussian(6 + number)
+            };
+        }
+        if self.instability[axis] > 0.0 {
+            // The spectrum B²/2πf as a sum of processes of equal variance, a decade apart.
+            let spread =
+                self.instability[axis] * (std::f64::consts::LN_10 / std::f64::consts::PI).sqrt();
+            for (i, correlation_secs) in (2..).zip(INSTABILITY_SECS) {
+                error += spread * noise.drift.gauss_markov(process + i, correlation_secs);
+            }
+        }
+        if self.walk[axis] > 0.0 {
+            error += self.walk[axis] * noise.drift.walk(process);
+        }
+        error
+    }
+}
+
+/// One sample of what an IMU feels, with its orientation.
+pub fn sample(
+    spec: &ImuSpec,
+    (felt, world_from_sensor): &(Felt, UnitQuaternion<f64>),
+    noise: &ImuNoise,
+) -> ImuSample {
+    let accel = Triad {
+        first: 0,
+        stddev: &spec.noise_accel_stddev_mps2,
+        density: &spec.density_accel_mps2_rthz,
+        instability: &spec.instability_accel_mps2,
+        walk: &spec.walk_accel_mps2_rts,
+        bias: &spec.bias_accel_mps2,
+        scale: &spec.scale_accel_ratio,
+        misalignment: &spec.misalignment_accel_rad,
+        bandwidth_hz: spec.bandwidth_accel_hz,
+        range: spec.range_accel_mps2,
     };
+    let gyro = Triad {
+        first: 3,
+        stddev: &spec.noise_gyro_stddev_radps,
+        density: &spec.density_gyro_radps_rthz,
+        instability: &spec.instability_gyro_radps,
+        walk: &spec.walk_gyro_radps_rts,
+        bias: &spec.bias_gyro_radps,
+        scale: &spec.scale_gyro_ratio,
+        misalignment: &spec.misalignment_gyro_rad,
+        bandwidth_hz: spec.bandwidth_gyro_hz,
+        range: spec.range_gyro_radps,
+    };
+    let shown = |axis: usize| spec.g_sensitivity_radps_mps2[axis] * felt.force_mps2[axis];
     ImuSample {
-        specific_force_mps2: std::array::from_fn(|axis| {
-            force[axis] + gaussian(spec.noise_accel_stddev_mps2[axis], axis as u64)
-        }),
-        angular_velocity_radps: std::array::from_fn(|axis| {
-            turn[axis]
-                + spec.bias_gyro_radps[axis]
-                + gaussian(spec.noise_gyro_stddev_radps[axis], 3 + axis as u64)
-        }),
-        compass_rad: compass_rad(&input.world_from_sensor),
+        specific_force_mps2: accel.measure(&felt.force_mps2, [0.0; 3], noise),
+        angular_velocity_radps: gyro.measure(&felt.turn_radps, [0, 1, 2].map(shown), noise),
+        compass_rad: compass_rad(world_from_sensor),
         reserved: [0; 2],
     }
 }
@@ -172,19 +373,42 @@ mod tests {
         spec: &ImuSpec,
         state: impl Fn(f64) -> (Isometry3<f64>, Vector3<f64>, Vector3<f64>),
     ) -> ImuSample {
-        let mut motion = BodyMotion::default();
+        let mut motion = ImuState::new(spec);
         for tick in 1..=2 {
             let sim_time = SimTime(tick * DT_NANOS);
             let (world_from_vehicle, velocity_in_world_mps, angular_velocity_in_world_radps) =
                 state(sim_time.as_secs());
-            motion.push(BodyState {
+            let now = BodyState {
                 sim_time,
                 world_from_vehicle,
                 velocity_in_world_mps,
                 angular_velocity_in_world_radps,
-            });
+            };
+            motion.push(now, &mount, 9.81);
         }
-        sample(spec, &motion.at(&mount, 9.81).unwrap(), Noise::new(1, 2, 3))
+        sample(spec, &motion.at(&mount, 9.81).unwrap(), &noise(1, 3))
+    }
+
+    /// Numbers of a tick of an IMU that fires at every tick.
+    fn noise(seed: u64, tick: u64) -> ImuNoise {
+        ImuNoise {
+            of_tick: Noise::new(seed, 2, tick),
+            drift: Drift {
+                seed,
+                stream: 2,
+                age_nanos: tick * DT_NANOS,
+            },
+            window_secs: DT_NANOS as f64 * 1e-9,
+        }
+    }
+
+    /// What stands still, level.
+    fn rest() -> (Felt, UnitQuaternion<f64>) {
+        let felt = Felt {
+            force_mps2: Vector3::z() * 9.81,
+            turn_radps: Vector3::zeros(),
+        };
+        (felt, UnitQuaternion::identity())
     }
 
     fn close(found: [f64; 3], expected: [f64; 3], tolerance: f64) {
@@ -331,18 +555,11 @@ mod tests {
             bias_gyro_radps: [1.0, 2.0, 3.0],
             ..Default::default()
         };
-        let input = ImuInput {
-            acceleration_in_world_mps2: Vector3::zeros(),
-            world_from_sensor_mid: UnitQuaternion::identity(),
-            angular_velocity_in_world_radps: Vector3::zeros(),
-            world_from_sensor: UnitQuaternion::identity(),
-            gravity_mps2: 9.81,
-        };
         let n = 20_000;
         let (mut squares, mut gyro_sum) = ([0.0; 6], [0.0; 3]);
         for tick in 0..n {
-            let found = sample(&spec, &input, Noise::new(5, 9, tick));
-            assert_eq!(found, sample(&spec, &input, Noise::new(5, 9, tick)));
+            let found = sample(&spec, &rest(), &noise(5, tick));
+            assert_eq!(found, sample(&spec, &rest(), &noise(5, tick)));
             for axis in 0..3 {
                 squares[axis] += (found.specific_force_mps2[axis] - [0.0, 0.0, 9.81][axis]).powi(2);
                 squares[3 + axis] +=
@@ -361,5 +578,156 @@ mod tests {
             (0..3)
                 .all(|axis| (gyro_sum[axis] / n as f64 - spec.bias_gyro_radps[axis]).abs() < 0.002)
         );
+    }
+
+    #[test]
+    fn scale_misalignment_g_sensitivity_bias_and_range_do_what_their_names_say() {
+        let spec = ImuSpec {
+            scale_accel_ratio: [1.01, 1.0, 0.98],
+            misalignment_accel_rad: [0.1, 0.2, 0.3, 0.4, 0.5, 0.6],
+            bias_accel_mps2: [0.0, 0.0, 1.0],
+            scale_gyro_ratio: [1.5, 1.0, 1.0],
+            misalignment_gyro_rad: [0.0, 0.0, 0.0, 0.0, 0.1, 0.0],
+            g_sensitivity_radps_mps2: [0.001, 0.002, 0.003],
+            ..ImuSpec::default()
+        };
+        let felt = Felt {
+            force_mps2: Vector3::new(1.0, 2.0, 3.0),
+            turn_radps: Vector3::new(0.4, 0.0, 1.0),
+        };
+        let found = sample(&spec, &(felt, UnitQuaternion::identity()), &noise(1, 1));
+        close(
+            found.specific_force_mps2,
+            [1.01 + 0.2 + 0.6, 2.0 + 0.3 + 1.2, 2.94 + 0.5 + 1.2 + 1.0],
+            1e-12,
+        );
+        close(
+            found.angular_velocity_radps,
+            [0.6 + 0.001, 0.004, 1.0 + 0.04 + 0.009],
+            1e-12,
+        );
+        let limited = ImuSpec {
+            range_accel_mps2: 2.5,
+            range_gyro_radps: 0.5,
+            ..ImuSpec::default()
+        };
+        let felt = Felt {
+            force_mps2: Vector3::new(1.0, -20.0, 3.0),
+            turn_radps: Vector3::new(0.4, -0.9, 1.0),
+        };
+        let found = sample(&limited, &(felt, UnitQuaternion::identity()), &noise(1, 1));
+        close(found.specific_force_mps2, [1.0, -2.5, 2.5], 1e-15);
+        close(found.angular_velocity_radps, [0.4, -0.5, 0.5], 1e-15);
+    }
+
+    /// A step passes a low-pass of first order as 1 − exp(−2πft).
+    #[test]
+    fn bandwidth_delays_what_is_felt() {
+        let spec = ImuSpec {
+            bandwidth_accel_hz: 5.0,
+            ..ImuSpec::default()
+        };
+        let mut state = ImuState::new(&spec);
+        let mount = Isometry3::identity();
+        let (mut speed_mps, mut passed) = (0.0, Vec::new());
+        for tick in 1..=30_u64 {
+            if tick > 10 {
+                speed_mps += 2.0 * DT_NANOS as f64 * 1e-9;
+            }
+            let now = BodyState {
+                sim_time: SimTime(tick * DT_NANOS),
+                world_from_vehicle: Isometry3::identity(),
+                velocity_in_world_mps: Vector3::x() * speed_mps,
+                angular_velocity_in_world_radps: Vector3::z() * (tick % 2) as f64,
+            };
+            state.push(now, &mount, 9.81);
+            passed.push(state.at(&mount, 9.81).unwrap().0);
+        }
+        for (i, felt) in passed.iter().enumerate().skip(10) {
+            let secs = (i - 9) as f64 * 0.01;
+            let wanted = 2.0 * (1.0 - (-TAU * 5.0 * secs).exp());
+            assert!((felt.force_mps2.x - wanted).abs() < 1e-9, "{i} {felt:?}");
+            // The gyroscope has no limit.
+            assert_eq!(felt.turn_radps.z, ((i + 1) % 2) as f64);
+        }
+        state.reset();
+        assert_eq!(state.at(&mount, 9.81), None);
+    }
+
+    /// A density N gives samples Δt apart the variance N²/Δt, and the mean of a second the variance N²,
+    /// with and without a bandwidth.
+    #[test]
+    fn white_noise_has_its_density_whatever_the_bandwidth() {
+        for bandwidth_gyro_hz in [0.0, 10.0] {
+            let spec = ImuSpec {
+                density_gyro_radps_rthz: [0.0, 0.02, 0.0],
+                bandwidth_gyro_hz,
+                ..ImuSpec::default()
+            };
+            let (mut squares, mut of_means) = (0.0, 0.0);
+            let n = 2000;
+            for second in 0..n {
+                let mut sum = 0.0;
+                for tick in 0..100 {
+                    let found = sample(&spec, &rest(), &noise(5, second * 100 + tick));
+                    let y = found.angular_velocity_radps[1];
+                    squares += y * y;
+                    sum += y;
+                }
+                of_means += (sum / 100.0) * (sum / 100.0);
+            }
+            // Relative standard error of a variance is √(2/n) = 3.2 %; four of them, and what a
+            // low-pass carries over from second to second.
+            assert!(
+                (of_means / n as f64 / 4e-4 - 1.0).abs() < 0.16,
+                "{bandwidth_gyro_hz}"
+            );
+            let ratio = squares / (100 * n) as f64 / (4e-4 / 0.01);
+            let kept = (-TAU * bandwidth_gyro_hz * 0.01).exp();
+            let wanted = if bandwidth_gyro_hz > 0.0 {
+                (1.0 - kept) / (1.0 + kept)
+            } else {
+                1.0
+            };
+            assert!((ratio / wanted - 1.0).abs() < 0.05, "{ratio} {wanted}");
+        }
+    }
+
+    /// Allan variance of means of `tau` seconds, of a signal that is asked for once a second.
+    fn allan_variance(values: &[f64], tau: usize) -> f64 {
+        let means: Vec<f64> = values
+            .chunks_exact(tau)
+            .map(|it| it.iter().sum::<f64>() / tau as f64)
+            .collect();
+        let squares = means.windows(2).map(|pair| (pair[1] - pair[0]).powi(2));
+        0.5 * squares.sum::<f64>() / (means.len() - 1) as f64
+    }
+
+    #[test]
+    fn drift_has_the_allan_deviations_of_its_parameters() {
+        let run = |spec: ImuSpec| -> Vec<f64> {
+            let at = |second: u64| {
+                let found = sample(&spec, &rest(), &noise(8, second * 100));
+                found.angular_velocity_radps[0]
+            };
+            (0..40_000).map(at).collect()
+        };
+        let walk = run(ImuSpec {
+            walk_gyro_radps_rts: [1e-4, 0.0, 0.0],
+            ..ImuSpec::default()
+        });
+        // K²τ/3; at 20 s there are 2000 means.
+        let found = allan_variance(&walk, 20) / (1e-8 * 20.0 / 3.0);
+        assert!((found - 1.0).abs() < 0.15, "{found}");
+        let instability = run(ImuSpec {
+            instability_gyro_radps: [1e-4, 0.0, 0.0],
+            ..ImuSpec::default()
+        });
+        // (2 ln 2 / π) B², whatever the time.
+        for tau in [8, 40, 100] {
+            let level = 2.0 * std::f64::consts::LN_2 / PI * 1e-8;
+            let found = (allan_variance(&instability, tau) / level).sqrt();
+            assert!((found - 1.0).abs() < 0.12, "{tau} {found}");
+        }
     }
 }

@@ -5,9 +5,10 @@
 //! or shared memory.
 //!
 //! Modules in reading order: [`scene`] (what sensors see in one tick), [`mesh`] (the triangles that
-//! cameras draw and rays hit), [`schedule`] (which sensors fire at a tick), [`imu`], [`gnss`],
-//! [`lane_marks`] (painted lines and who crosses them), [`vector_lanes`] (vector instructions with
-//! the same results on every processor).
+//! cameras draw and rays hit), [`history`] (where things were at the ticks before), [`schedule`] (which
+//! sensors fire at a tick), [`imu`], [`drift`] (its slow errors), [`gnss`], [`lane_marks`] (painted
+//! lines and who crosses them), [`vector_lanes`] (vector instructions with the same results on every
+//! processor).
 //!
 //! ```
 //! use schema_types::SimTime;
@@ -21,7 +22,9 @@
 
 #![warn(missing_docs)]
 
+pub mod drift;
 pub mod gnss;
+pub mod history;
 pub mod imu;
 pub mod lane_marks;
 pub mod mesh;
@@ -30,9 +33,13 @@ pub mod schedule;
 pub mod stream;
 pub mod vector_lanes;
 
+pub use drift::Drift;
 pub use gnss::GeoReference;
-pub use imu::{BodyMotion, BodyState, ImuInput};
+pub use history::{InstancePoses, PoseHistory};
+pub use imu::{BodyMotion, BodyState, Felt, ImuInput, ImuNoise, ImuState};
 pub use lane_marks::{PaintedLine, PaintedLines};
 pub use mesh::{Lod, Material, Mesh, MeshBuilder, Vertex};
-pub use scene::{DynamicInstance, LampSetting, MeshId, Scene, SceneAssets, StaticInstance, Sun};
+pub use scene::{
+    DynamicInstance, LampSetting, MeshId, Past, Scene, SceneAssets, StaticInstance, Sun,
+};
 pub use schedule::{Firing, Schedule};

@@ -130,6 +130,20 @@ impl DynamicInstance {
     }
 }
 
+/// Where the parts that moved were at the ticks before a scene's.
+///
+/// What appeared, or was put elsewhere, has no way behind it: at all ticks before that it stands
+/// where it appeared.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Past {
+    /// How long before the scene's time the ticks were, nanoseconds, rising.
+    pub ages_nanos: Vec<u64>,
+    /// Places in [`Scene::dynamics`] of the parts that moved, rising.
+    pub moved: Vec<u32>,
+    /// Their poses: for each part one per tick.
+    pub poses: Vec<Isometry3<f64>>,
+}
+
 /// Direction towards the sun.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sun {
@@ -211,6 +225,8 @@ pub struct Scene {
     pub assets: Arc<SceneAssets>,
     /// What moves, by rising (actor, part).
     pub dynamics: Vec<DynamicInstance>,
+    /// Where it was at the ticks before; empty unless a turning lidar fires.
+    pub past: Past,
     /// Weather.
     pub weather: Weather,
     /// Loss of lidar light in the air, 1/m; 0 unless weather is to act on sensors.

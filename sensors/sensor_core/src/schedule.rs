@@ -70,6 +70,16 @@ impl Schedule {
         self.interval_nanos
     }
 
+    /// When the sensor was made.
+    pub fn made_at(&self) -> SimTime {
+        self.made_at
+    }
+
+    /// Time of the last firing.
+    pub fn last_fired(&self) -> Option<SimTime> {
+        self.last_fired
+    }
+
     /// Firings so far.
     pub fn n_fired(&self) -> u64 {
         self.n_fired

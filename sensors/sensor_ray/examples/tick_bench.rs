@@ -12,7 +12,7 @@ use schema_types::noise::Noise;
 use schema_types::{ActorId, Class, ObjectId};
 use sensor_core::mesh::Surface;
 use sensor_core::{
-    DynamicInstance, Material, Mesh, MeshBuilder, MeshId, SceneAssets, StaticInstance,
+    DynamicInstance, Material, Mesh, MeshBuilder, MeshId, Past, SceneAssets, StaticInstance,
 };
 use sensor_gpu::{Gpu, GpuOptions};
 use sensor_ray::lidar::{Lidar, SensorPath};
@@ -61,9 +61,12 @@ fn measure(args: &Args, result: &mut BenchResult) -> anyhow::Result<()> {
     let (mut placed, mut told, mut for_cpu) = (Vec::new(), Vec::new(), Vec::new());
     for tick in 0..n_ticks {
         let instances = crowd(n_people, n_cars, tick as f64 * 0.05);
-        placed.push(micros(|| scene.update_for_gpu(&instances)));
+        placed.push(micros(|| {
+            scene.update_for_gpu(&instances, &Past::default())
+        }));
         let _ = rays.update(&scene);
-        scene.update_for_gpu(&crowd(n_people, n_cars, (tick as f64 + 0.5) * 0.05));
+        let later = crowd(n_people, n_cars, (tick as f64 + 0.5) * 0.05);
+        scene.update_for_gpu(&later, &Past::default());
         told.push(micros(|| {
             assert!(format!("{:?}", rays.update(&scene)).len() > 1)
         }));

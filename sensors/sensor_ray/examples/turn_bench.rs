@@ -1,5 +1,5 @@
 //! Time of one lidar turn (64 × 2000 rays) in a made-up street of 250 000 triangles with 200 moving
-//! cars.
+//! cars, which once stand still during the turn and once drive.
 //!
 //! `cargo run --release -p sensor_ray --example turn_bench [turns] [threads] [--json FILE]` prints
 //! CPU time (best and median) and the best wall time.
@@ -12,10 +12,13 @@ use nalgebra::{Isometry3, Vector3};
 use schema_types::noise::Noise;
 use schema_types::{ActorId, Class, ObjectId};
 use sensor_core::mesh::Surface;
-use sensor_core::{DynamicInstance, Material, MeshBuilder, SceneAssets, StaticInstance};
+use sensor_core::{DynamicInstance, Material, MeshBuilder, Past, SceneAssets, StaticInstance};
 use sensor_ray::RayScene;
 use sensor_ray::lidar::{Lidar, SensorPath};
 use sensor_spec::LidarSpec;
+
+/// Time of a turn.
+const TURN_NANOS: u64 = 100_000_000;
 
 /// Times a lidar's turn in a street
 #[derive(Debug, clap::Args)]
@@ -55,16 +58,23 @@ fn run(args: &Args, result: &mut BenchResult) {
         millis.cpu_best,
         millis.cpu_median
     );
-    for (name, semantic, motion_distortion) in [
-        ("plain", false, false),
-        ("semantic", true, false),
-        ("distorted", false, true),
+    for (name, semantic, motion_distortion, is_moving) in [
+        ("plain", false, false, false),
+        ("semantic", true, false, false),
+        ("distorted", false, true, false),
+        ("moving", false, true, true),
     ] {
+        if is_moving {
+            let past = past(&instances);
+            let millis = measure(turns, || scene.update_moving(&instances, &past));
+            println!("sensor_ray/update/moving: best {:.3} ms", millis.cpu_best);
+        }
         let mut lidar = Lidar::new(LidarSpec {
             semantic,
             motion_distortion,
             ..Default::default()
         });
+        lidar.set_past(TURN_NANOS);
         let path = SensorPath {
             world_from_sensor_start: Isometry3::translation(-1.0, 0.0, 2.0),
             world_from_sensor: Isometry3::translation(0.0, 0.0, 2.0),
@@ -225,4 +235,18 @@ fn traffic(assets: &SceneAssets) -> Vec<DynamicInstance> {
             velocity_in_world_mps: Vector3::zeros(),
         })
         .collect()
+}
+
+/// All cars drove here at 15 m/s, which two ticks of a turn tell.
+fn past(instances: &[DynamicInstance]) -> Past {
+    let ages_nanos = vec![TURN_NANOS / 2, TURN_NANOS];
+    let way = |instance: &DynamicInstance| {
+        [0.05, 0.1]
+            .map(|secs| Isometry3::translation(-15.0 * secs, 0.0, 0.0) * instance.world_from_mesh)
+    };
+    Past {
+        ages_nanos,
+        moved: (0..instances.len() as u32).collect(),
+        poses: instances.iter().flat_map(way).collect(),
+    }
 }

@@ -120,7 +120,8 @@ impl GpuRays {
         let mut submission = Submission::default();
         let mut places = Vec::with_capacity(jobs.len());
         for job in jobs {
-            places.push(submission.add(job));
+            let (ages_nanos, swept_root) = self.gpu_scene.motion();
+            places.push(submission.add(job, ages_nanos, swept_root));
         }
         if submission.lidars.is_empty() {
             return Scans(Way::None);

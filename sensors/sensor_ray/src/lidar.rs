@@ -14,6 +14,9 @@
 //! without a return leave no gap. Losses are CARLA's, in CARLA's order: general drop-off, range
 //! noise, intensity exp(−a·d), drop-off by intensity. The bytes depend on scene, spec, path and
 //! noise key alone, not on the number of threads.
+//!
+//! With motion distortion a ray also has a time of its own: what moves is met where it was then,
+//! between its poses at the ticks before and after.
 
 use schema_frames::{LidarPoint, LidarReturn, SemanticLidarPoint};
 use schema_types::ActorId;
@@ -32,7 +35,7 @@ mod turn;
 
 pub use beams::azimuth_rad;
 pub use path::SensorPath;
-pub(crate) use path::column_poses;
+pub(crate) use path::{Times, column_poses};
 pub(crate) use points::keep_limit;
 
 /// Points of the last frame, bunch after bunch, lost ones included.
@@ -56,6 +59,8 @@ pub struct Lidar {
     swept_nanos: u64,
     /// Time from the frame before to the next one; 0 is that of the specification's rate.
     window_nanos: u64,
+    /// Time from the beginning of the next frame's path to the tick; 0 without motion.
+    past_nanos: u64,
     points: Points,
     /// Returns per channel in the last frame.
     n_returns: Vec<u32>,
@@ -69,6 +74,7 @@ impl Lidar {
             turned_to_rad: None,
             swept_nanos: 0,
             window_nanos: 0,
+            past_nanos: 0,
             points: match (spec.returns, spec.semantic) {
                 (true, _) => Points::Returns(Vec::new()),
                 (false, false) => Points::Plain(Vec::new()),
@@ -98,6 +104,13 @@ impl Lidar {
     /// by its own clock within it.
     pub fn set_window(&mut self, nanos: u64) {
         self.window_nanos = nanos;
+    }
+
+    /// Sets how long before the tick the next frame's path begins, nanoseconds. With motion distortion
+    /// its rays then see what moves where it was when they were fired, as far as the scene knows
+    /// ([`RayScene::update_moving`]); with 0 they see everything as it is at the tick.
+    pub fn set_past(&mut self, nanos: u64) {
+        self.past_nanos = nanos;
     }
 
     /// Turns the head by one tick of `tick_nanos`. Call it at every firing, whether or not anybody
@@ -174,6 +187,11 @@ impl Lidar {
         }
     }
 
+    /// Time from the beginning of the next frame's path to the tick, nanoseconds.
+    pub(crate) fn past_nanos(&self) -> u64 {
+        self.past_nanos
+    }
+
     /// Its specification; the attenuation includes the weather's.
     pub fn spec(&self) -> &LidarSpec {
         &self.spec
@@ -203,6 +221,7 @@ impl Lidar {
             spec: &self.spec,
             beams: &self.beams,
             poses: column_poses(&self.spec, path, n_columns, window_nanos),
+            times: Times::new(&self.spec, n_columns, self.past_nanos),
             noise,
             ignored,
         };

@@ -5,16 +5,18 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use nalgebra::Point3;
 use rayon::prelude::*;
-use sensor_core::{DynamicInstance, Mesh, SceneAssets};
+use sensor_core::{DynamicInstance, Mesh, Past, SceneAssets};
 
 use crate::bvh::{Bounds, Tree, TriangleTree, moving_tree};
 
 mod hidden;
+mod motion;
 mod placed;
 mod scenery;
 
 pub(crate) use hidden::{CHUNK, Hiding};
-pub(crate) use placed::{Labels, Placed, box_about, is_finite};
+pub(crate) use motion::{Leg, Moment, Motion};
+pub(crate) use placed::{Labels, NO_LEG, Placed, box_about, is_finite};
 pub(crate) use scenery::Scenery;
 
 /// Number of scenes built so far: tells a GPU whether it holds the triangles of this scene.
@@ -41,7 +43,12 @@ pub struct RayScene {
     /// For each actor: the index into `dynamics` after its last part.
     pub(crate) actor_ends: Vec<u32>,
     pub(crate) dynamics_origin_m: Point3<f64>,
+    /// Over the moving instances as they are at the tick.
     pub(crate) dynamics_tree: Tree,
+    /// How they got there.
+    pub(crate) motion: Motion,
+    /// Over all places on their ways; empty if nothing moved.
+    pub(crate) swept_tree: Tree,
 }
 
 impl RayScene {
@@ -85,6 +92,8 @@ impl RayScene {
             actor_ends: Vec::new(),
             dynamics_origin_m: Point3::origin(),
             dynamics_tree: Tree::default(),
+            motion: Motion::default(),
+            swept_tree: Tree::default(),
         }
     }
 
@@ -137,32 +146,60 @@ impl RayScene {
     /// Replaces the moving instances by those of a new tick; the parts of an actor follow one
     /// another. Instances whose pose is not finite, or farther than 10¹⁸ m away, are left out.
     pub fn update(&mut self, dynamics: &[DynamicInstance]) {
-        self.place(dynamics);
+        self.update_moving(dynamics, &Past::default());
+    }
+
+    /// As [`RayScene::update`], for lidars whose rays are fired before the tick, too: they see the
+    /// instances where they were then. What does so is a matter of the lidar
+    /// ([`crate::Lidar::set_past`]); all other rays see them as they are at the tick.
+    pub fn update_moving(&mut self, dynamics: &[DynamicInstance], past: &Past) {
+        self.place(dynamics, past);
         let boxes: Vec<Bounds> = self
             .dynamics
             .iter()
             .map(|placed| self.bounds_of(placed, &self.dynamics_origin_m))
             .collect();
         self.dynamics_tree = moving_tree(&boxes, &self.actor_ends);
+        self.swept_tree = match self.motion.legs.is_empty() {
+            true => Tree::default(),
+            false => moving_tree(
+                &self.swept_boxes(&boxes, &self.dynamics_origin_m),
+                &self.actor_ends,
+            ),
+        };
     }
 
-    /// As [`RayScene::update`], but only for [`crate::GpuRays`], which builds its own hierarchy
-    /// over the instances. Rays cast on the CPU hit nothing that moves until the next
-    /// [`RayScene::update`].
-    pub fn update_for_gpu(&mut self, dynamics: &[DynamicInstance]) {
-        self.place(dynamics);
-        self.dynamics_tree = Tree::default();
+    /// As [`RayScene::update_moving`], but only for [`crate::GpuRays`], which builds its own
+    /// hierarchies over the instances. Rays cast on the CPU hit nothing that moves until the next
+    /// update for them.
+    pub fn update_for_gpu(&mut self, dynamics: &[DynamicInstance], past: &Past) {
+        self.place(dynamics, past);
+        (self.dynamics_tree, self.swept_tree) = Default::default();
     }
 
-    /// Stores the instances of a tick.
-    fn place(&mut self, dynamics: &[DynamicInstance]) {
+    /// Stores the instances of a tick, and their ways through the ticks before.
+    fn place(&mut self, dynamics: &[DynamicInstance], past: &Past) {
         self.dynamics.clear();
         self.actor_ends.clear();
+        self.motion.clear();
         let is_here = |instance: &&DynamicInstance| is_finite(&instance.world_from_mesh);
         self.dynamics_origin_m = dynamics.iter().find(is_here).map_or(Point3::origin(), |i| {
             i.world_from_mesh.translation.vector.into()
         });
-        for instance in dynamics.iter().filter(is_here) {
+        let n_ages = past.ages_nanos.len();
+        let mut moved = past
+            .moved
+            .iter()
+            .zip(past.poses.chunks_exact(n_ages.max(1)))
+            .peekable();
+        for (place, instance) in (0..).zip(dynamics) {
+            let way = moved
+                .next_if(|(moved, _)| **moved == place)
+                .map(|(_, way)| way)
+                .filter(|way| way.iter().all(is_finite));
+            if !is_here(&instance) {
+                continue;
+            }
             let mesh_idx = instance.mesh.0 as usize;
             let Some(mesh) = self.scenery.meshes.get(mesh_idx) else {
                 continue;
@@ -180,21 +217,39 @@ impl RayScene {
             {
                 self.actor_ends.push(self.dynamics.len() as u32);
             }
+            let first_leg = way.map_or(NO_LEG, |way| {
+                self.motion.add(&instance.world_from_mesh, way)
+            });
             self.dynamics.push(Placed {
                 velocity_in_world_mps: instance.velocity_in_world_mps,
+                first_leg,
                 ..Placed::new(instance.mesh, &instance.world_from_mesh, object)
             });
             *self.actor_ends.last_mut().expect("the actor has an end") = self.dynamics.len() as u32;
         }
+        if !self.motion.legs.is_empty() {
+            self.motion.ages_nanos.extend_from_slice(&past.ages_nanos);
+        }
+    }
+
+    /// The boxes of all moving instances, widened by all places on their ways.
+    pub(crate) fn swept_boxes(&self, boxes: &[Bounds], origin_m: &Point3<f64>) -> Vec<Bounds> {
+        let widen = |(placed, bounds): (&Placed, &Bounds)| {
+            self.motion
+                .sweep(placed, origin_m, self.mesh_bounds(placed), *bounds)
+        };
+        self.dynamics.iter().zip(boxes).map(widen).collect()
+    }
+
+    fn mesh_bounds(&self, placed: &Placed) -> Bounds {
+        let tree = self.mesh_trees[placed.mesh_idx as usize].as_ref();
+        tree.and_then(TriangleTree::bounds)
+            .expect("what moves has triangles")
     }
 
     /// Box about a moving instance, relative to `origin_m`.
     pub(crate) fn bounds_of(&self, placed: &Placed, origin_m: &Point3<f64>) -> Bounds {
-        let tree = self.mesh_trees[placed.mesh_idx as usize].as_ref();
-        let bounds = tree
-            .and_then(TriangleTree::bounds)
-            .expect("what moves has triangles");
-        box_about(origin_m, &placed.world_from_mesh, bounds)
+        box_about(origin_m, &placed.world_from_mesh, self.mesh_bounds(placed))
     }
 }
 

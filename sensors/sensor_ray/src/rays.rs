@@ -11,4 +11,4 @@ mod walk;
 pub(crate) use bundle::{Bundle, GROUP, GROUPS, Hits, RAYS};
 pub(crate) use caster::{Caster, Stacks};
 pub use hit::Hit;
-pub(crate) use hit::{distances_m, surface};
+pub(crate) use hit::{WorldRay, distances_m, surface};

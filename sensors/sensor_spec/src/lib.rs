@@ -46,7 +46,7 @@ pub use distortion::drawn_by;
 pub use dvs::{DvsMode, DvsSpec};
 pub use events::{CollisionSpec, LaneInvasionSpec, MAX_EVENTS_PER_TICK, ObstacleSpec};
 pub use film::{FilmCurve, FilmParts, FilmSpec};
-pub use gnss::GnssSpec;
+pub use gnss::{Datum, GnssSpec};
 pub use imu::ImuSpec;
 pub use intrinsics::Intrinsics;
 pub use lidar::{LidarScan, LidarSpec, MAX_CHANNELS, MAX_POINTS_PER_SECOND};

@@ -90,7 +90,8 @@ pub struct LidarSpec {
     pub noise_range_stddev_m: f64,
     /// Tells the noise of otherwise equal sensors apart.
     pub noise_seed: u64,
-    /// Whether the sensor moves along its path while the head turns.
+    /// Whether each ray has a time of its own: the sensor moves along its path while the head turns,
+    /// and what moves is met where it was when the ray was fired.
     pub motion_distortion: bool,
 }
 

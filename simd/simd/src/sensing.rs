@@ -13,6 +13,7 @@ use anyhow::ensure;
 use schema_bus::Bus;
 use schema_frames::{CollisionEvent, DebugKind, DebugShape, RenderedRecord};
 use schema_types::{ActorId, SimTime};
+use sensor_core::PoseHistory;
 use sensor_core::scene::{Overlay, Scene, SceneAssets};
 use sensor_gpu::GpuError;
 use simd_frames::frames::{Firings, Sensors, TickView};
@@ -34,6 +35,8 @@ pub struct Sensing {
     sensors: Sensors,
     workers: Workers,
     shapes: DebugShapes,
+    /// Where things were at earlier ticks, as far as a turning lidar looks back.
+    history: PoseHistory,
     /// What the spectator's last image shows.
     still: Still,
     /// File whose appearance ends the GPU, in tests.
@@ -63,6 +66,7 @@ impl Sensing {
             sensors,
             workers,
             shapes: DebugShapes::default(),
+            history: PoseHistory::default(),
             still: Still::default(),
             lose_gpu_when,
         }
@@ -211,17 +215,33 @@ impl Sensing {
         let scene_span = stages::SCENE.span();
         world.stream_scenery(&mut self.sensors, clock)?;
         let visible = self.shapes.at(clock.now());
-        let scene = self.scene_with(visible, world, clock);
+        let mut scene = self.scene_with(visible, world, clock);
         drop(scene_span);
         self.still.note(&self.sensors, world.world(), &self.shapes);
         let firings = self
             .sensors
             .schedule(&scene, |actor| world.carrier_of(actor, clock.now()));
+        self.look_back(&mut scene, &firings, world);
         Ok(DueSensors {
             scene,
             collisions: world.collisions(),
             firings,
         })
+    }
+
+    /// Gives the scene its past if a sensor that fires needs it, and remembers the scene for as long
+    /// as one will.
+    fn look_back(&mut self, scene: &mut Scene, firings: &Firings, world: &LiveWorld) {
+        let _span = stages::SCENE.span();
+        let Some(keep_from) = self.sensors.look_back_to(scene.sim_time) else {
+            self.history.clear();
+            return;
+        };
+        let jumped = world.world().jumped();
+        if firings.look_back() {
+            scene.past = self.history.past_of(scene, &jumped);
+        }
+        self.history.push(scene, jumped, keep_from);
     }
 
     /// Makes the frames of sensors that are due, or has workers make them.
@@ -333,6 +353,7 @@ impl Sensing {
 
     /// All sensors forget what they saw, because the world jumped to another state.
     pub fn forget(&mut self) {
+        self.history.clear();
         self.sensors.sensors.iter_mut().for_each(Sensor::forget);
     }
 
@@ -385,6 +406,7 @@ impl Sensing {
             sensor.begin_episode(actor, clock.tick(), start, clock.period_nanos());
         }
         self.shapes.clear(DebugKind::All);
+        self.history.clear();
         Ok(())
     }
 

@@ -158,6 +158,7 @@ impl LiveWorld {
             period_nanos: clock.period_nanos(),
             assets: self.episode.assets().clone(),
             dynamics,
+            past: Default::default(),
             weather: *self.world.weather(),
             lidar_extinction_per_m: self.world.lidar_extinction_per_m(),
             debug: Vec::new(),

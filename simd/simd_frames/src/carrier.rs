@@ -1,6 +1,6 @@
 //! The actor a sensor is attached to, as the sensor's model sees it in one tick.
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 use schema_types::{ActorId, Pose, SimTime};
 use sensor_core::imu::BodyState;
 use sensor_core::lane_marks::Corners;
@@ -21,6 +21,12 @@ pub struct Carrier {
 }
 
 impl Carrier {
+    /// Where the sensor sits on the body that carries it.
+    pub fn mount(&self) -> Isometry3<f64> {
+        let world_from_vehicle = &self.body.world_from_vehicle;
+        world_from_vehicle.inv_mul(&self.world_from_sensor.isometry())
+    }
+
     /// What a camera needs to know: where it is, and what it is mounted on.
     pub fn of_camera(parent: ActorId, world_from_sensor: Pose, sim_time: SimTime) -> Carrier {
         Carrier {

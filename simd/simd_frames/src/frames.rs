@@ -72,6 +72,16 @@ pub struct Firings {
     due: Vec<Due>,
     /// Those whose frames other processes make.
     away: Vec<SceneFiring>,
+    /// Whether one of them sees what moves where it was before the tick.
+    look_back: bool,
+}
+
+impl Firings {
+    /// Whether a sensor that fires sees what moves where it was before the tick, so that the scene
+    /// needs its past.
+    pub fn look_back(&self) -> bool {
+        self.look_back
+    }
 }
 
 impl Sensors {
@@ -143,6 +153,12 @@ impl Sensors {
     /// The scene as rays see it.
     pub fn rays(&mut self, scene: &Scene) -> &RayScene {
         self.rays.at(scene)
+    }
+
+    /// The oldest tick to which the next frame of a sensor looks back; `None` if none does.
+    pub fn look_back_to(&self, now: SimTime) -> Option<SimTime> {
+        let ticks = self.sensors.iter();
+        ticks.filter_map(|sensor| sensor.looks_back_to(now)).min()
     }
 
     /// The GPU they render on.
@@ -251,7 +267,7 @@ impl Sensors {
         firings: Firings,
         hand_out: impl FnOnce(Vec<SceneFiring>),
     ) -> anyhow::Result<()> {
-        let Firings { due, away } = firings;
+        let Firings { due, away, .. } = firings;
         let mut waking = Waking::default();
         self.fire_motion(tick, &due, &mut waking);
         hand_out(away);
@@ -404,6 +420,7 @@ impl Sensors {
         let (mut due, mut away) = (Vec::with_capacity(self.sensors.len()), Vec::new());
         let is_full = scene.tick.0 % self.fire_every == 1 % self.fire_every;
         let audience = self.options.audience;
+        let mut look_back = false;
         for (sensor_idx, sensor) in self.sensors.iter_mut().enumerate() {
             let Some(carrier) = carrier(sensor.actor) else {
                 continue;
@@ -415,6 +432,7 @@ impl Sensors {
             let Some(firing) = sensor.schedule.due(scene.sim_time) else {
                 continue;
             };
+            look_back |= sensor.model.looks_back();
             let fires = Due {
                 sensor_idx,
                 firing,
@@ -428,7 +446,11 @@ impl Sensors {
                 Maker::Nobody => {}
             }
         }
-        Firings { due, away }
+        Firings {
+            due,
+            away,
+            look_back,
+        }
     }
 
     /// Fires the due sensors whose frames take microseconds. They wait for nothing else of the tick,

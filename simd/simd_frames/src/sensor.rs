@@ -15,7 +15,7 @@ use schema_frames::document::TopicInfo;
 use schema_types::{ActorId, Pose, SimTime, Tick};
 use sensor_core::schedule::Schedule;
 use sensor_gpu::Gpu;
-use sensor_spec::SensorSpec;
+use sensor_spec::{LidarScan, SensorSpec};
 
 use crate::rig::Rig;
 use crate::topic::{Audience, FrameOptions, MemoryLife, Topic, TopicSpec};
@@ -201,6 +201,16 @@ impl Sensor {
             hidden: Vec::new(),
             is_batched: false,
         })
+    }
+
+    /// The tick to which its next frame looks back, if rays of it see what moves where it was when
+    /// they were fired: that of its last firing, or the tick before for the sweep of one tick.
+    pub fn looks_back_to(&self, now: SimTime) -> Option<SimTime> {
+        match (&self.spec, self.schedule.last_fired()) {
+            _ if !self.model.looks_back() => None,
+            (SensorSpec::Lidar(spec), Some(fired)) if spec.scan == LidarScan::Turn => Some(fired),
+            _ => Some(now),
+        }
     }
 
     /// Whether it ends with the episode: a command made it.

@@ -317,6 +317,7 @@ impl Studio {
             period_nanos: 50_000_000,
             assets,
             dynamics,
+            past: Default::default(),
             weather: Weather::default(),
             lidar_extinction_per_m: 0.0,
             debug: Vec::new(),

@@ -33,11 +33,19 @@ impl World {
                 needed: "vehicle, walker, prop, sensor or the spectator",
             });
         }
+        // What the engine does not move is moved by commands: their way is its motion.
+        let prop = self.props.get(actor);
+        let mut is_moved_by_engine = prop.is_some_and(|prop| prop.is_simulated);
         if let Some(vehicle) = self.vehicles.by_id.get_mut(&actor) {
+            is_moved_by_engine = vehicle.switches.simulated;
             vehicle.set_pose(&mut self.physics, &pose.isometry());
         }
         if let Some(walker) = self.walkers.by_id.get_mut(&actor) {
+            is_moved_by_engine = walker.simulated;
             walker.put_middle(&pose);
+        }
+        if is_moved_by_engine {
+            self.jumps.note(actor);
         }
         self.props.set_pose(actor, &pose, &mut self.physics);
         let parent = known.parent.and_then(|parent| self.records.get(parent));

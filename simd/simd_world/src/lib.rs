@@ -55,6 +55,7 @@ mod world;
 // Subsystems.
 mod booms;
 mod friction_areas;
+mod jumps;
 mod physics;
 mod props;
 mod pushes;

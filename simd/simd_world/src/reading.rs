@@ -127,6 +127,24 @@ impl World {
         self.meshes = ActorMeshes::register(assets, &self.map, &self.lights);
     }
 
+    /// Actors that a command put elsewhere before the last step although the engine moves them, and
+    /// what is attached to them, by rising id: their way there is no motion.
+    pub fn jumped(&self) -> Vec<ActorId> {
+        let put = self.jumps.before_last_step();
+        let mut jumped: Vec<ActorId> = Vec::new();
+        if put.is_empty() {
+            return jumped;
+        }
+        // Parents have smaller ids than what is attached to them.
+        for record in self.records.all() {
+            let is_carried = jumped.binary_search(&ActorId(record.parent_id)).is_ok();
+            if is_carried || put.contains(&ActorId(record.id)) {
+                jumped.push(ActorId(record.id));
+            }
+        }
+        jumped
+    }
+
     /// Fills `out` with every part of every actor, by rising (actor, part). Empty before
     /// [`World::register_meshes`].
     pub fn dynamic_instances(&self, out: &mut Vec<DynamicInstance>) {

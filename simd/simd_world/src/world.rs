@@ -14,6 +14,7 @@ use crate::booms::Booms;
 use crate::catalogue::catalogue;
 use crate::errors::{ActorError, DestroyError, SpawnError};
 use crate::friction_areas::{self, FrictionAreas, GroundGrip};
+use crate::jumps::Jumps;
 use crate::map_actors::{add_map_actors, check_actors};
 use crate::map_data::{LoadError, MapData};
 use crate::physics::{Collision, Physics, Solids};
@@ -92,6 +93,8 @@ pub struct World {
     pub(crate) collisions: Vec<Collision>,
     pub(crate) counts: Counts,
     pub(crate) spectator: ActorId,
+    #[serde(skip)]
+    pub(crate) jumps: Jumps,
     /// Which scenery is hidden and switched; not part of a checkpoint.
     #[serde(skip)]
     pub(crate) scenery: SceneryState,
@@ -129,6 +132,7 @@ impl World {
             collisions: Vec::new(),
             counts: Counts::START,
             spectator: ActorId(0),
+            jumps: Jumps::default(),
             scenery: SceneryState::default(),
         }
     }
@@ -203,6 +207,7 @@ impl World {
             friction: &self.friction.boxes,
             grip_ratio: self.weather.grip_ratio() as f32,
         };
+        self.jumps.begin_step();
         self.vehicles.begin_tick(&self.physics, dt_secs as f32);
         self.physics.refresh_still();
         for _ in 0..n_sub_steps {

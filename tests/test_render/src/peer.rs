@@ -52,6 +52,7 @@ pub fn scene(path: &std::path::Path) -> anyhow::Result<Arc<Scene>> {
         period_nanos: 50_000_000,
         assets: Arc::new(assets),
         dynamics: Vec::new(),
+        past: Default::default(),
         weather: Weather::default(),
         lidar_extinction_per_m: 0.0,
         debug: Vec::new(),

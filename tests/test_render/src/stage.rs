@@ -139,6 +139,7 @@ impl Stage {
             period_nanos: PERIOD_NANOS,
             assets: self.assets.clone(),
             dynamics,
+            past: Default::default(),
             weather,
             lidar_extinction_per_m: 0.0,
             debug: Vec::new(),

@@ -26,7 +26,7 @@ pub enum SensorWord {
     List,
     /// Print a profile: every number, and whether data sheet, driver, measurement or guess says so
     Show(SensorShowArgs),
-    /// Judge what profiles measure by other programs: velodyne-decoder and ouster-sdk
+    /// Judge what profiles measure by other programs: velodyne-decoder, ouster-sdk and allantools
     Check(SensorCheckArgs),
 }
 
@@ -43,9 +43,10 @@ pub struct SensorShowArgs {
 
 const CHECK_NOTES: &str = "\
 A lidar of the profile, without noise, scans a room. Its returns are packed as the maker packs them, and
-read by a program that is not Gantry's. Then errors are planted, and each must be found. Exit code 1 if a
-limit is exceeded or a planted error is not found. The programs are packages of Python:
-pip install velodyne-decoder==3.1.0 ouster-sdk==1.0.1
+read by a program that is not Gantry's. An IMU measures at rest, and its noise is estimated. Then errors are
+planted, and each must be found. Exit code 1 if a limit is exceeded or a planted error is not found. The
+programs are packages of Python:
+pip install velodyne-decoder==3.1.0 ouster-sdk==1.0.1 allantools==2024.6
 
 Examples:
   gantry sensor check velodyne/vlp-16

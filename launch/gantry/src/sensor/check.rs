@@ -1,21 +1,15 @@
-//! `gantry sensor check`: returns of a profile, judged by a program that is not Gantry's, and the
+//! `gantry sensor check`: what a profile measures, judged by a program that is not Gantry's, and the
 //! same with planted errors, which it must find.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 
-use anyhow::Context as _;
-use launch_cli::{Exit, wrong_usage};
+use launch_cli::Exit;
 use launch_spec::profiles;
 use sensor_spec::{LidarSpec, SensorSpec};
 use serde::{Deserialize, Serialize};
 
-use super::{profile, scan};
+use super::{inertial, judge, profile, scan};
 use crate::cli::SensorCheckArgs;
-
-/// Packs returns as the maker does, has them read, and compares.
-const SCRIPT: &str = include_str!("judge.py");
 
 /// A program that judges the returns of a maker's lidars.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,7 +25,7 @@ struct Judge {
 const LIMIT_US: f64 = 1.0;
 
 /// The judge of a profile; `None` if no outside program reads that maker's packets.
-fn judge(name: &str) -> Option<Judge> {
+fn judge_of(name: &str) -> Option<Judge> {
     match name.split_once('/')?.0 {
         "velodyne" => Some(Judge {
             tool: "velodyne-decoder",
@@ -152,25 +146,46 @@ pub fn run(args: &SensorCheckArgs) -> anyhow::Result<Exit> {
         true => profiles::names().collect(),
         false => args.profiles.iter().map(String::as_str).collect(),
     };
-    let mut is_good = true;
-    println!(
-        "| profile | outside tool | planted error | points | missing | xyz, mm | time, µs | wrong rings | verdict |"
-    );
-    println!("|---|---|---|---|---|---|---|---|---|");
+    let (mut lidars, mut imus, mut others) = (Vec::new(), Vec::new(), Vec::new());
     for name in names {
-        is_good &= check(name, &python)?;
+        match profile::read(name)?.1 {
+            SensorSpec::Lidar(spec) => lidars.push((name, spec)),
+            SensorSpec::Imu(spec) => imus.push((name, spec)),
+            _ => others.push(name),
+        }
+    }
+    let mut is_good = true;
+    if !lidars.is_empty() {
+        println!(
+            "| profile | outside tool | planted error | points | missing | xyz, mm | time, µs | wrong rings | verdict |"
+        );
+        println!("|---|---|---|---|---|---|---|---|---|");
+    }
+    for (name, spec) in &lidars {
+        is_good &= check(name, spec, &python)?;
+    }
+    if !imus.is_empty() {
+        println!(
+            "{}",
+            if lidars.is_empty() {
+                inertial::HEAD.trim_start()
+            } else {
+                inertial::HEAD
+            }
+        );
+    }
+    for (name, spec) in &imus {
+        is_good &= inertial::check(name, spec, &python)?;
+    }
+    for name in others {
+        println!("`{name}`: not judged, no outside tool reads what this kind of sensor measures");
     }
     Ok(if is_good { Exit::Done } else { Exit::Failed })
 }
 
-/// Prints the rows of one profile; `false` if one is not as it must be.
-fn check(name: &str, python: &Path) -> anyhow::Result<bool> {
-    let (_, spec) = profile::read(name)?;
-    let SensorSpec::Lidar(spec) = spec else {
-        println!("| `{name}` | none |  |  |  |  |  |  | not judged |");
-        return Ok(true);
-    };
-    let Some(judge) = judge(name) else {
+/// Prints the rows of one lidar; `false` if one is not as it must be.
+fn check(name: &str, spec: &LidarSpec, python: &Path) -> anyhow::Result<bool> {
+    let Some(judge) = judge_of(name) else {
         println!("| `{name}` | none |  |  |  |  |  |  | not judged |");
         return Ok(true);
     };
@@ -179,7 +194,7 @@ fn check(name: &str, python: &Path) -> anyhow::Result<bool> {
         if planted == Planted::Time && !judge.reads_times {
             continue;
         }
-        let verdict = ask(python, judge, &spec, &planted.plant(&spec))?;
+        let verdict = ask(python, judge, spec, &planted.plant(spec))?;
         let is_right = verdict.is_good(judge) == (planted == Planted::Nothing);
         is_good &= is_right;
         let or_dash = |text: Option<String>| text.unwrap_or_else(|| "–".into());
@@ -227,39 +242,5 @@ fn ask(
         rings: channels().map(|it| nominal.ring(it)).collect(),
         origin_offset_m: nominal.origin_offset_m,
     };
-    let mut told = serde_json::to_vec(&case)?;
-    told.push(b'\n');
-    told.extend(returns);
-    let answer = run_script(python, &told)?;
-    serde_json::from_str(&answer).with_context(|| format!("the script answered {answer:?}"))
-}
-
-/// What the script prints for a case and its returns.
-fn run_script(python: &Path, told: &[u8]) -> anyhow::Result<String> {
-    let mut child = Command::new(python)
-        .args(["-c", SCRIPT])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .map_err(|error| {
-            wrong_usage(format!(
-                "cannot start {}: {error}; name a Python with --python",
-                python.display()
-            ))
-        })?;
-    let mut stdin = child.stdin.take().context("stdin is piped")?;
-    // A script that ends early reads nothing; its own words say why.
-    let _ = stdin.write_all(told);
-    drop(stdin);
-    let output = child.wait_with_output().context("cannot wait for Python")?;
-    if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr);
-        let last = said.lines().last().unwrap_or("nothing").to_owned();
-        return Err(wrong_usage(format!(
-            "{} cannot judge: {last}; pip install velodyne-decoder==3.1.0 ouster-sdk==1.0.1, or name another Python with --python",
-            python.display()
-        )));
-    }
-    Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
+    judge::ask(python, &case, &returns)
 }

@@ -1,4 +1,5 @@
-"""Packs returns of a lidar as its maker does, has the maker's or another reader decode them, and prints how far both are apart."""
+"""Packs returns of a lidar as its maker does, has the maker's or another reader decode them, and prints how far both are apart.
+Estimates the noise of an IMU from what it measures at rest."""
 
 import importlib.metadata
 import json
@@ -91,11 +92,30 @@ def ouster(case, points):
     }
 
 
+def allan(case, values):
+    """The parameter of IEEE 952 that makes a slope of the Allan deviation, between two averaging times."""
+    import allantools
+
+    taus = np.geomspace(*case["taus_secs"], 24)
+    taus, deviations, _, _ = allantools.oadev(values, rate=case["rate_hz"], data_type="freq", taus=taus)
+    # N is the deviation times the root of the time, B the floor over 0.664, K the deviation over the root of a third of the time.
+    parameters = deviations * {
+        "white": np.sqrt(taus), "instability": np.sqrt(np.pi / (2 * np.log(2))) * np.ones_like(taus), "walk": np.sqrt(3 / taus),
+    }[case["process"]]
+    slope = np.polyfit(np.log(taus), np.log(deviations), 1)[0]
+    return {
+        "version": importlib.metadata.version("allantools"), "parameter": float(np.exp(np.log(parameters).mean())), "slope": float(slope),
+    }
+
+
 def main():
     case = json.loads(sys.stdin.buffer.readline())
-    points = np.frombuffer(sys.stdin.buffer.read(), RETURN)
+    data = sys.stdin.buffer.read()
+    if case["tool"] == "allantools":
+        print(json.dumps(allan(case, np.frombuffer(data, "<f8"))))
+        return
     judges = {"velodyne-decoder": velodyne, "ouster-sdk": ouster}
-    print(json.dumps(judges[case["tool"]](case, points)))
+    print(json.dumps(judges[case["tool"]](case, np.frombuffer(data, RETURN))))
 
 
 main()

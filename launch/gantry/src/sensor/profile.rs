@@ -106,11 +106,45 @@ mod tests {
     #[test]
     fn every_profile_is_a_sensor_and_sorted_by_name() {
         let names: Vec<_> = profiles::names().collect();
-        assert!(names.is_sorted() && names.len() >= 7, "{names:?}");
+        assert!(names.is_sorted() && names.len() >= 11, "{names:?}");
         for name in names {
             let (profile, spec) = read(name).unwrap();
-            assert!(matches!(spec, SensorSpec::Lidar(_)), "{name}");
-            assert!(profile.keys.contains_key("range_m"), "{name}");
+            let key = match spec {
+                SensorSpec::Lidar(_) => "range_m",
+                SensorSpec::Imu(_) => "density_gyro_radps_rthz",
+                other => panic!("{name} is {other:?}"),
+            };
+            assert!(profile.keys.contains_key(key), "{name}");
+        }
+    }
+
+    /// Noise densities in °/s/√Hz and µg/√Hz, in-run bias stabilities in °/h and µg, as data sheets
+    /// write them; a stability is the floor of the Allan deviation, √(2 ln 2 / π) of the instability.
+    #[test]
+    fn imus_have_the_noise_of_their_data_sheets() {
+        for (name, sheet) in [
+            ("xsens/mti-1", [0.007, 120.0, 10.0, 30.0]),
+            ("xsens/mti-300", [0.01, 60.0, 10.0, 15.0]),
+            ("xsens/mti-630", [0.007, 60.0, 8.0, 10.0]),
+            ("adi/adis16448", [0.0135, 230.0, 14.5, 250.0]),
+        ] {
+            let (_, spec) = read(name).unwrap();
+            let SensorSpec::Imu(spec) = spec else {
+                panic!("{name} is no IMU")
+            };
+            let floor = (2.0 * std::f64::consts::LN_2 / std::f64::consts::PI).sqrt();
+            let found = [
+                spec.density_gyro_radps_rthz[0].to_degrees(),
+                spec.density_accel_mps2_rthz[0] / 9.806_65e-6,
+                (spec.instability_gyro_radps[0] * floor).to_degrees() * 3600.0,
+                spec.instability_accel_mps2[0] * floor / 9.806_65e-6,
+            ];
+            for (found, wanted) in found.into_iter().zip(sheet) {
+                assert!(
+                    (found / wanted - 1.0).abs() < 1e-5,
+                    "{name}: {found} {wanted}"
+                );
+            }
         }
     }
 

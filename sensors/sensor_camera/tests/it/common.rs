@@ -67,6 +67,7 @@ pub fn scene(assets: &Arc<SceneAssets>, dynamics: Vec<DynamicInstance>, nanos: u
         period_nanos: 50_000_000,
         assets: assets.clone(),
         dynamics,
+        past: Default::default(),
         weather: Weather::default(),
         lidar_extinction_per_m: 0.0,
         debug: Vec::new(),

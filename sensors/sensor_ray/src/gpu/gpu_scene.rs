@@ -4,12 +4,12 @@
 use nalgebra::{Isometry3, Point3};
 use sensor_gpu::Gpu;
 
-use super::pairs::{rows_of, shift_from};
+use super::pairs::{pair, rows_of, shift_from};
 use super::shader::STACK_ENTRIES;
 use crate::bvh::{
     Bounds, FIRST_CHILD, MARGIN, NODE_WORDS, Packed, TriangleTree, empty_node, moving_tree,
 };
-use crate::ray_scene::{CHUNK, Labels, RayScene, box_about};
+use crate::ray_scene::{CHUNK, Labels, Leg, NO_LEG, RayScene, box_about};
 
 /// The part of a scene that a GPU cannot hold.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -54,7 +54,36 @@ struct InstanceWords {
     root: u32,
     first_triangle: u32,
     object: u32,
-    reserved: u32,
+    /// Where its legs begin in the buffer, behind all instances; 0 if it stands still.
+    first_leg: u32,
+}
+
+impl InstanceWords {
+    /// A leg in the place of an instance: the later place of the mesh's origin, the way to the
+    /// earlier one and the later rotation, high parts in the first three rows and low parts in the
+    /// others; and the half turn.
+    fn of_leg(leg: &Leg) -> Self {
+        let turn = leg.later.coords;
+        let numbers = [
+            [leg.later_m.x, leg.later_m.y, leg.later_m.z, leg.half_turn.x],
+            [leg.step_m.x, leg.step_m.y, leg.step_m.z, leg.half_turn.y],
+            [turn.x, turn.y, turn.z, turn.w],
+        ];
+        let mut rows = [[0.0; 4]; 6];
+        for (i, row) in numbers.iter().enumerate() {
+            for (j, x) in row.iter().enumerate() {
+                [rows[i][j], rows[i + 3][j]] = pair(*x);
+            }
+        }
+        let [high, low] = pair(leg.half_turn.z);
+        InstanceWords {
+            rows,
+            root: high.to_bits(),
+            first_triangle: low.to_bits(),
+            object: 0,
+            first_leg: 0,
+        }
+    }
 }
 
 /// Buffers of the scene, and what they hold.
@@ -76,6 +105,9 @@ pub(super) struct GpuScene {
     n_levels: u32,
     /// What moves, as it was last uploaded.
     uploaded: Uploaded,
+    /// Ages of the ticks that motion leads through, nanoseconds, and the root of the hierarchy over
+    /// all places on the way.
+    motion: (Vec<u64>, u32),
 }
 
 /// What moves, as it was last uploaded.
@@ -105,7 +137,14 @@ impl GpuScene {
             upper_nodes: UPPER_NODES,
             n_levels: 0,
             uploaded: Uploaded::default(),
+            motion: Default::default(),
         }
+    }
+
+    /// Ages of the ticks that motion leads through, nanoseconds, and the root of the hierarchy over all
+    /// places on the way.
+    pub fn motion(&self) -> (&[u64], u32) {
+        (&self.motion.0, self.motion.1)
     }
 
     /// Uploads what changed; true if a buffer was replaced.
@@ -118,6 +157,7 @@ impl GpuScene {
             return Err(why.clone());
         }
         let mut upper = upper_level(scene);
+        self.motion = (scene.motion.ages_nanos.clone(), upper.swept_root);
         let mut is_new = false;
         if self.loaded != Some(key) || upper.nodes.len() > self.upper_nodes {
             self.loaded = None;
@@ -154,7 +194,7 @@ impl GpuScene {
             .tiles
             .iter()
             .zip(&self.tiles)
-            .filter_map(|(tile, place)| Some(((*place)?, shift_from(&tile.origin_m), 0)));
+            .filter_map(|(tile, place)| Some(((*place)?, shift_from(&tile.origin_m), 0, NO_LEG)));
         let place_of = |mesh_idx: u32| {
             self.meshes[mesh_idx as usize].expect("what has bounds has a hierarchy")
         };
@@ -163,10 +203,12 @@ impl GpuScene {
                 place_of(placed.mesh_idx),
                 placed.mesh_from_world,
                 placed.object.0,
+                placed.first_leg,
             )
         });
         let n_placed = self.tiles.iter().flatten().count() + scene.dynamics.len();
-        let n_bytes = (n_placed * size_of::<InstanceWords>()) as u64;
+        let n_records = n_placed + scene.motion.legs.len();
+        let n_bytes = (n_records * size_of::<InstanceWords>()) as u64;
         let is_new = n_bytes > self.instances.size();
         // Checked before anything is noted as uploaded.
         if is_new {
@@ -176,10 +218,14 @@ impl GpuScene {
             poses, instances, ..
         } = &mut self.uploaded;
         let (mut n, mut changed) = (0, None);
-        for (place, pose, object) in tiles.chain(moving) {
+        for (place, pose, object, leg) in tiles.chain(moving) {
+            let first_leg = match leg {
+                NO_LEG => 0,
+                leg => n_placed as u32 + leg,
+            };
             let is_same = |known: &InstanceWords| {
-                (known.root, known.first_triangle, known.object)
-                    == (place.root, place.first_triangle, object)
+                (known.root, known.first_triangle) == (place.root, place.first_triangle)
+                    && (known.object, known.first_leg) == (object, first_leg)
             };
             if !instances.get(n).is_some_and(is_same) || poses[n] != pose {
                 let words = InstanceWords {
@@ -187,7 +233,7 @@ impl GpuScene {
                     root: place.root,
                     first_triangle: place.first_triangle,
                     object,
-                    reserved: 0,
+                    first_leg,
                 };
                 if n == instances.len() {
                     instances.push(words);
@@ -212,6 +258,17 @@ impl GpuScene {
                 begin,
                 bytemuck::cast_slice(&instances[first..end]),
             );
+        }
+        let legs: Vec<_> = scene
+            .motion
+            .legs
+            .iter()
+            .map(InstanceWords::of_leg)
+            .collect();
+        if !legs.is_empty() {
+            let begin = (n_placed * size_of::<InstanceWords>()) as u64;
+            gpu.queue()
+                .write_buffer(&self.instances, begin, bytemuck::cast_slice(&legs));
         }
         Ok(is_new)
     }
@@ -314,8 +371,15 @@ fn n_levels(scene: &RayScene) -> u32 {
         .unwrap_or(0)
 }
 
-/// The hierarchy over the tiles of scenery and the moving instances, in world space.
-fn upper_level(scene: &RayScene) -> Packed {
+/// The hierarchies over the tiles of scenery and the moving instances, in world space: as they are
+/// at the tick, and behind it, if anything moved, over all places on the way.
+struct Upper {
+    nodes: Vec<[u32; NODE_WORDS]>,
+    n_levels: u32,
+    swept_root: u32,
+}
+
+fn upper_level(scene: &RayScene) -> Upper {
     let (mut boxes, mut ends) = (
         Vec::<Bounds>::with_capacity(scene.scenery.tiles.len() + scene.dynamics.len()),
         Vec::new(),
@@ -339,8 +403,35 @@ fn upper_level(scene: &RayScene) -> Packed {
             .map(|placed| scene.bounds_of(placed, &Point3::origin())),
     );
     ends.extend(scene.actor_ends.iter().map(|end| first + end));
-    let tree = moving_tree(&boxes, &ends);
-    Packed::in_place(&tree, MARGIN * tree.reach)
+    let packed = |boxes: &[Bounds]| {
+        let tree = moving_tree(boxes, &ends);
+        Packed::in_place(&tree, MARGIN * tree.reach)
+    };
+    let Packed {
+        mut nodes,
+        mut n_levels,
+        ..
+    } = packed(&boxes);
+    let swept_root = nodes.len() as u32;
+    if !scene.motion.legs.is_empty() {
+        let swept = scene.swept_boxes(&boxes[first as usize..], &Point3::origin());
+        boxes.splice(first as usize.., swept);
+        let swept = packed(&boxes);
+        n_levels = n_levels.max(swept.n_levels);
+        nodes.extend(swept.nodes.iter().map(|node| below(node, swept_root)));
+    }
+    Upper {
+        nodes,
+        n_levels,
+        swept_root,
+    }
+}
+
+/// A node whose children are numbered from `root` on.
+fn below(node: &[u32; NODE_WORDS], root: u32) -> [u32; NODE_WORDS] {
+    let mut node = *node;
+    node[FIRST_CHILD] += root;
+    node
 }
 
 /// Appends a hierarchy and its triangles: three corners each, with object and class beside the
@@ -359,11 +450,7 @@ fn append(
         root: nodes.len() as u32,
         first_triangle: triangles.len() as u32 / 3,
     };
-    nodes.extend(packed.nodes.iter().map(|node| {
-        let mut node = *node;
-        node[FIRST_CHILD] += place.root;
-        node
-    }));
+    nodes.extend(packed.nodes.iter().map(|node| below(node, place.root)));
     for (number, corners) in packed.items.iter().zip(&packed.corners) {
         push_triangle(triangles, corners, labels(*number));
     }

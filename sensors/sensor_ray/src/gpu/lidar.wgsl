@@ -15,7 +15,8 @@ struct Instance {
     root: u32,
     first_triangle: u32,
     object: u32,
-    reserved: u32,
+    // Where its legs begin among the instances; 0 if it stands still.
+    first_leg: u32,
 }
 
 // One lidar. submission.rs explains the fields.
@@ -43,11 +44,11 @@ struct Lidar {
     keep_limit: f32,
     dropoff_intensity_limit: f32,
     dropoff_zero_intensity_ratio: f32,
-    reserved: u32,
+    root: u32,
     output: u32,
     first_out: u32,
     first_cleared: u32,
-    reserved_end: u32,
+    first_moment: u32,
 }
 
 // Which lidars a dispatch traces and packs; blocks and chunks are those of the lidar that has most.
@@ -194,23 +195,80 @@ fn triangle_distance(at: u32, origin: vec3<f32>, direction: vec3<f32>) -> f32 {
     return dot((u * a + v * b + w * c) / sum, direction);
 }
 
-fn local_origin(instance: u32, origin: Vec3d) -> Vec3d {
-    let high = instances[instance].high;
-    let low = instances[instance].low;
-    return Vec3d(
-        dot3(row(high[0], low[0]), origin) + wide(high[0].w, low[0].w),
-        dot3(row(high[1], low[1]), origin) + wide(high[1].w, low[1].w),
-        dot3(row(high[2], low[2]), origin) + wide(high[2].w, low[2].w),
+// A ray in the space of an instance.
+struct LocalRay {
+    origin: Vec3d,
+    direction: Vec3d,
+}
+
+// When a ray is fired: the leg of the way from tick to tick, counted from the newest, and the share
+// of the way back to its earlier end. The leg `nothing` is the tick itself.
+struct Moment {
+    leg: u32,
+    share: f64,
+}
+
+fn scaled(a: Vec3d, factor: f64) -> Vec3d {
+    return Vec3d(a.x * factor, a.y * factor, a.z * factor);
+}
+
+fn plus(a: Vec3d, b: Vec3d) -> Vec3d {
+    return Vec3d(a.x + b.x, a.y + b.y, a.z + b.z);
+}
+
+// Turns a vector by the inverse of a unit quaternion.
+fn turned_back(w: f64, axis: Vec3d, v: Vec3d) -> Vec3d {
+    let across = cross3(axis, v);
+    return plus(v, scaled(minus(cross3(axis, across), scaled(across, w)), 2.0lf));
+}
+
+// The ray in the space of an instance where it is on a leg of its way; motion.rs has the same on the
+// CPU.
+fn local_ray_on(leg: u32, share: f64, origin: Vec3d, direction: Vec3d) -> LocalRay {
+    let high = instances[leg].high;
+    let low = instances[leg].low;
+    let place = plus(row(high[0], low[0]), scaled(row(high[1], low[1]), share));
+    let half_turn = Vec3d(
+        wide(high[0].w, low[0].w),
+        wide(high[1].w, low[1].w),
+        wide(bitcast<f32>(instances[leg].root), bitcast<f32>(instances[leg].first_triangle)),
     );
+    // Cosine of the half angle, and its sine over it.
+    let square = dot3(half_turn, half_turn) * share * share;
+    var cosine = 1.0lf;
+    var ratio = 1.0lf;
+    for (var n = 20u; n > 0u; n -= 2u) {
+        let even = f64(n);
+        cosine = 1.0lf - cosine * square / ((even - 1.0lf) * even);
+        ratio = 1.0lf - ratio * square / (even * (even + 1.0lf));
+    }
+    let later = row(high[2], low[2]);
+    let later_w = wide(high[2].w, low[2].w);
+    let axis = scaled(half_turn, ratio * share);
+    let w = later_w * cosine - dot3(later, axis);
+    let turn = plus(plus(scaled(axis, later_w), scaled(later, cosine)), cross3(later, axis));
+    return LocalRay(turned_back(w, turn, minus(origin, place)), turned_back(w, turn, direction));
 }
 
-fn local_direction(instance: u32, direction: Vec3d) -> Vec3d {
+fn local_ray(instance: u32, moment: Moment, origin: Vec3d, direction: Vec3d) -> LocalRay {
+    let first_leg = instances[instance].first_leg;
+    if (first_leg != 0u && moment.leg != nothing) {
+        return local_ray_on(first_leg + moment.leg, moment.share, origin, direction);
+    }
     let high = instances[instance].high;
     let low = instances[instance].low;
-    return Vec3d(dot3(row(high[0], low[0]), direction), dot3(row(high[1], low[1]), direction), dot3(row(high[2], low[2]), direction));
+    let x = row(high[0], low[0]);
+    let y = row(high[1], low[1]);
+    let z = row(high[2], low[2]);
+    let local_origin = Vec3d(
+        dot3(x, origin) + wide(high[0].w, low[0].w),
+        dot3(y, origin) + wide(high[1].w, low[1].w),
+        dot3(z, origin) + wide(high[2].w, low[2].w),
+    );
+    return LocalRay(local_origin, Vec3d(dot3(x, direction), dot3(y, direction), dot3(z, direction)));
 }
 
-fn cast_ray(origin_in_world: Vec3d, direction_in_world: Vec3d, limit: f32, ignored: u32) -> Found {
+fn cast_ray(origin_in_world: Vec3d, direction_in_world: Vec3d, moment: Moment, limit: f32, ignored: u32, upper_root: u32) -> Found {
     var found = Found(limit, nothing, nothing);
     let world_origin = narrowed(origin_in_world);
     let world_direction = narrowed(direction_in_world);
@@ -227,7 +285,7 @@ fn cast_ray(origin_in_world: Vec3d, direction_in_world: Vec3d, limit: f32, ignor
     var depth = 0u;
     // Depth of the stack at which the walk of the current instance ends.
     var instance_depth = 0u;
-    var group = root(0u, order);
+    var group = root(upper_root, order);
     loop {
         if ((group.y & is_instances) != 0u) {
             let next = group.x + firstTrailingBit(group.y);
@@ -241,8 +299,9 @@ fn cast_ray(origin_in_world: Vec3d, direction_in_world: Vec3d, limit: f32, ignor
                 instance = next;
                 instance_depth = depth;
                 first_triangle = instances[next].first_triangle;
-                origin = narrowed(local_origin(next, origin_in_world));
-                direction = narrowed(local_direction(next, direction_in_world));
+                let local = local_ray(next, moment, origin_in_world, direction_in_world);
+                origin = narrowed(local.origin);
+                direction = narrowed(local.direction);
                 inverse = inverse3(direction);
                 order = order_of(direction);
                 group = root(instances[next].root, order);
@@ -386,7 +445,14 @@ fn trace_block(lidar: u32, block: u32, lane: u32) {
     );
     let range_high_m = lidars[lidar].range_high_m;
     // A little more than the range: the exact distance decides.
-    let found = cast_ray(origin, direction, range_high_m * 1.000001 + 1e-3, lidars[lidar].ignored);
+    var moment = Moment(nothing, 0.0lf);
+    if (lidars[lidar].first_moment != nothing) {
+        let of_column = tables[lidars[lidar].first_moment + column];
+        if (of_column.x >= 0.0) {
+            moment = Moment(u32(of_column.x), wide(of_column.y, of_column.z));
+        }
+    }
+    let found = cast_ray(origin, direction, moment, range_high_m * 1.000001 + 1e-3, lidars[lidar].ignored, lidars[lidar].root);
     if (found.triangle == nothing) {
         put_lost(lidar, ray);
         return;
@@ -395,11 +461,11 @@ fn trace_block(lidar: u32, block: u32, lane: u32) {
     let b4 = triangles[3u * found.triangle + 1u];
     let a = widened(bitcast<vec3<f32>>(a4.xyz));
     let normal = cross3(minus(widened(bitcast<vec3<f32>>(b4.xyz)), a), minus(widened(bitcast<vec3<f32>>(triangles[3u * found.triangle + 2u].xyz)), a));
-    let local = local_direction(found.instance, direction);
-    let slope = dot3(normal, local);
+    let local = local_ray(found.instance, moment, origin, direction);
+    let slope = dot3(normal, local.direction);
     var distance = f64(found.distance);
     if (slope != 0.0lf) {
-        let plane = dot3(normal, minus(a, local_origin(found.instance, origin))) / slope;
+        let plane = dot3(normal, minus(a, local.origin)) / slope;
         // A sliver has no well-defined plane: its f32 distance counts.
         if (abs(f32(plane) - found.distance) <= 0.01 + 0.01 * found.distance) {
             distance = max(plane, 0.0lf);

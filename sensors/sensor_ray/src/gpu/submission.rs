@@ -7,7 +7,8 @@ use sensor_spec::LidarSpec;
 
 use super::pairs::{pair, pair_of_pairs, rows};
 use super::shader::CHUNK_RAYS;
-use crate::lidar::{Lidar, SensorPath, column_poses, keep_limit};
+use crate::lidar::{Lidar, SensorPath, Times, column_poses, keep_limit};
+use crate::ray_scene::Moment;
 
 /// One frame of one lidar that is to be cast.
 #[derive(Debug)]
@@ -23,6 +24,9 @@ pub struct ScanJob<'l, 'p> {
     /// Where the points go; must have room for a point per ray.
     pub place: Place<'p>,
 }
+
+/// Stands for the moments of a lidar that has none.
+pub(super) const ALL_AT_ONCE: u32 = u32::MAX;
 
 /// A lidar as the shader reads it.
 #[repr(C)]
@@ -58,14 +62,17 @@ pub(super) struct LidarWords {
     keep_limit: f32,
     dropoff_intensity_limit: f32,
     dropoff_zero_intensity_ratio: f32,
-    reserved: u32,
+    /// Root of the hierarchy over instances that its rays walk.
+    root: u32,
     /// Which output its points go to.
     output: u32,
     /// First word there.
     first_out: u32,
     /// First of the counts that its packing clears for the next submission.
     first_cleared: u32,
-    reserved_end: u32,
+    /// First row of the moments of its columns in the tables; [`ALL_AT_ONCE`] if its rays see
+    /// everything as it is at the tick.
+    first_moment: u32,
 }
 
 impl LidarWords {
@@ -119,7 +126,15 @@ pub(super) struct Submission {
 
 impl Submission {
     /// Adds a job and returns where its points go.
-    pub fn add<'p>(&mut self, job: ScanJob<'_, 'p>) -> Place<'p> {
+    ///
+    /// `ages_nanos` are those of the ticks that the scene's motion leads through, and `swept_root` is
+    /// the root of the hierarchy over all places on the way.
+    pub fn add<'p>(
+        &mut self,
+        job: ScanJob<'_, 'p>,
+        ages_nanos: &[u64],
+        swept_root: u32,
+    ) -> Place<'p> {
         let ScanJob {
             lidar,
             path,
@@ -128,6 +143,7 @@ impl Submission {
             place,
         } = job;
         let spec = lidar.spec().clone();
+        let past_nanos = lidar.past_nanos();
         let beams = lidar.aim();
         let (n_channels, n_columns) = (beams.elevations.len() as u32, beams.azimuths.len() as u32);
         let first_elevation = self.tables.len() as u32;
@@ -140,6 +156,22 @@ impl Submission {
         for pose in &poses {
             self.tables
                 .extend(rows(&pose.world_from_sensor, &pose.origin_m.coords));
+        }
+        let times = Times::new(&spec, n_columns as usize, past_nanos);
+        let times = times.filter(|_| !ages_nanos.is_empty());
+        let (root, first_moment) = match &times {
+            Some(_) => (swept_root, self.tables.len() as u32),
+            None => (0, ALL_AT_ONCE),
+        };
+        if let Some(times) = &times {
+            let columns = 0..n_columns;
+            self.tables.extend(columns.map(|column| {
+                let moment = Moment::at(ages_nanos, times.age_of_column(column));
+                // −1 stands for the tick itself.
+                let (leg, share) = moment.map_or((-1.0, 0.0), |at| (at.leg as f32, at.share));
+                let [high, low] = pair(share);
+                [leg, high, low, 0.0]
+            }));
         }
         let (n_rays, point_words) = (n_channels * n_columns, if spec.semantic { 6 } else { 4 });
         let n_chunks = n_rays.div_ceil(CHUNK_RAYS).max(1);
@@ -165,11 +197,11 @@ impl Submission {
             keep_limit: keep_limit(&spec) as f32,
             dropoff_intensity_limit: spec.dropoff_intensity_limit as f32,
             dropoff_zero_intensity_ratio: spec.dropoff_zero_intensity_ratio as f32,
-            reserved: 0,
+            root,
             output: 0,
             first_out: 0,
             first_cleared: 0,
-            reserved_end: 0,
+            first_moment,
         });
         self.n_words += n_rays * point_words;
         self.n_chunks += n_chunks;

@@ -8,8 +8,8 @@ use schema_frames::{LidarPoint, LidarReturn, SemanticLidarPoint};
 use schema_types::noise::Noise;
 use sensor_spec::LidarSpec;
 
-use crate::ray_scene::RayScene;
-use crate::rays::{Bundle, GROUP, Hits, distances_m, surface};
+use crate::ray_scene::{Moment, RayScene};
+use crate::rays::{Bundle, GROUP, Hits, WorldRay, distances_m, surface};
 
 /// Channel number of a ray without a return; real ones are below 256.
 const LOST: u16 = u16::MAX;
@@ -33,6 +33,8 @@ pub(crate) struct Returns<'a> {
     pub channels: [u16; GROUP],
     /// When the rays are fired, nanoseconds from the turn's last firing.
     pub fired_nanos: [i32; GROUP],
+    /// The same as moments of what moves; `None` sees it as it is at the tick.
+    pub moments: [Option<Moment>; GROUP],
 }
 
 impl Returns<'_> {
@@ -131,6 +133,7 @@ impl Point for LidarPoint {
             *group,
             origin_m,
             &returns.directions_in_world,
+            &returns.moments,
         );
         let is_return = distances_m.map(|distance_m| returns.is_in_range(distance_m));
         if spec.noise_range_stddev_m > 0.0 || spec.range_resolution_m > 0.0 {
@@ -206,14 +209,12 @@ impl Point for SemanticLidarPoint {
         } = returns;
         for (lane, point) in points.iter_mut().enumerate().take(GROUP) {
             let forward = Vector3::new(x[lane], y[lane], z[lane]);
-            let hit = surface(
-                scene,
-                hits,
-                bundle,
-                group * GROUP + lane,
+            let ray = WorldRay {
                 origin_m,
-                &forward,
-            );
+                direction: &forward,
+                moment: returns.moments[lane],
+            };
+            let hit = surface(scene, hits, bundle, group * GROUP + lane, &ray);
             *point = match hit.filter(|hit| returns.is_in_range(hit.distance_m)) {
                 Some(hit) => SemanticLidarPoint {
                     hit_in_sensor_m: returns.at(lane, hit.distance_m),
@@ -268,8 +269,12 @@ impl Point for LidarReturn {
         for (lane, point) in points.iter_mut().enumerate().take(GROUP) {
             *point = Self::lost();
             let forward = Vector3::new(x[lane], y[lane], z[lane]);
-            let ray = group * GROUP + lane;
-            let hit = surface(scene, hits, bundle, ray, origin_m, &forward);
+            let ray = WorldRay {
+                origin_m,
+                direction: &forward,
+                moment: returns.moments[lane],
+            };
+            let hit = surface(scene, hits, bundle, group * GROUP + lane, &ray);
             let Some(hit) = hit.filter(|hit| returns.is_in_range(hit.distance_m)) else {
                 continue;
             };

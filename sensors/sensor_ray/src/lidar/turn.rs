@@ -9,9 +9,9 @@ use sensor_core::vector_lanes::{LaneWork, Lanes, in_lanes};
 use sensor_spec::LidarSpec;
 
 use super::beams::{Beams, Bunch};
-use super::path::Pose;
+use super::path::{Pose, Times};
 use super::points::{Point, Returns};
-use crate::ray_scene::RayScene;
+use crate::ray_scene::{Moment, RayScene};
 use crate::rays::{Caster, GROUP, Hits, Stacks};
 
 /// Casting rays, on whatever threads it is done.
@@ -26,6 +26,8 @@ pub(crate) struct Turn<'a> {
     pub spec: &'a LidarSpec,
     pub beams: &'a Beams,
     pub poses: Vec<Pose>,
+    /// When its rays are fired; `None` if they see everything as it is at the tick.
+    pub times: Option<Times>,
     pub noise: Noise,
     pub ignored: Option<ActorId>,
 }
@@ -41,6 +43,7 @@ impl Turn<'_> {
                 let caster = Caster {
                     scene: self.scene,
                     ignored: self.ignored,
+                    moment: None,
                     stacks: std::mem::take(stacks),
                 };
                 *stacks = in_lanes(Task {
@@ -78,6 +81,10 @@ impl Turn<'_> {
             }
         }
         hits.begin::<L>();
+        let ages_nanos = &self.scene.motion.ages_nanos;
+        let times = self.times.as_ref().filter(|_| !ages_nanos.is_empty());
+        caster.moment =
+            times.and_then(|times| Moment::at(ages_nanos, times.age_of_column(rays[0].1)));
         caster.cast::<L>(&origin_m, &pose.world_from_sensor, bundle, &mut hits);
         for (group, (rays, points)) in rays
             .chunks_exact(GROUP)
@@ -98,8 +105,15 @@ impl Turn<'_> {
                 rays: [0; GROUP],
                 channels: [0; GROUP],
                 fired_nanos: [0; GROUP],
+                moments: [caster.moment; GROUP],
             };
             self.aim(rays, &pose.world_from_sensor, &mut returns);
+            if let Some(times) = times.filter(|times| times.differ_in_columns()) {
+                for (moment, beam) in returns.moments.iter_mut().zip(rays) {
+                    let age_nanos = times.age_of_ray(self.beams.fired_nanos(*beam));
+                    *moment = Moment::at(ages_nanos, age_nanos);
+                }
+            }
             P::write(&returns, points);
         }
     }

@@ -14,6 +14,9 @@ const BOX_MARGIN_M: f64 = 2e-3;
 /// an `f32`.
 const MAX_M: f64 = 1e18;
 
+/// [`Placed::first_leg`] of what stands still.
+pub(crate) const NO_LEG: u32 = u32::MAX;
+
 /// A mesh at a place in the world.
 #[derive(Debug)]
 pub(crate) struct Placed {
@@ -22,6 +25,8 @@ pub(crate) struct Placed {
     pub mesh_from_world: Isometry3<f64>,
     pub object: ObjectId,
     pub velocity_in_world_mps: Vector3<f64>,
+    /// First leg of its way through the ticks before; [`NO_LEG`] if it stands still.
+    pub first_leg: u32,
 }
 
 impl Placed {
@@ -34,6 +39,7 @@ impl Placed {
             mesh_from_world: world_from_mesh.inverse(),
             object,
             velocity_in_world_mps: Vector3::zeros(),
+            first_leg: NO_LEG,
         }
     }
 

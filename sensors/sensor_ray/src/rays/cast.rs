@@ -6,7 +6,7 @@ use sensor_core::vector_lanes::in_lanes;
 
 use super::bundle::{Bundle, Hits};
 use super::caster::{Caster, OneBundle, Stacks};
-use super::hit::{Hit, surface};
+use super::hit::{Hit, WorldRay, surface};
 use crate::ray_scene::RayScene;
 
 /// Two surfaces that lie nearer to one another along a ray than this may count as one, metres.
@@ -35,6 +35,7 @@ impl RayScene {
         let mut caster = Caster {
             scene: self,
             ignored,
+            moment: None,
             stacks: Stacks::default(),
         };
         let bundle = Bundle::new(&[Some(*direction)])?;
@@ -45,7 +46,12 @@ impl RayScene {
             bundle: &bundle,
             hits: &mut hits,
         });
-        surface(self, &hits, &bundle, 0, origin_m, direction).filter(|hit| hit.distance_m <= max_m)
+        let ray = WorldRay {
+            origin_m,
+            direction,
+            moment: None,
+        };
+        surface(self, &hits, &bundle, 0, &ray).filter(|hit| hit.distance_m <= max_m)
     }
 
     /// Every surface along a ray, nearest first, at most `max_hits`; distances are from `origin_m`.

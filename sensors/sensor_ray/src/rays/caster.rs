@@ -6,7 +6,7 @@ use sensor_core::vector_lanes::{LaneWork, Lanes};
 
 use super::bundle::{Bundle, Hits};
 use super::walk::{BundleAxes, Leaves, Stack, walk};
-use crate::ray_scene::RayScene;
+use crate::ray_scene::{Moment, RayScene};
 
 /// Casts bundles of rays into a scene, one after the other.
 #[derive(Debug)]
@@ -14,6 +14,8 @@ pub(crate) struct Caster<'s> {
     pub scene: &'s RayScene,
     /// Rays pass through the parts of this actor.
     pub ignored: Option<ActorId>,
+    /// When the next rays are fired; `None` is at the tick.
+    pub moment: Option<Moment>,
     pub stacks: Stacks,
 }
 
@@ -54,12 +56,17 @@ impl Caster<'_> {
         let mut instances = Instances {
             scene,
             ignored,
+            moment: self.moment,
             origin_m,
             basis: &basis,
             stack: &mut self.stacks.triangles,
         };
+        let tree = match self.moment {
+            Some(_) => &scene.swept_tree,
+            None => &scene.dynamics_tree,
+        };
         walk::<L>(
-            &scene.dynamics_tree,
+            tree,
             &axes,
             bundle,
             hits,
@@ -73,6 +80,7 @@ impl Caster<'_> {
 struct Instances<'s> {
     scene: &'s RayScene,
     ignored: Option<ObjectId>,
+    moment: Option<Moment>,
     origin_m: &'s Point3<f64>,
     basis: &'s [Vector3<f64>; 3],
     stack: &'s mut Stack,
@@ -91,12 +99,19 @@ impl Leaves for Instances<'_> {
         let Some(tree) = &self.scene.mesh_trees[placed.mesh_idx as usize] else {
             return;
         };
-        let rotation: Matrix3<f64> = *placed
-            .mesh_from_world
-            .rotation
-            .to_rotation_matrix()
-            .matrix();
-        let origin = rotation * self.origin_m.coords + placed.mesh_from_world.translation.vector;
+        let (rotation, origin): (Matrix3<f64>, _) = match self.scene.motion.leg(placed, self.moment)
+        {
+            Some((leg, share)) => {
+                let (at_m, rotation) = leg.at(share);
+                (rotation, rotation * (self.origin_m.coords - at_m))
+            }
+            None => {
+                let mesh_from_world = &placed.mesh_from_world;
+                let rotation = *mesh_from_world.rotation.to_rotation_matrix().matrix();
+                let origin = rotation * self.origin_m.coords + mesh_from_world.translation.vector;
+                (rotation, origin)
+            }
+        };
         let axes = BundleAxes::new(&origin, &self.basis.map(|axis| rotation * axis));
         tree.intersect::<L>(
             &axes,
@@ -177,6 +192,7 @@ mod tests {
                 let mut caster = Caster {
                     scene: &scene,
                     ignored: None,
+                    moment: None,
                     stacks: Stacks::default(),
                 };
                 let work = OneBundle {

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use schema_types::{Class, ObjectId};
 
 use super::bundle::{Bundle, GROUP, Hits, NOWHERE};
-use crate::ray_scene::RayScene;
+use crate::ray_scene::{Moment, RayScene};
 
 /// What a ray hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,22 +41,31 @@ fn exact(plane_m: f64, found_m: f64) -> f64 {
     }
 }
 
-/// What a ray of a bundle has hit; `direction` is its unit vector in the world.
+/// A ray in the world.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct WorldRay<'a> {
+    pub origin_m: &'a Point3<f64>,
+    /// Unit vector.
+    pub direction: &'a Vector3<f64>,
+    /// When it is fired; `None` is at the tick.
+    pub moment: Option<Moment>,
+}
+
+/// What a ray of a bundle has hit.
 #[inline(always)]
 pub(crate) fn surface(
     scene: &RayScene,
     hits: &Hits,
     bundle: &Bundle,
-    ray: usize,
-    origin_m: &Point3<f64>,
-    direction: &Vector3<f64>,
+    number: usize,
+    ray: &WorldRay<'_>,
 ) -> Option<Hit> {
-    let (place, slot, found_m) = found(hits, bundle, ray)?;
-    Some(resolve(scene, place, slot, found_m, origin_m, direction))
+    let (place, slot, found_m) = found(hits, bundle, number)?;
+    Some(resolve(scene, place, slot, found_m, ray))
 }
 
 /// How far away the hits of a group are; NaN without one. `directions` are unit vectors in the
-/// world, an axis at a time.
+/// world, an axis at a time; `moments` say when the rays are fired.
 #[inline(always)]
 pub(crate) fn distances_m(
     scene: &RayScene,
@@ -65,6 +74,7 @@ pub(crate) fn distances_m(
     group: usize,
     origin_m: &Point3<f64>,
     directions: &[[f64; GROUP]; 3],
+    moments: &[Option<Moment>; GROUP],
 ) -> [f64; GROUP] {
     let mut corners = [[[0.0f64; GROUP]; 3]; 3];
     let mut found_m = [f64::NAN; GROUP];
@@ -100,23 +110,25 @@ pub(crate) fn distances_m(
                 directions[2][lane],
             );
             let (place, slot) = (hits.place[group][lane], hits.slot[group][lane]);
-            distances_m[lane] =
-                resolve(scene, place, slot, found_m[lane], origin_m, &direction).distance_m;
+            let ray = WorldRay {
+                origin_m,
+                direction: &direction,
+                moment: moments[lane],
+            };
+            distances_m[lane] = resolve(scene, place, slot, found_m[lane], &ray).distance_m;
         }
     }
     distances_m
 }
 
 /// Looks up what was hit and computes the exact distance in `f64`: to the plane of the mesh's own
-/// triangle, in the mesh's space.
-fn resolve(
-    scene: &RayScene,
-    place: u32,
-    slot: u32,
-    found_m: f64,
-    origin_m: &Point3<f64>,
-    direction: &Vector3<f64>,
-) -> Hit {
+/// triangle, in the mesh's space when the ray is fired.
+fn resolve(scene: &RayScene, place: u32, slot: u32, found_m: f64, ray: &WorldRay<'_>) -> Hit {
+    let WorldRay {
+        origin_m,
+        direction,
+        moment,
+    } = *ray;
     let (placed, triangle) = match scene.scenery.tiles.get(place as usize) {
         Some(tile) => {
             let (instance, triangle) = tile.sources[tile.tree.number(slot) as usize];
@@ -134,20 +146,34 @@ fn resolve(
     let vertices = mesh.triangle(triangle as usize);
     let [v0, v1, v2] = vertices.map(|vertex| Point3::from(vertex.position_m.map(f64::from)));
     let normal = (v1 - v0).cross(&(v2 - v0));
-    let (origin, forward) = (
-        placed.mesh_from_world * origin_m,
-        placed.mesh_from_world.rotation * direction,
-    );
+    let leg = scene
+        .motion
+        .leg(placed, moment)
+        .map(|(leg, share)| leg.at(share));
+    let (origin, forward) = match &leg {
+        Some((at_m, mesh_from_world)) => (
+            mesh_from_world * (origin_m - at_m),
+            mesh_from_world * direction,
+        ),
+        None => (
+            placed.mesh_from_world * origin_m,
+            placed.mesh_from_world.rotation * direction,
+        ),
+    };
     let slope = normal.dot(&forward);
     let plane_m = normal.dot(&(v0 - origin)) / slope;
     let outwards = if slope > 0.0 { -normal } else { normal };
     let [first, ..] = vertices;
     Hit {
         distance_m: exact(plane_m, found_m),
-        normal_in_world: placed
-            .mesh_from_world
-            .rotation
-            .inverse_transform_vector(&outwards)
+        normal_in_world: leg
+            .map_or_else(
+                || {
+                    let rotation = &placed.mesh_from_world.rotation;
+                    rotation.inverse_transform_vector(&outwards)
+                },
+                |(_, mesh_from_world)| mesh_from_world.tr_mul(&outwards),
+            )
             .try_normalize(0.0)
             .unwrap_or(-direction),
         class: Class(first.class),

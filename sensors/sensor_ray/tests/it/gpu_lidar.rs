@@ -15,7 +15,7 @@ use nalgebra::{Isometry3, Vector3};
 use schema_frames::{LidarPoint, SemanticLidarPoint};
 use schema_types::noise::Noise;
 use schema_types::{ActorId, Class, ObjectId};
-use sensor_core::{SceneAssets, StaticInstance};
+use sensor_core::{Past, SceneAssets, StaticInstance};
 use sensor_gpu::{Gpu, GpuOptions, Place, ShmTarget};
 use sensor_ray::lidar::azimuth_rad;
 use sensor_ray::{GpuRayOptions, GpuRays, Lidar, RayScene, ScanJob, ScanOutcome, SensorPath};
@@ -123,7 +123,7 @@ fn semantic_turns_agree_with_brute_force_to_a_millimetre() {
         scene = {
             let _ = scene;
             let mut scene = RayScene::load_for_gpu(&assets);
-            scene.update_for_gpu(&dynamics);
+            scene.update_for_gpu(&dynamics, &Past::default());
             scene
         };
         let mut everything: Vec<_> = assets

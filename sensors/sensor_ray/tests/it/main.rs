@@ -7,3 +7,4 @@ mod gpu_lidar;
 mod lidar;
 mod radar;
 mod rays;
+mod time_of_ray;

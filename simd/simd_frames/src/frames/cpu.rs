@@ -5,9 +5,9 @@ use nalgebra::Vector3;
 use schema_bus::FrameLoan;
 use schema_frames::{CollisionEvent, LaneCrossing, ObstacleEvent};
 use schema_roads::RoadMap;
-use sensor_core::imu::STANDARD_GRAVITY_MPS2;
+use sensor_core::imu::{ImuNoise, STANDARD_GRAVITY_MPS2};
 use sensor_core::lane_marks::PaintedLines;
-use sensor_core::{gnss, imu};
+use sensor_core::{Drift, gnss, imu};
 use sensor_ray::{BallFilter, RadarPose, RayScene, radar};
 use sensor_spec::{MAX_EVENTS_PER_TICK, ObstacleSpec, SensorSpec};
 
@@ -87,17 +87,20 @@ pub(super) fn motion(shot: &Shot<'_>, sensor: &mut Sensor) -> bool {
         return false;
     };
     match (&mut sensor.model, &sensor.spec) {
-        (Model::Imu(motion), SensorSpec::Imu(spec)) => {
-            let mount = shot
-                .due
-                .carrier
-                .body
-                .world_from_vehicle
-                .inv_mul(&shot.world_from_sensor);
-            let input = motion
-                .at(&mount, STANDARD_GRAVITY_MPS2)
+        (Model::Imu(state), SensorSpec::Imu(spec)) => {
+            let felt = state
+                .at(&shot.due.carrier.mount(), STANDARD_GRAVITY_MPS2)
                 .expect("a state was pushed in this tick");
-            put(&mut loan, &[imu::sample(spec, &input, shot.noise)]);
+            let noise = ImuNoise {
+                of_tick: shot.noise,
+                drift: Drift {
+                    seed: shot.tick.stamp.seed,
+                    stream: sensor.stream.number(),
+                    age_nanos: shot.tick.scene.sim_time.0 - sensor.schedule.made_at().0,
+                },
+                window_secs: shot.due.firing.window_nanos as f64 * 1e-9,
+            };
+            put(&mut loan, &[imu::sample(spec, &felt, &noise)]);
         }
         (Model::Gnss, SensorSpec::Gnss(spec)) => {
             let place = shot.world_from_sensor.translation.vector.into();

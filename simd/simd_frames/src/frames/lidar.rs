@@ -256,7 +256,14 @@ fn aim(shot: &Shot<'_>, sensor: &mut Sensor, caster: Writer) -> Option<Aimed> {
         world_from_sensor: shot.world_from_sensor,
     };
     lidar.set_extinction(scene.lidar_extinction_per_m);
-    lidar.set_window(shot.due.firing.window_nanos);
+    let firing = shot.due.firing;
+    lidar.set_window(firing.window_nanos);
+    // Before its first firing a lidar saw nothing, whatever others have seen.
+    lidar.set_past(match (firing.previous, lidar.spec().scan) {
+        (None, _) => 0,
+        (Some(_), LidarScan::Turn) => firing.window_nanos,
+        (Some(_), LidarScan::Sweep) => scene.period_nanos,
+    });
     header.range_limit_m = lidar.spec().range_m as f32;
     header.n_channels = lidar.spec().channels;
     header.azimuth_rad = lidar.head_rad() as f32;

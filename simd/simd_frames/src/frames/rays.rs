@@ -101,7 +101,7 @@ impl Rays {
         let (Some(gpu), Some(rays)) = (&mut self.lidar_gpu, &mut self.scene) else {
             return None;
         };
-        rays.update_for_gpu(&scene.dynamics);
+        rays.update_for_gpu(&scene.dynamics, &scene.past);
         if let Err(why) = gpu.update(rays) {
             if !std::mem::replace(&mut self.lidars_were_refused, true) {
                 tracing::warn!(
@@ -138,7 +138,7 @@ impl TickRays<'_> {
             .as_mut()
             .expect("loaded with the map because there is a sensor that casts rays");
         if !std::mem::replace(&mut self.is_current, true) {
-            rays.update(&self.tick.dynamics);
+            rays.update_moving(&self.tick.dynamics, &self.tick.past);
         }
         rays
     }

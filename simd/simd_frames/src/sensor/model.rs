@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 use schema_frames::RadarDetection;
 use sensor_camera::{View, ViewSpec};
-use sensor_core::imu::BodyMotion;
+use sensor_core::imu::{ImuState, STANDARD_GRAVITY_MPS2};
 use sensor_core::lane_marks::Corners;
 use sensor_ray::Lidar;
 use sensor_spec::SensorSpec;
@@ -26,7 +26,7 @@ pub enum Model {
     /// Radar: memory of its last detections.
     Radar(Vec<RadarDetection>),
     /// IMU: the motion of the body it sits on.
-    Imu(BodyMotion),
+    Imu(ImuState),
     /// GNSS.
     Gnss,
     /// Obstacle detector.
@@ -57,7 +57,7 @@ impl Model {
                 previous: None,
                 ticks: [None; 2],
             },
-            SensorSpec::Imu(_) => Model::Imu(BodyMotion::default()),
+            SensorSpec::Imu(imu) => Model::Imu(ImuState::new(imu)),
             SensorSpec::Gnss(_) => Model::Gnss,
             SensorSpec::Radar(_) => Model::Radar(Vec::new()),
             SensorSpec::Obstacle(_) => Model::Obstacle,
@@ -79,6 +79,11 @@ impl Model {
         matches!(self, Model::Imu(_) | Model::Gnss)
     }
 
+    /// Whether its rays see what moves where it was when they were fired.
+    pub fn looks_back(&self) -> bool {
+        matches!(self, Model::Lidar { lidar, .. } if lidar.spec().motion_distortion)
+    }
+
     /// Whether a frame of it takes much of a tick.
     pub fn is_costly(&self) -> bool {
         matches!(self, Model::View(_) | Model::Lidar { .. })
@@ -87,7 +92,9 @@ impl Model {
     /// Takes note of a tick, whether the sensor fires or not.
     pub fn follow(&mut self, carrier: &Carrier) {
         match self {
-            Model::Imu(motion) => motion.push(carrier.body),
+            Model::Imu(state) => {
+                state.push(carrier.body, &carrier.mount(), STANDARD_GRAVITY_MPS2);
+            }
             Model::Lidar { ticks, .. } => {
                 *ticks = [ticks[1], Some(carrier.world_from_sensor.isometry())]
             }
@@ -107,7 +114,7 @@ impl Model {
                 lidar.reset();
                 (*previous, *ticks) = (None, [None; 2]);
             }
-            Model::Imu(motion) => motion.reset(),
+            Model::Imu(state) => state.reset(),
             Model::LaneInvasion { corners } => *corners = None,
             Model::Radar(_) | Model::Gnss | Model::Obstacle | Model::Collision => {}
         }

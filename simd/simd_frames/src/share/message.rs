@@ -8,7 +8,7 @@ use schema_frames::document::Weather;
 use schema_frames::{SceneFiring, SceneHeader, SceneInstance, SceneStroke};
 use schema_types::{ActorId, Pose, SimTime, Tick};
 use sensor_core::scene::{
-    DebugStroke, DebugText, DynamicInstance, MeshId, Overlay, Scene, SceneAssets,
+    DebugStroke, DebugText, DynamicInstance, MeshId, Overlay, Past, Scene, SceneAssets,
 };
 
 use super::bytes::{Reader, Writer};
@@ -27,10 +27,12 @@ impl SentScene {
         let instances: Vec<SceneInstance> = scene.dynamics.iter().map(instance).collect();
         let strokes: Vec<SceneStroke> = scene.debug.iter().map(stroke).collect();
         let overlay = overlay_bytes(&scene.overlay);
+        let past = past_bytes(&scene.past);
         let rest = [
             bytemuck::cast_slice(&instances),
             bytemuck::cast_slice(&strokes),
             &overlay[..],
+            &past[..],
         ]
         .concat();
         let header = SceneHeader {
@@ -42,6 +44,7 @@ impl SentScene {
             n_instances: instances.len() as u32,
             n_strokes: strokes.len() as u32,
             overlay_bytes: overlay.len() as u32,
+            past_bytes: past.len() as u32,
             weather: numbers_of(&scene.weather),
             ..bytemuck::Zeroable::zeroed()
         };
@@ -64,6 +67,7 @@ pub fn scene_of(
         let instances: Vec<SceneInstance> = from.get_n(header.n_instances as usize)?;
         let strokes: Vec<SceneStroke> = from.get_n(header.n_strokes as usize)?;
         let overlay = overlay_of(from.take(header.overlay_bytes as usize)?)?;
+        let past = past_of(from.take(header.past_bytes as usize)?, instances.len())?;
         from.end()?;
         let n_meshes = assets.meshes.len();
         let mut dynamics = Vec::with_capacity(instances.len());
@@ -81,6 +85,7 @@ pub fn scene_of(
             period_nanos: header.period_nanos,
             assets: assets.clone(),
             dynamics,
+            past,
             weather: weather_of(&header.weather),
             lidar_extinction_per_m: header.lidar_extinction_per_m,
             debug: strokes.iter().map(drawn).collect(),
@@ -175,6 +180,45 @@ fn overlay_of(bytes: &[u8]) -> anyhow::Result<Overlay> {
     }
     from.end()?;
     Ok(overlay)
+}
+
+fn past_bytes(past: &Past) -> Vec<u8> {
+    if past.moved.is_empty() {
+        return Vec::new();
+    }
+    let mut to = Writer::default();
+    to.put_all(&past.ages_nanos);
+    to.put_all(&past.moved);
+    let poses: Vec<Pose> = past.poses.iter().map(|pose| Pose::from(*pose)).collect();
+    to.put_all(&poses);
+    to.0
+}
+
+/// Where so many parts were at the ticks before.
+fn past_of(bytes: &[u8], n_parts: usize) -> anyhow::Result<Past> {
+    if bytes.is_empty() {
+        return Ok(Past::default());
+    }
+    let mut from = Reader(bytes);
+    let ages_nanos: Vec<u64> = from.get_all()?;
+    let moved: Vec<u32> = from.get_all()?;
+    let poses: Vec<Pose> = from.get_all()?;
+    from.end()?;
+    ensure!(
+        ages_nanos.is_sorted_by(|a, b| a < b)
+            && moved.is_sorted_by(|a, b| a < b)
+            && moved.last().is_some_and(|last| (*last as usize) < n_parts)
+            && Some(poses.len()) == ages_nanos.len().checked_mul(moved.len()),
+        "{} poses of {} parts at {} ticks do not fit {n_parts} parts",
+        poses.len(),
+        moved.len(),
+        ages_nanos.len()
+    );
+    Ok(Past {
+        ages_nanos,
+        moved,
+        poses: poses.iter().map(Pose::isometry).collect(),
+    })
 }
 
 fn numbers_of(weather: &Weather) -> [f32; 14] {
@@ -277,6 +321,14 @@ mod tests {
                 lamps: 0x8000_0001,
                 velocity_in_world_mps: Vector3::new(0.1, 0.2, 0.3),
             }],
+            past: Past {
+                ages_nanos: vec![50_000_000, 100_000_001],
+                moved: vec![0],
+                poses: vec![
+                    Isometry3::from_parts([1e6, -3.4, 0.7].into(), turned),
+                    Isometry3::translation(1e6 - 0.1, -3.5, 0.7),
+                ],
+            },
             weather: Weather {
                 fog_density: 33.3,
                 dust_storm: 1.5,
@@ -317,6 +369,10 @@ mod tests {
             ..sent.header
         };
         assert!(scene_of(&many, &sent.rest, &assets).is_err());
+        let mut later = scene.clone();
+        later.past.moved = vec![1];
+        let sent_later = SentScene::of(&later);
+        assert!(scene_of(&sent_later.header, &sent_later.rest, &assets).is_err());
         let bare = Arc::new(SceneAssets::default());
         assert!(scene_of(&sent.header, &sent.rest, &bare).is_err());
     }

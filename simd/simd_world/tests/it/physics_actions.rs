@@ -281,6 +281,30 @@ fn without_physics_only_poses_move_it_and_its_velocity_is_its_displacement() {
 }
 
 #[test]
+fn a_car_that_is_put_elsewhere_jumps_with_all_it_carries_and_one_that_commands_move_does_not() {
+    let (mut world, car) = standing("vehicle.tesla.model3");
+    let pose = Pose::from_xyz_yaw(0.0, 0.0, 1.5, 0.0);
+    let load = world.spawn("static.prop.box01", pose, Some(car), "", &BTreeMap::new());
+    let load = load.unwrap();
+    let away = Pose::from_xyz_yaw(9.0, 0.0, 0.05, 0.0);
+    world.set_pose(car, away).unwrap();
+    // The way there ends with the coming step.
+    assert!(world.jumped().is_empty());
+    world.step(TICK_NANOS);
+    assert_eq!(world.jumped(), [car, load]);
+    world.step(TICK_NANOS);
+    assert!(world.jumped().is_empty());
+    act(
+        &mut world,
+        car,
+        PhysicsAction::SetSimulated { enabled: false },
+    );
+    world.set_pose(car, pose).unwrap();
+    world.step(TICK_NANOS);
+    assert!(world.jumped().is_empty());
+}
+
+#[test]
 fn without_collisions_two_cars_pass_through_each_other_on_their_wheels() {
     for collides in [true, false] {
         let (mut world, car) = standing("vehicle.tesla.model3");

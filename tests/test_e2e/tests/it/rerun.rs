@@ -42,6 +42,7 @@ kind = "lidar"
 rate_hz = 10
 channels = 8
 columns = 90
+motion_distortion = true
 mount.position_m = [0.0, 0.0, 2.0]
 [sensor.labels]
 kind = "lidar"
@@ -53,10 +54,14 @@ mount.position_m = [0.0, 0.0, 2.0]
 [sensor.radar]
 kind = "radar"
 [sensor.imu]
-kind = "imu"
+sensor = "adi/adis16448"
+walk_gyro_radps_rts = [1e-4, 1e-4, 1e-4]
+bandwidth_accel_hz = 4.0
 [sensor.gnss]
 kind = "gnss"
 rate_hz = 5
+datum = "wgs84"
+noise_position_stddev_m = [1.0, 1.0]
 [sensor.bump]
 kind = "collision"
 [sensor.lane]

@@ -3,11 +3,16 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use schema_frames::{FrameHeader, LidarReturn, Modality};
+use nalgebra::{Isometry3, Point3, Vector3};
+use schema_bus::{CommandClient, FrameReader, SnapshotReader};
+use schema_frames::{Command, CommandReply, FrameHeader, LidarReturn, Modality, RaySegment};
 use schema_recording::read::{RecordingFile, What};
+use schema_types::Pose;
 use test_e2e::exports::record_drive;
-use test_e2e::{assert_nothing_left, spawn_consumer, spawn_daemon};
-use test_kit::Sandbox;
+use test_e2e::{
+    ask, assert_nothing_left, join_bus, reader, spawn_consumer, spawn_daemon, start_daemon, step,
+};
+use test_kit::{Sandbox, eventually};
 
 const LAUNCH: &str = r#"version = 1
 [scenario]
@@ -200,5 +205,216 @@ fn a_profile_with_mistakes_is_refused_with_its_lines() {
     ] {
         assert!(ended.says(sentence), "{sentence}: {:?}", ended.lines);
     }
+    assert_nothing_left(&sandbox);
+}
+
+const PASSING: &str = r#"version = 1
+[scenario]
+map = "Town10HD"
+seed = 7
+tick_hz = 20
+mode = "stepped"
+vehicles = 0
+[sensor.roof]
+sensor = "turning.toml"
+mount.position_m = [0.0, 0.0, 2.0]
+"#;
+
+/// Turns once in two ticks, and looks at what stands beside the car.
+const TURNING: &str = r#"name = "Turning"
+kind = "lidar"
+[sources]
+bench = "made for this test"
+[keys]
+returns = { value = true, status = "measured", source = "bench" }
+motion_distortion = { value = true, status = "measured", source = "bench" }
+rate_hz = { value = 10.0, status = "measured", source = "bench" }
+channels = { value = 24, status = "measured", source = "bench" }
+columns = { value = 720, status = "measured", source = "bench" }
+upper_fov_deg = { value = 0.0, status = "measured", source = "bench" }
+lower_fov_deg = { value = -23.0, status = "measured", source = "bench" }
+fire_offsets_ns = { value = [0.0, 10000.0], status = "measured", source = "bench" }
+"#;
+
+/// A car, and the poses that snapshots gave it, with their times.
+struct Passer {
+    actor_id: u32,
+    poses: Vec<(u64, Isometry3<f64>)>,
+}
+
+impl Passer {
+    /// Lets a tick pass, and takes note of its snapshot.
+    fn step(&mut self, client: &mut CommandClient, snapshots: &mut SnapshotReader) {
+        step(client, 1);
+        let snapshot = eventually("the newest snapshot", || snapshots.latest().unwrap());
+        let car = snapshot.actor(self.actor_id).unwrap();
+        let pose = car.world_from_actor.isometry();
+        self.poses.push((snapshot.header().sim_nanos, pose));
+    }
+
+    /// Its pose between the snapshots of two ticks; before the first one, that one's.
+    fn at(&self, sim_nanos: f64) -> Isometry3<f64> {
+        let pairs = self.poses.iter().zip(&self.poses[1..]);
+        for ((begin, before), (end, after)) in pairs {
+            let [begin, end] = [*begin, *end].map(|nanos| nanos as f64);
+            if sim_nanos <= end {
+                let share = ((sim_nanos - begin) / (end - begin)).max(0.0);
+                return before.lerp_slerp(after, share);
+            }
+        }
+        self.poses.last().expect("ticks have passed").1
+    }
+}
+
+/// Frames that wait, with their returns.
+fn arrived(reader: &mut FrameReader) -> Vec<(FrameHeader, Vec<LidarReturn>)> {
+    let mut frames = Vec::new();
+    while let Some(frame) = reader.next().unwrap() {
+        frames.push((*frame.header(), frame.elements().unwrap().to_vec()));
+    }
+    frames
+}
+
+/// Puts the car where it was when a return on it was fired, and casts the same ray through the world
+/// that stands still. Returns how many were checked, and how many are at another distance.
+fn check_flank(
+    client: &mut CommandClient,
+    car: &Passer,
+    (header, returns): &(FrameHeader, Vec<LidarReturn>),
+) -> [usize; 2] {
+    let world_from_sensor = header.world_from_sensor.isometry();
+    let from = world_from_sensor.translation.vector;
+    let (mut n_checked, mut n_wrong) = (0, 0);
+    for point in returns
+        .iter()
+        .filter(|point| point.object_id == car.actor_id)
+    {
+        let fired_nanos = header.sim_nanos as f64 + f64::from(point.time_ns);
+        let pose = car.at(fired_nanos);
+        let hit = world_from_sensor * Point3::from(point.hit_in_sensor_m.map(f64::from));
+        // Wheels turn, and hang when a car is put elsewhere.
+        if (pose.inverse() * hit).z < 0.8 {
+            continue;
+        }
+        let put = Command::SetPose {
+            actor_id: car.actor_id,
+            pose: Pose::from(pose).into(),
+        };
+        assert_eq!(ask(client, put), CommandReply::Done);
+        let to_m = (from + (hit.coords - from) * 1.5).into();
+        let cast = Command::CastRays {
+            rays: vec![RaySegment {
+                from_m: from.into(),
+                to_m,
+            }],
+            all: false,
+        };
+        let CommandReply::Hits { rays } = ask(client, cast) else {
+            panic!("rays are cast")
+        };
+        let distance_m = (hit.coords - from).norm();
+        let agrees = rays[0].first().is_some_and(|found| {
+            found.object_id == car.actor_id && (found.distance_m - distance_m).abs() < 2e-3
+        });
+        (n_checked, n_wrong) = (n_checked + 1, n_wrong + usize::from(!agrees));
+    }
+    [n_checked, n_wrong]
+}
+
+/// Goal: a car passes at 20 m/s, 2 m in a turn. Each return on its flank lies where the snapshots'
+/// poses, interpolated to the return's time, put it. A car that a command puts elsewhere stands there
+/// for the whole turn.
+#[test]
+fn a_turning_lidar_sees_a_driving_car_at_the_time_of_each_ray() {
+    let sandbox = Sandbox::new("passer");
+    sandbox.write("turning.toml", TURNING);
+    let daemon = start_daemon(&sandbox, PASSING, &[]);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let mut roof = reader(&bus, "ego/roof/lidar_returns");
+    let mut snapshots = bus.snapshot_reader().unwrap();
+    step(&mut client, 20);
+    let ego_id = arrived(&mut roof).last().expect("it turned").0.parent_id;
+    let snapshot = eventually("the newest snapshot", || snapshots.latest().unwrap());
+    let mut place = snapshot.actor(ego_id).unwrap().world_from_actor;
+    drop(snapshot);
+    let world_from_ego = place.isometry();
+    let beside = |x: f64| (world_from_ego * Point3::new(x, 3.5, 0.3)).coords.into();
+    place.translation_m = beside(-9.0);
+    let spawn = Command::Spawn {
+        type_id: "vehicle.tesla.model3".into(),
+        pose: place.into(),
+        parent_id: None,
+        role: String::new(),
+        attributes: Default::default(),
+    };
+    let CommandReply::Spawned { actor_id, .. } = ask(&mut client, spawn) else {
+        panic!("must be made")
+    };
+    let mut car = Passer {
+        actor_id,
+        poses: Vec::new(),
+    };
+    step(&mut client, 10);
+    let drive = Command::SetVelocity {
+        actor_id,
+        velocity_in_world_mps: (world_from_ego.rotation * Vector3::x() * 20.0).into(),
+    };
+    assert_eq!(ask(&mut client, drive), CommandReply::Done);
+    arrived(&mut roof);
+    let mut turns = Vec::new();
+    for _ in 0..14 {
+        car.step(&mut client, &mut snapshots);
+        turns.extend(arrived(&mut roof));
+    }
+    assert!(turns.len() >= 6, "{} turns", turns.len());
+    let went_m = (car.poses[13].1.translation.vector - car.poses[1].1.translation.vector).norm();
+    assert!(went_m > 9.0, "it went {went_m} m in 0.6 s");
+
+    // Put 5 m on between two ticks of a turn.
+    let mut put = Passer {
+        actor_id,
+        poses: Vec::new(),
+    };
+    let is_between = turns.last().expect("there are turns").0.sim_nanos == car.poses[13].0;
+    if is_between {
+        car.step(&mut client, &mut snapshots);
+        assert!(arrived(&mut roof).is_empty());
+    }
+    place.translation_m = beside(4.0);
+    let jump = Command::SetPose {
+        actor_id,
+        pose: place.into(),
+    };
+    assert_eq!(ask(&mut client, jump), CommandReply::Done);
+    put.step(&mut client, &mut snapshots);
+    put.poses.push((put.poses[0].0 + 1, put.poses[0].1));
+    let jumped = arrived(&mut roof);
+    assert_eq!(jumped.len(), 1);
+
+    let mut n = [0; 2];
+    // The first turn began before the car was followed.
+    for turn in turns
+        .iter()
+        .filter(|turn| turn.0.sim_nanos > car.poses[2].0)
+    {
+        let of_turn = check_flank(&mut client, &car, turn);
+        n = [n[0] + of_turn[0], n[1] + of_turn[1]];
+    }
+    assert!(n[0] > 200, "{} returns on the flank", n[0]);
+    assert!(
+        n[1] * 100 <= n[0],
+        "{} of {} returns are elsewhere",
+        n[1],
+        n[0]
+    );
+    let [n_checked, n_wrong] = check_flank(&mut client, &put, &jumped[0]);
+    assert!(n_checked > 20, "{n_checked} returns after the jump");
+    assert!(
+        n_wrong * 50 <= n_checked,
+        "{n_wrong} of {n_checked} after the jump"
+    );
+    drop((roof, snapshots, client, bus));
+    daemon.stop().expect_code(0);
     assert_nothing_left(&sandbox);
 }

@@ -50,11 +50,21 @@ rate_hz = 20
 rotation_hz = 7
 channels = 8
 points_per_second = 20000
+motion_distortion = true
+mount.position_m = [0.0, 0.3, 2.0]
+[sensor.turning]
+kind = "lidar"
+semantic = true
+rate_hz = 10
+channels = 8
+columns = 120
+motion_distortion = true
 mount.position_m = [0.0, 0.3, 2.0]
 "#;
 
-const MORE_TOPICS: [&str; 9] = [
+const MORE_TOPICS: [&str; 10] = [
     "ego/sweep/lidar",
+    "ego/turning/semantic_lidar",
     "ego/left/rgb",
     "ego/left/depth",
     "ego/left/dvs",
@@ -134,7 +144,7 @@ fn cue(client: &mut CommandClient, n: u64) -> u64 {
 
 /// Whether a topic of the rig has a frame at a tick.
 fn is_due(topic: &str, tick: u64) -> bool {
-    let is_slow = ["roof", "labels", "gnss", "right"];
+    let is_slow = ["roof", "labels", "gnss", "right", "turning"];
     let every = if is_slow.iter().any(|part| topic.contains(part)) {
         2
     } else {
@@ -210,7 +220,7 @@ fn assert_same(one: &[Frames], other: &[Frames]) {
     }
 }
 
-/// Scenery hidden, weather, debug shapes, another map: all of it reaches workers.
+/// Cars that drive off, scenery hidden, weather, debug shapes, another map: all of it reaches workers.
 fn changes(tick: u64, client: &mut CommandClient) {
     let mut must = |text: &str| {
         let command: Command = serde_json::from_str(text).unwrap();
@@ -221,6 +231,17 @@ fn changes(tick: u64, client: &mut CommandClient) {
         );
     };
     match tick {
+        // Refused for all that is no vehicle.
+        2 => (1..400).for_each(|actor_id| {
+            let velocity_in_world_mps = [8.0, 6.0, 0.0];
+            ask(
+                client,
+                Command::SetVelocity {
+                    actor_id,
+                    velocity_in_world_mps,
+                },
+            );
+        }),
         3 => must(r#"{"do":"show_layers","layers":1,"shown":false}"#),
         4 => must(
             r#"{"do":"draw_debug","shapes":[{"draw":{"line":{"from_m":[0,0,0],"to_m":[50,50,5],"width_m":1.0}},"color_rgb":[255,0,0],"life_nanos":null}]}"#,

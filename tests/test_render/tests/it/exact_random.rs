@@ -119,6 +119,7 @@ fn scene(assets: &Arc<SceneAssets>, tick: u64, dynamics: Vec<DynamicInstance>) -
         period_nanos: 50_000_000,
         assets: assets.clone(),
         dynamics,
+        past: Default::default(),
         weather: Weather::default(),
         lidar_extinction_per_m: 0.0,
         debug: Vec::new(),
