@@ -12,6 +12,7 @@ import math
 import gantry
 import numpy as np
 
+TOPICS = ["ego/front/rgb", "ego/roof/lidar", "ego/gnss/gnss", "ego/imu/imu"]
 CAMERA_HEIGHT_M, CAMERA_AHEAD_M, LIDAR_HEIGHT_M = 1.6, 0.6, 2.0  # as launch/perceive.toml mounts them
 LANE_M = 3.5  # width of a lane until both its lines have been seen
 CRUISE_MPS, TURN_MPS = 6.0, 3.5
@@ -209,14 +210,10 @@ def main() -> None:
         gantry.publish("perceive/lines", "keypoints", bones=[(0, 1)], classes=["left", "right"]) as lines,
         gantry.publish("perceive/obstacles", "boxes3d", classes=["obstacle"]) as boxes,
         gantry.publish("perceive/path", "path") as path,
-        gantry.sync(["ego/front/rgb", "ego/roof/lidar", "ego/gnss/gnss", "ego/imu/imu"], timeout=60) as ticks,
-        gantry.lockstep("perceive", timeout=60) as lockstep,
+        gantry.lockstep("perceive", timeout=60, topics=TOPICS) as rows,
     ):
-        for tick in lockstep:
-            # Frames of the ticks before the first one in step are left out.
-            while (row := ticks.next(timeout=2)) is not None and row.tick < tick:
-                pass
-            if row is None:
+        for row in rows:
+            if len(row) < len(TOPICS):
                 continue
             image, cloud, gnss = row["ego/front/rgb"], row["ego/roof/lidar"], row["ego/gnss/gnss"]
             dt_secs = image.sim_time - last_secs if last_secs is not None else 0.1

@@ -50,8 +50,8 @@ mod _native {
     use crate::lockstep::Lockstep;
     #[pymodule_export]
     use crate::place::{
-        close_all, command, default_domain, leave, publisher_alive, set_private, set_program,
-        topics,
+        clean, close_all, command, default_domain, leave, publisher_alive, set_private,
+        set_program, topics,
     };
     #[pymodule_export]
     use crate::publish::{Loan, Publisher};
@@ -68,7 +68,7 @@ mod _native {
 
     /// Number of this interface, which the Python half compares with its own.
     #[pymodule_export]
-    const INTERFACE: u32 = 7;
+    const INTERFACE: u32 = 8;
     /// Version of the layouts that this module reads and writes.
     #[pymodule_export]
     const SCHEMA_VERSION: u16 = schema_frames::SCHEMA_VERSION;

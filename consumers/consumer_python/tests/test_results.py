@@ -149,6 +149,14 @@ class Records(unittest.TestCase):
             with self.assertRaisesRegex(ValueError, "in one way: half_m or size_m"):
                 gantry.boxes3d([[1, 2, 3]], **given)
 
+    def test_the_age_of_a_result_is_that_of_its_oldest_frame(self):
+        result = gantry.result_from_bytes(golden()["boxes2d"])
+        self.assertEqual(result.age_ms, (result.header.published_mono_nanos - 3) / 1e6)
+        nothing = bytearray(golden()["boxes2d"])
+        at = next(offset for name, _, _, offset in _layout.STRUCTS["ResultHeader"][2] if name == "origin_mono_nanos")
+        nothing[at : at + 8] = bytes(8)
+        self.assertIsNone(gantry.result_from_bytes(bytes(nothing)).age_ms)
+
     def test_columns_are_broadcast_and_a_wrong_one_is_named(self):
         boxes = gantry.boxes2d([[1, 2], [3, 4]], [[5, 6], [7, 8]], score=0.5, class_=[1, 2])
         self.assertEqual((boxes["max_px"].tolist(), boxes["score"].tolist(), boxes["class"].tolist()), ([[5, 6], [7, 8]], [0.5, 0.5], [1, 2]))

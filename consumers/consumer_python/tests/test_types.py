@@ -19,7 +19,9 @@ import gantry.bench
 
 with gantry.open("ego/front/rgb") as camera, gantry.open("mine/boxes", result="boxes2d") as boxes:
     assert_type(camera, gantry.Topic[gantry.Frame])
-    assert_type(boxes.next(), gantry.Result | None)
+    assert_type(boxes.next(), gantry.Result)
+    assert_type(boxes.next(0.5, or_none=True), gantry.Result | None)
+    assert_type(boxes.poll(), gantry.Result | None)
     for frame in camera:
         assert_type(frame.array, npt.NDArray[Any])
         assert_type(frame.tick, int)

@@ -9,13 +9,14 @@ from typing_extensions import Self, disjoint_base
 
 __all__ = [
     "About", "Controls", "Cursor", "Foreign", "GpuLoan", "GpuPublisher", "INTERFACE", "Loan", "Lockstep", "Outcome", "Publisher", "Reader", "Recording", "SCHEMA_VERSION", "Sample", "Snapshots", "close_all",
-    "command", "default_domain", "document", "leave", "outcome_from_bytes", "publisher_alive", "sample_from_bytes", "set_elements",
+    "clean", "command", "default_domain", "document", "leave", "outcome_from_bytes", "publisher_alive", "sample_from_bytes", "set_elements",
     "set_frame_class", "set_private", "set_program", "set_result_class", "snapshot", "take_capsule", "take_interface", "topics",
 ]  # fmt: skip
 
 INTERFACE: int
 SCHEMA_VERSION: int
 
+def clean(domain: str) -> int: ...
 def close_all() -> None: ...
 def command(domain: str, batch: str, timeout: float | None) -> bytes: ...
 def default_domain() -> str: ...

@@ -14,8 +14,9 @@ from . import _layout, _records
 from ._domain import split
 from ._dtypes import ONLY_FORMAT, PIXELS, RECORDS, TAILS, scalar_name
 from ._errors import GantryError
-from ._frame import Frame, Pose
+from ._frame import Frame
 from ._load import native
+from ._pose import Pose
 from ._records import RecordsAndTail
 from ._result import Result
 

@@ -69,11 +69,12 @@ class _Inputs:
     def next(self, timeout: float | None) -> Samples | None:
         """Returns what is to be worked on next, at the latest after `timeout` seconds."""
         if self._topic is not None:
-            sample = self._topic.latest(timeout) if self._newest else self._topic.next(timeout)
+            take = self._topic.latest if self._newest else self._topic.next
+            sample = take(timeout, or_none=True)
             return None if sample is None else {self._topic.name: sample}
         assert self._sync is not None
-        row = self._sync.next(timeout)
-        while self._newest and row is not None and (newer := self._sync.next(0.0)) is not None:
+        row = self._sync.next(timeout, or_none=True)
+        while self._newest and row is not None and (newer := self._sync.next(0.0, or_none=True)) is not None:
             row = newer
             self._passed_over += 1
             del newer
@@ -165,7 +166,8 @@ def _samples(inputs: _Inputs, gate: Lockstep | None) -> Iterator[Samples]:
             if samples is not None:
                 yield samples
             del samples
-    for _ in gate:
+    while True:
+        gate.next(None)
         gate.wait_frames()
         while (samples := inputs.next(0.0)) is not None:
             yield samples
