@@ -123,8 +123,58 @@ class Recordings(unittest.TestCase):
         for row in rows:
             self.assertEqual({frame.tick for frame in row.values()}, {row.tick})
             self.assertEqual(row.snapshot.tick, row.tick)
-        with self.assertRaisesRegex(gantry.GantryError, "no frames of ego/front/rbg; it has .*ego/front/rgb"):
+        with self.assertRaisesRegex(gantry.GantryError, "no frames or results of ego/front/rbg; it has .*ego/front/rgb"):
             drive.sync(["ego/front/rbg"])
+
+    def test_a_tick_is_found_without_reading_what_lies_before(self):
+        with gantry.Recording(self.sample) as drive:
+            self.assertEqual(len(drive), N_TICKS)
+            for wanted in drive.frames("ego/front/rgb"):
+                found = drive.frame("ego/front/rgb", wanted.tick)
+                self.assertEqual((found.tick, found.header_bytes(), found.copy().tobytes()), (wanted.tick, wanted.header_bytes(), wanted.copy().tobytes()))
+            for tick in (0, N_TICKS + 1, 10**9):
+                with self.assertRaisesRegex(KeyError, f"no frame of ego/front/rgb of tick {tick}"):
+                    drive.frame("ego/front/rgb", tick)
+            with self.assertRaisesRegex(gantry.GantryError, "no frames of ego/front/rbg; it has .*ego/front/rgb"):
+                drive.frame("ego/front/rbg", 3)
+            frames = drive.frames("ego/front/rgb")
+            next(frames)
+        self.assertEqual(list(frames), [], "what is read ends with the block")
+        with self.assertRaisesRegex(gantry.GantryError, "sample.mcap is closed"):
+            drive.frames()
+
+    def test_a_tick_is_found_although_ticks_have_any_distance(self):
+        """Frames of the same bytes, filed under the times of a drive that was paused, slow and quick."""
+        path, times = os.path.join(self.folder.name, "uneven.mcap"), {}
+        with open(self.sample, "rb") as file, open(path, "wb") as out:
+            writer, channels, now = Writer(out), {}, 0
+            writer.start()
+            for schema, channel, message in make_reader(file).iter_messages(topics=["/ego/front/depth", "/ego/front/depth/gantry"]):
+                if channel.topic not in channels:
+                    schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                    channels[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, schema_id, {})
+                if message.log_time not in times:
+                    now += (1, 10**10, 3, 10**8)[len(times) % 4]
+                    times[message.log_time] = now
+                writer.add_message(channels[channel.topic], times[message.log_time], message.data, now, message.sequence)
+            writer.finish()
+        with gantry.Recording(path) as drive:
+            self.assertEqual([drive.frame("ego/front/depth", tick).tick for tick in range(1, N_TICKS + 1)], list(range(1, N_TICKS + 1)))
+
+    def test_rows_hold_results_beside_frames(self):
+        drive = gantry.Recording(self.results)
+        frames = [topic.name for topic in drive.topics if topic.kind == "frame"]
+        boxes = next(topic.name for topic in drive.topics if topic.kind == "result" and next(drive.results(topic.name)).type == "boxes2d")
+        wanted = {result.tick: result.array.tobytes() for result in drive.results(boxes)}
+        rows = list(drive.sync([*frames[:1], boxes]))
+        self.assertTrue(rows)
+        for row in rows:
+            self.assertEqual((row.result(boxes).tick, row.result(boxes).array.tobytes()), (row.tick, wanted[row.tick]))
+            self.assertEqual(drive.result(boxes, row.tick).seq, row.result(boxes).seq)
+            for name in frames[:1]:
+                self.assertEqual(row[name].tick, row.tick)
+                with self.assertRaisesRegex(TypeError, "has frames"):
+                    row.result(name)
 
     def test_results_of_every_type_are_what_another_reader_finds(self):
         bodies, wholes = {}, {}
