@@ -74,6 +74,7 @@ from ._records import RecordsAndTail, boxes2d, boxes3d, keypoints, masks, odomet
 from ._recording import Message, RecordedTopic, Recording
 from ._rerun import rerun
 from ._result import Input, Result, ResultHeader, result_from_bytes
+from ._result_file import ResultFile
 from ._sync import Row, Sync, sync
 from ._topic import Counts, Topic, open
 from ._topics import BatchCamera, TopicDetails, topics
@@ -83,7 +84,7 @@ __all__ = [
     "ACTOR", "Actor", "BOX2D", "BOX3D", "BatchCamera", "BorrowLimitError", "BytesSchema", "CLASS_COLOURS", "CLASS_NAMES", "COLLISION_EVENT", "Counts", "DVS_EVENT",
     "Document", "Frame", "FrameFormatError", "GNSS_SAMPLE", "GantryError", "GpuArray", "GpuLoan", "GpuPublisher", "Header", "IMU_SAMPLE", "Input", "KEYPOINT", "KEYPOINT_SET",
     "LANE_CROSSING", "LIDAR_POINT", "LIDAR_RETURN", "Loan", "Lockstep", "LockstepRow", "LockstepRows", "MASK", "Message", "NoSuchTopicError", "OBSTACLE_EVENT", "ODOMETRY", "PATH_POINT", "PATIENCE",
-    "POSE_ESTIMATE", "Pose", "Publisher", "RADAR_DETECTION", "RESULT_TYPES", "RecordedTopic", "Recording", "RecordsAndTail", "Result", "ResultHeader", "Row", "SCALAR",
+    "POSE_ESTIMATE", "Pose", "Publisher", "RADAR_DETECTION", "RESULT_TYPES", "RecordedTopic", "Recording", "RecordsAndTail", "Result", "ResultFile", "ResultHeader", "Row", "SCALAR",
     "SCHEMA_VERSION", "SEMANTIC_LIDAR_POINT", "SchemaVersionError", "Snapshot", "Sync", "TRACK", "TRAFFIC_LIGHT_PART", "Tick", "TimedOutError",
     "TooManyReadersError", "Topic", "TopicDetails", "TopicTakenError", "VEHICLE_CONTROL", "VEHICLE_PART", "Vehicle", "WALKER_PART", "World", "attach",
     "boxes2d", "boxes3d", "cast_rays", "clear_drawing", "colour_classes", "command", "control", "document", "draw", "ego", "frame_from_bytes",

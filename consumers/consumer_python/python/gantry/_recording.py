@@ -11,6 +11,7 @@ from ._errors import GantryError
 from ._frame import Frame
 from ._load import native
 from ._result import About, Result
+from ._result_file import ResultFile
 from ._sync import Row
 from ._world import Document, Snapshot, parse_snapshot
 
@@ -91,6 +92,18 @@ class Recording:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def writer(self, path: str | os.PathLike[str]) -> ResultFile:
+        """Begins a file of results beside this one:
+
+            with gantry.Recording("drive.mcap") as drive, drive.writer("boxes.mcap") as out:
+                boxes = out.publish("mine/boxes", "boxes2d", classes=["person"])
+                for frame in drive.frames("ego/front/rgb"):
+                    boxes.send(detect(frame.rgb), answers=frame)
+
+        Raises `GantryError` if a file of this name, or its part file, is there, or cannot be made.
+        """
+        return ResultFile(self, path)
 
     def close(self) -> None:
         """Ends whatever still reads; frames and results that are held stay as they are."""

@@ -391,7 +391,7 @@ def result_from_bytes(data: bytes, topic: str = "", about: dict[str, Any] | None
     `about` is the JSON of the topic's description. The arrays are read-only views of `data`. Raises
     `FrameFormatError` or `SchemaVersionError`.
     """
-    return Result(native.outcome_from_bytes(bytes(data)), topic, About(about or {}))
+    return Result(native.outcome_from_bytes(bytes(data), topic), topic, About(about or {}))
 
 
 native.set_result_class(Result)
