@@ -37,7 +37,7 @@ def lane_middle(classes, intrinsics_px, distance_m, expected_m):
 
 def lane_ahead(classes, intrinsics_px, before_m):
     """The middle of the lane at each of `DISTANCES_M`; each place is looked for near where the nearer one leads."""
-    seen = []
+    seen: list[float] = []
     for i, distance_m in enumerate(DISTANCES_M):
         expected_m = before_m[0] if i == 0 else seen[-1] + before_m[i] - before_m[i - 1]
         found_m = lane_middle(classes, intrinsics_px, distance_m, expected_m)
@@ -53,7 +53,8 @@ def main():
         gantry.publish("keeper/lane", "path") as lane,
     ):
         car = gantry.ego()
-        start, crossings, seen = None, 0, [0.0] * len(DISTANCES_M)
+        start, crossings = None, 0
+        seen: list[float] = [0.0] * len(DISTANCES_M)
         for n, row in enumerate(rows):
             at = np.array(row.snapshot.pose(car).translation_m)
             start = at if start is None else start

@@ -63,7 +63,9 @@ def main():
         gantry.publish("scan/odometry", "odometry") as out,
     ):
         car = gantry.ego()
-        poses, truth, scans = [], [], []
+        poses: list[np.ndarray] = []
+        scans: list[np.ndarray] = []
+        truth: list[gantry.Pose] = []
         for row in rows:
             cloud = row["ego/roof/lidar"]
             scan = walls(cloud)

@@ -190,7 +190,7 @@ impl ResultFile {
                     inputs,
                     about: &about,
                 };
-                let fresh = &mut |n_bytes| Vec::with_capacity(n_bytes);
+                let fresh = &mut Vec::with_capacity;
                 let entries = state.converter.entries(&parts, header.sim_nanos, fresh);
                 state.put(topic, header.seq, (header.sim_nanos, wall_nanos()), entries)
             })

@@ -28,6 +28,13 @@ class Row(dict[str, Frame]):
         #: The world at this tick; None without `snapshots=True`, or if it did not come.
         self.snapshot: Snapshot | None = snapshot
 
+    @property
+    def world(self) -> Snapshot:
+        """The world at this tick, which `snapshot` has. Raises `GantryError` if it has none."""
+        if self.snapshot is None:
+            raise GantryError(f"this row of tick {self.tick} has no world: pass snapshots=True to sync; a reader that fell far behind, or a file, may lack it")
+        return self.snapshot
+
     def result(self, topic: str) -> Result:
         """Returns the sample of a topic of results. Raises `KeyError` without one, `TypeError` for a frame."""
         sample: Any = self[topic]
