@@ -36,7 +36,7 @@ try:
         topics[name] = gantry.attach(camera)  # instead of camera.listen(callback)
     for _ in range(N_TICKS):
         tick = world.tick()
-        frames = {name: topic.next(timeout=60) for name, topic in topics.items()}
+        frames = {name: topic.next(60) for name, topic in topics.items()}
         assert all(frame.tick == tick for frame in frames.values()), "a frame of another tick"
         # Views of shared memory: what is kept has to be written or copied before the frame goes.
         np.savez_compressed(

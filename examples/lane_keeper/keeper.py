@@ -7,6 +7,7 @@ import sys
 import gantry
 import numpy as np
 
+CAMERA = "ego/front/semantic"
 LINES = gantry.CLASS_NAMES.index("RoadLines")
 #: The camera's height over the road and its place ahead of the rear axle, the car's wheelbase, a lane's width.
 CAMERA_HEIGHT_M, CAMERA_AHEAD_M, WHEELBASE_M, LANE_M = 1.6, 2.9, 2.9, 3.5
@@ -36,7 +37,7 @@ def lane_middle(classes, intrinsics_px, distance_m, expected_m):
 
 def lane_ahead(classes, intrinsics_px, before_m):
     """The middle of the lane at each of `DISTANCES_M`; each place is looked for near where the nearer one leads."""
-    seen = []
+    seen: list[float] = []
     for i, distance_m in enumerate(DISTANCES_M):
         expected_m = before_m[0] if i == 0 else seen[-1] + before_m[i] - before_m[i - 1]
         found_m = lane_middle(classes, intrinsics_px, distance_m, expected_m)
@@ -48,30 +49,25 @@ def main():
     """Drives `ticks` ticks; ends with code 1 if a painted line was crossed."""
     settings = json.loads(sys.argv[-1])
     with (
-        gantry.open("ego/front/semantic", timeout=60) as camera,
-        gantry.open("ego/lines/lane_invasion", timeout=60) as crossed,
+        gantry.lockstep("keeper", timeout=60, topics=[CAMERA, "ego/lines/lane_invasion"]) as rows,
         gantry.publish("keeper/lane", "path") as lane,
-        gantry.lockstep("keeper", timeout=60) as lockstep,
     ):
-        car = gantry.vehicle(gantry.snapshot(timeout=60).vehicles[0]["id"])
-        start, crossings, seen = None, 0, [0.0] * len(DISTANCES_M)
-        for n, tick in enumerate(lockstep):
-            me = tick.snapshot.actor(car.id)
-            at = np.array(me["world_from_actor"]["translation_m"])
+        car = gantry.ego()
+        start, crossings = None, 0
+        seen: list[float] = [0.0] * len(DISTANCES_M)
+        for n, row in enumerate(rows):
+            at = np.array(row.snapshot.pose(car).translation_m)
             start = at if start is None else start
-            while (frame := camera.next(timeout=60)) is not None and frame.tick < tick:
-                pass
+            frame = row[CAMERA]
             seen = lane_ahead(frame.array, frame.header.intrinsics_px, seen)
             lane.send(gantry.path([(d, middle, -CAMERA_HEIGHT_M) for d, middle in zip(DISTANCES_M, seen)]), answers=frame)
             # Pure pursuit: the arc through the middle of the lane ahead.
             ahead_m, left_m = DISTANCES_M[AIM] + CAMERA_AHEAD_M, seen[AIM]
             curvature = 2.0 * left_m / (ahead_m**2 + left_m**2)
-            speed_mps = float(np.linalg.norm(me["velocity_in_world_mps"]))
-            pedal = float(np.clip(0.4 * (settings["speed_mps"] - speed_mps), -1.0, 0.8))
+            pedal = float(np.clip(0.4 * (settings["speed_mps"] - row.snapshot.speed_mps(car)), -1.0, 0.8))
             steer = float(np.clip(math.atan(WHEELBASE_M * curvature) / FULL_LOCK_RAD, -1.0, 1.0))
             car.control(throttle=max(pedal, 0.0), brake=max(-pedal, 0.0), steer=steer)
-            while crossed.next(timeout=0) is not None:
-                crossings += 1
+            crossings += "ego/lines/lane_invasion" in row
             if n >= settings["ticks"]:
                 break
     print(f"{np.linalg.norm(at - start):.0f} m driven, {crossings} lines crossed", flush=True)

@@ -59,14 +59,15 @@ def aligned(scan, known, pose):
 def main():
     settings = json.loads(sys.argv[-1])
     with (
-        gantry.open("ego/roof/lidar", timeout=60) as lidar,
+        gantry.lockstep("odometry", timeout=60, topics=["ego/roof/lidar"]) as rows,
         gantry.publish("scan/odometry", "odometry") as out,
-        gantry.lockstep("odometry", timeout=60) as lockstep,
     ):
-        poses, truth, scans = [], [], []
-        for tick in lockstep:
-            while (cloud := lidar.next(timeout=60)) is not None and cloud.tick < tick:
-                pass
+        car = gantry.ego()
+        poses: list[np.ndarray] = []
+        scans: list[np.ndarray] = []
+        truth: list[gantry.Pose] = []
+        for row in rows:
+            cloud = row["ego/roof/lidar"]
             scan = walls(cloud)
             # As fast on as in the last step, then as the scans fit.
             guess = poses[-1] + (poses[-1] - poses[-2]) if len(poses) > 1 else np.zeros(3)
@@ -74,23 +75,15 @@ def main():
             poses.append(pose)
             scans = [*scans[-9:], moved(scan, *pose)]
             out.send(gantry.odometry([pose[0], pose[1], 0.0], yaw_rad=pose[2], velocity_mps=[math.nan] * 3), answers=cloud)
-            truth.append(gantry_pose(tick.snapshot.vehicles[0]["world_from_actor"]))
+            truth.append(row.snapshot.pose(car))
             if len(poses) >= settings["ticks"]:
                 break
-    x, y, yaw = truth[0]
-    from_start = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-    driven = (np.array(truth)[:, :2] - [x, y]) @ from_start
+    driven = truth[0].inverse().apply([pose.translation_m for pose in truth])[:, :2]
     length_m = float(np.linalg.norm(np.diff(driven, axis=0), axis=1).sum())
     drift_m = float(np.linalg.norm(np.array(poses)[-1, :2] - driven[-1]))
     good = drift_m < 0.5 + 0.03 * length_m
     print(f"{length_m:.1f} m driven, drift {drift_m:.2f} m: {'good' if good else 'bad'}", flush=True)
     return 0 if good else 1
-
-
-def gantry_pose(pose):
-    """(x, y, yaw) of a pose."""
-    x, y, z, w = (float(value) for value in pose["rotation_xyzw"])
-    return [*map(float, pose["translation_m"][:2]), math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))]
 
 
 if __name__ == "__main__":

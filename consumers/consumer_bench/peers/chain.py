@@ -82,7 +82,7 @@ def gantry(role: str, size: tuple[int, int], n: int, rate: float, out: str, doma
         g.open(f"chain/link{link - 1}", domain, timeout=30) as inlet,
         g.publish(f"chain/link{link}", "image", domain=domain, max_bytes=n_bytes) as outlet,
     ):
-        while (frame := inlet.next(timeout=30)) is not None:
+        for frame in inlet:
             origin = seen.take(frame.array.reshape(-1))
             with outlet.loan(shape, np.uint8, format="bgra8", answers=frame) as image:
                 np.copyto(image, frame.array)

@@ -28,11 +28,9 @@ def program(out: Path) -> None:
     ages_ns = []
     try:
         with gantry.open(TOPIC, timeout=120) as camera, gantry.publish("overhead/boxes", "boxes2d") as boxes:
-            while True:
-                frame = camera.next(timeout=60)
-                if frame is not None:
-                    ages_ns.append(time.monotonic_ns() - frame.published_mono_nanos)
-                    boxes.send(gantry.boxes2d([], []), answers=frame)
+            for frame in camera:
+                ages_ns.append(time.monotonic_ns() - frame.published_mono_nanos)
+                boxes.send(gantry.boxes2d([], []), answers=frame)
     except KeyboardInterrupt:
         pass
     out.write_text(json.dumps(ages_ns))

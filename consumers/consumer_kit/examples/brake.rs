@@ -4,10 +4,10 @@
 //! `cargo run --release -p consumer_kit --example brake`; `docs/how-to/pipelines.md` explains it.
 
 use std::error::Error;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use consumer_kit::{FollowedResult, Follower, Steps, Take};
-use schema_bus::{ResultSample, names::default_domain};
+use schema_bus::names::default_domain;
 use schema_frames::{ActorKind, Box3d, VehicleControl, VehicleControlRecord};
 
 /// Half of the corridor that must be free, metres.
@@ -24,40 +24,22 @@ const CRUISE_MPS: f64 = 8.0;
 fn main() -> Result<(), Box<dyn Error>> {
     let mut follower = Follower::open(&default_domain(), "brake")?;
     let mut boxes = FollowedResult::new("clusters/boxes", Take::All);
-    follower.listen("clusters/boxes")?;
     let mut controls = follower.bus().control_writer("brake")?;
     let mut steps = Steps::join(&mut follower, "brake", Duration::from_secs(60))?;
     while let Some(world) = steps.next(follower.bus(), Duration::from_secs(60))? {
         let tick = world.header.tick;
         // The boxes of this tick come while the simulator waits for both programs.
-        let Some(found) = boxes_of(tick, &mut boxes, &mut follower)? else {
+        let second = Duration::from_secs(1);
+        let Some(found) = boxes.wait_for(follower.bus(), tick, second)? else {
             eprintln!("no boxes of tick {tick} within a second; braking");
             controls.send(tick, &[pedals(&world, 0.0)])?;
             continue;
         };
-        let free_m = free_distance(found.records::<Box3d>().unwrap_or_default());
+        let found = found.records::<Box3d>();
+        let free_m = free_distance(found.ok_or("clusters/boxes has other records than boxes")?);
         controls.send(tick, &[pedals(&world, free_m)])?;
     }
     Ok(())
-}
-
-/// The boxes that answer `tick`, waited for up to a second.
-fn boxes_of(
-    tick: u64,
-    boxes: &mut FollowedResult,
-    follower: &mut Follower,
-) -> Result<Option<ResultSample>, Box<dyn Error>> {
-    let deadline = Instant::now() + Duration::from_secs(1);
-    while Instant::now() < deadline {
-        boxes.look(follower.bus())?;
-        while let Some(found) = boxes.take()? {
-            if found.header().tick >= tick {
-                return Ok(Some(found));
-            }
-        }
-        follower.wait(Duration::from_millis(100))?;
-    }
-    Ok(None)
 }
 
 /// Distance from the bumper to the nearest box in the corridor, metres.

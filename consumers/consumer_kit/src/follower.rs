@@ -1,13 +1,13 @@
-//! Several topics of frames followed at once by their names, each of which wakes its reader by
-//! itself.
+//! Several topics of frames and of results followed at once by their names, each of which wakes its
+//! reader by itself.
 
 use std::sync::Arc;
 use std::time::Duration;
 
-use schema_bus::{Bus, BusError, Frame, names};
+use schema_bus::{Bus, BusError, Frame, ResultSample, names};
 
 use crate::ports::{Port, Ports, TopicId};
-use crate::{FollowedTopic, Take, TopicReport, WorldAt};
+use crate::{FollowedResult, FollowedTopic, Take, TopicReport, WorldAt};
 
 /// A consumer's place on the bus with the topics it follows.
 #[derive(Debug)]
@@ -42,6 +42,12 @@ impl Follower {
         self.ports.add(Port::Frames(frames), true)
     }
 
+    /// Follows a topic of results (`detector/boxes`).
+    pub fn follow_results(&mut self, topic: &str, take: Take) -> TopicId {
+        let results = Box::new(FollowedResult::new(topic, take));
+        self.ports.add(Port::Results(results), true)
+    }
+
     /// Follows every sensor's topic that exists and is not followed yet, and returns the new ones.
     /// Call it from time to time to find new sensors. The spectator is no sensor, and a batch only
     /// repeats the images of its cameras: follow these by their names.
@@ -54,7 +60,7 @@ impl Follower {
             if topic.modality.is_some()
                 && topic.name != names::SPECTATOR_RGB
                 && !names::is_batch(&topic.name)
-                && !self.ids().any(|id| self.topic(id).topic() == topic.name)
+                && !self.ports.has(&topic.name)
             {
                 new.push(self.follow(&topic.name, take));
             }
@@ -71,6 +77,32 @@ impl Follower {
             Some(Port::Frames(frames)) => frames,
             _ => panic!("no topic of this follower has the number {id:?}"),
         }
+    }
+
+    /// The topic of results with this number.
+    ///
+    /// # Panics
+    /// If another follower gave the number, or it is that of a topic of frames.
+    pub fn results(&self, id: TopicId) -> &FollowedResult {
+        match self.ports.get(id) {
+            Some(Port::Results(results)) => results,
+            _ => panic!("no topic of results of this follower has the number {id:?}"),
+        }
+    }
+
+    /// Takes other frames of `id` from now on.
+    pub(crate) fn set_take(&mut self, id: TopicId, take: Take) {
+        self.ports.set_take(id, take);
+    }
+
+    /// Its name, whatever it carries; empty for a number of another follower.
+    pub(crate) fn name(&self, id: TopicId) -> &str {
+        self.ports.get(id).map_or("", Port::name)
+    }
+
+    /// Whether it was found, whatever it carries.
+    pub(crate) fn found(&self, id: TopicId) -> bool {
+        self.ports.get(id).is_some_and(Port::found)
     }
 
     /// Numbers of all topics, in the order of `follow`.
@@ -106,6 +138,14 @@ impl Follower {
     /// As [`FollowedTopic::take`].
     pub fn take(&mut self, id: TopicId) -> Result<Option<Frame>, BusError> {
         self.ports.take_frame(id)
+    }
+
+    /// The next result of `id` to handle, if one waits.
+    ///
+    /// # Errors
+    /// As [`FollowedResult::take`].
+    pub fn take_result(&mut self, id: TopicId) -> Result<Option<ResultSample>, BusError> {
+        self.ports.take_result(id)
     }
 
     /// The world that a frame of `tick` shows. `None` if this consumer joined after that tick or

@@ -50,7 +50,7 @@ pub use domain::{Change, Domain, LEAVE_AFTER, ListedTopic, Listing, Rhythm, Wish
 pub use follower::Follower;
 pub use lockstep::{Lockstep, LockstepError};
 pub use ports::{MAX_WAIT, TopicId};
-pub use program::{Frames, InputId, Program, ProgramError};
+pub use program::{Frames, InputId, Program, ProgramError, ResultId};
 pub use publish::{ListLoan, PublishError, Publisher};
 pub use result::FollowedResult;
 pub use run_files::file_of_run;

@@ -4,12 +4,12 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use schema_bus::{Bus, BusError, Frame, ReaderCounts, names};
+use schema_bus::{Bus, BusError, Frame, ReaderCounts, ResultSample, names};
 
 use crate::document::FollowedDocument;
 use crate::result::FollowedResult;
 use crate::snapshots::{FollowedSnapshots, SnapshotTrail, WorldAt};
-use crate::topic::{FollowedTopic, TopicReport};
+use crate::topic::{FollowedTopic, Take, TopicReport};
 use crate::wake::WakeUps;
 
 /// Longest wait, so that a consumer can look at its shutdown flag ten times a second.
@@ -30,7 +30,7 @@ pub(crate) enum Port {
 }
 
 impl Port {
-    fn name(&self) -> &str {
+    pub(crate) fn name(&self) -> &str {
         match self {
             Port::Frames(frames) => frames.topic(),
             Port::Results(results) => results.topic(),
@@ -39,7 +39,7 @@ impl Port {
         }
     }
 
-    fn found(&self) -> bool {
+    pub(crate) fn found(&self) -> bool {
         match self {
             Port::Frames(frames) => frames.found(),
             Port::Results(results) => results.found(),
@@ -216,6 +216,19 @@ impl Ports {
         Some((&mut place.port, &self.bus))
     }
 
+    /// Takes other frames of `id` from now on.
+    pub(crate) fn set_take(&mut self, id: TopicId, take: Take) {
+        if let Some((Port::Frames(frames), _)) = self.get_mut(id) {
+            frames.set_take(take);
+        }
+    }
+
+    /// Whether a topic is followed.
+    pub(crate) fn has(&self, topic: &str) -> bool {
+        let mut places = self.places.iter().flatten();
+        places.any(|place| place.port.name() == topic)
+    }
+
     /// When something was last taken from a topic.
     pub(crate) fn taken(&self, id: TopicId) -> Option<Instant> {
         self.place(id)?.taken
@@ -325,6 +338,14 @@ impl Ports {
     pub(crate) fn take_frame(&mut self, id: TopicId) -> Result<Option<Frame>, BusError> {
         match self.get_mut(id) {
             Some((Port::Frames(frames), _)) => frames.take(),
+            _ => Ok(None),
+        }
+    }
+
+    /// The next result of `id` to handle, if one waits.
+    pub(crate) fn take_result(&mut self, id: TopicId) -> Result<Option<ResultSample>, BusError> {
+        match self.get_mut(id) {
+            Some((Port::Results(results), _)) => results.take(),
             _ => Ok(None),
         }
     }

@@ -1,12 +1,14 @@
-//! The base of a program that answers frames: it takes the newest ones, or every one in lockstep if
-//! it was told so, and ends when it is asked to.
+//! The base of a program that answers frames and results: it takes the newest ones, or every one in
+//! lockstep if it was told so, and ends when it is asked to.
 
 use std::ops::Index;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-use schema_bus::{Answerable, Bus, BusError, Frame, ResultTopic, names::default_domain};
+use schema_bus::{
+    Answerable, Bus, BusError, Frame, ResultSample, ResultTopic, names::default_domain,
+};
 use schema_frames::{About, ResultRecord, ResultType};
 use serde::de::DeserializeOwned;
 
@@ -15,6 +17,8 @@ use crate::{Follower, MAX_WAIT, Publisher, Steps, Take, TopicId};
 
 /// How long a program waits for its inputs and for a place in lockstep.
 const START_TIMEOUT: Duration = Duration::from_secs(60);
+/// How long a tick in lockstep is held for the results of other participants.
+const RESULT_TIMEOUT: Duration = Duration::from_secs(1);
 /// Between two looks for topics that are missing.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
@@ -43,7 +47,7 @@ pub enum ProgramError {
     NoInputs,
 }
 
-/// A program that answers frames, on the domain of `GANTRY_DOMAIN`.
+/// A program that answers frames and others' results, on the domain of `GANTRY_DOMAIN`.
 ///
 /// It runs unchanged in all modes of the benchmark: by default it takes the newest frames and skips
 /// those that came while it was busy. If the JSON object in its last argument (`params` in a launch
@@ -68,42 +72,110 @@ pub enum ProgramError {
 pub struct Program {
     // Ports go before their node.
     steps: Option<Steps>,
-    heads: Vec<Option<Frame>>,
+    heads: Vec<Option<Head>>,
     follower: Follower,
-    inputs: Vec<TopicId>,
+    inputs: Vec<Followed>,
+    /// Until when the tick in lockstep is held for results.
+    held_until: Instant,
     take: Take,
     params: serde_json::Map<String, serde_json::Value>,
     lockstep: Option<String>,
     stop: Arc<AtomicBool>,
 }
 
-/// Number of an input of a [`Program`].
+/// Number of an input of a [`Program`] that has frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InputId(usize);
 
-/// One frame of each input, all of one tick.
+/// Number of an input of a [`Program`] that has results.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ResultId(usize);
+
+/// An input, and what it carries.
+#[derive(Clone, Copy, Debug)]
+enum Followed {
+    Frames(TopicId),
+    Results(TopicId),
+}
+
+impl Followed {
+    fn id(self) -> TopicId {
+        match self {
+            Followed::Frames(id) | Followed::Results(id) => id,
+        }
+    }
+}
+
+/// The oldest sample of an input that was not answered yet.
 #[derive(Debug)]
-pub struct Frames(Vec<Frame>);
+enum Head {
+    Frame(Frame),
+    Result(ResultSample),
+}
+
+impl Head {
+    fn tick(&self) -> u64 {
+        match self {
+            Head::Frame(frame) => frame.header().tick,
+            Head::Result(result) => result.header().tick,
+        }
+    }
+
+    /// Of the simulator; 0 for a result that answers no frame.
+    fn epoch(&self) -> u64 {
+        match self {
+            Head::Frame(frame) => frame.header().epoch,
+            Head::Result(result) => result.header().epoch,
+        }
+    }
+
+    fn published_mono_nanos(&self) -> u64 {
+        match self {
+            Head::Frame(frame) => frame.header().published_mono_nanos,
+            Head::Result(result) => result.header().published_mono_nanos,
+        }
+    }
+}
+
+/// One frame or result of each input, all of one tick.
+#[derive(Debug)]
+pub struct Frames(Vec<Head>);
 
 impl Frames {
     /// What a result answers that was computed from all of them, in the order of the inputs.
     pub fn all(&self) -> Vec<&dyn Answerable> {
-        self.0
-            .iter()
-            .map(|frame| frame as &dyn Answerable)
+        let heads = self.0.iter();
+        heads
+            .map(|head| match head {
+                Head::Frame(frame) => frame as &dyn Answerable,
+                Head::Result(result) => result as &dyn Answerable,
+            })
             .collect()
     }
 
     /// Their tick.
     pub fn tick(&self) -> u64 {
-        self.0.first().map_or(0, |frame| frame.header().tick)
+        self.0.first().map_or(0, Head::tick)
     }
 }
 
 impl Index<InputId> for Frames {
     type Output = Frame;
     fn index(&self, input: InputId) -> &Frame {
-        &self.0[input.0]
+        match &self.0[input.0] {
+            Head::Frame(frame) => frame,
+            Head::Result(_) => panic!("input {} of this program has results", input.0),
+        }
+    }
+}
+
+impl Index<ResultId> for Frames {
+    type Output = ResultSample;
+    fn index(&self, input: ResultId) -> &ResultSample {
+        match &self.0[input.0] {
+            Head::Result(result) => result,
+            Head::Frame(_) => panic!("input {} of this program has frames", input.0),
+        }
     }
 }
 
@@ -142,6 +214,7 @@ impl Program {
             heads: Vec::new(),
             follower: Follower::on(bus),
             inputs: Vec::new(),
+            held_until: Instant::now(),
             take: if lockstep.is_some() { Take::All } else { take },
             params,
             lockstep,
@@ -162,9 +235,32 @@ impl Program {
     /// Adds an input (`ego/front/rgb`, without the domain), which need not exist yet. Several
     /// inputs are taken tick by tick: frames of a tick of which one input has none are passed over.
     pub fn input(&mut self, topic: &str) -> InputId {
-        self.inputs.push(self.follower.follow(topic, self.take));
+        let id = self.follower.follow(topic, self.take_of_frames());
+        self.inputs.push(Followed::Frames(id));
         self.heads.push(None);
         InputId(self.inputs.len() - 1)
+    }
+
+    /// Adds results of another program (`detector/boxes`) as an input. With frames beside them the
+    /// program gets a frame together with what was said about its tick: in lockstep it waits for
+    /// that, up to a second. Otherwise every frame is taken, because the result comes later than
+    /// its frame, and a frame that is no longer kept by then is passed over.
+    pub fn results(&mut self, topic: &str) -> ResultId {
+        let id = self.follower.follow_results(topic, self.take);
+        self.inputs.push(Followed::Results(id));
+        self.heads.push(None);
+        for input in &self.inputs {
+            self.follower.set_take(input.id(), self.take_of_frames());
+        }
+        ResultId(self.inputs.len() - 1)
+    }
+
+    fn take_of_frames(&self) -> Take {
+        let is_result = |input: &Followed| matches!(input, Followed::Results(_));
+        match self.inputs.iter().any(is_result) {
+            true => Take::All,
+            false => self.take,
+        }
     }
 
     /// Opens a topic of results that are lists of `T`, whose classes have these names (empty:
@@ -207,15 +303,15 @@ impl Program {
         let deadline = Instant::now() + START_TIMEOUT;
         loop {
             self.follower.wait(Duration::ZERO)?;
-            let missing = self.inputs.iter().map(|id| self.follower.topic(*id));
-            let Some(missing) = missing.into_iter().find(|topic| !topic.found()) else {
+            let mut inputs = self.inputs.iter().map(|input| input.id());
+            let Some(missing) = inputs.find(|id| !self.follower.found(*id)) else {
                 return Ok(());
             };
             if self.stop.load(Relaxed) {
                 return Ok(());
             }
             if Instant::now() >= deadline {
-                return Err(ProgramError::NoInput(missing.topic().into()));
+                return Err(ProgramError::NoInput(self.follower.name(missing).into()));
             }
             std::thread::sleep(LOOK_EVERY);
         }
@@ -238,10 +334,17 @@ impl Program {
             if let Some(frames) = self.joined()? {
                 return Ok(Some(frames));
             }
+            let is_held = self.lacks_a_result() && Instant::now() < self.held_until;
             match &mut self.steps {
+                Some(_) if is_held => {
+                    // Another participant may still work on it.
+                    self.follower.wait(MAX_WAIT)?;
+                }
                 Some(steps) => {
                     self.follower.wait(Duration::ZERO)?;
-                    steps.next(self.follower.bus(), MAX_WAIT)?;
+                    if steps.next(self.follower.bus(), MAX_WAIT)?.is_some() {
+                        self.held_until = Instant::now() + RESULT_TIMEOUT;
+                    }
                 }
                 None => {
                     self.follower.wait(MAX_WAIT)?;
@@ -251,29 +354,48 @@ impl Program {
         Ok(None)
     }
 
-    /// Frames of one tick, if all inputs have one. What waits for its partners is kept.
+    /// Whether results are all that is missing, from somebody who still lives.
+    fn lacks_a_result(&self) -> bool {
+        let mut lacks = false;
+        for (head, input) in self.heads.iter().zip(&self.inputs) {
+            match (head, input) {
+                (Some(_), _) => {}
+                (None, Followed::Frames(_)) => return false,
+                (None, Followed::Results(id)) => lacks |= self.follower.results(*id).has_writer(),
+            }
+        }
+        lacks
+    }
+
+    /// Samples of one tick, if all inputs have one. What waits for its partners is kept.
     fn joined(&mut self) -> Result<Option<Frames>, BusError> {
         loop {
-            for (head, id) in self.heads.iter_mut().zip(&self.inputs) {
+            for (head, input) in self.heads.iter_mut().zip(&self.inputs) {
                 if head.is_none() {
-                    *head = self.follower.take(*id)?;
+                    *head = match input {
+                        Followed::Frames(id) => self.follower.take(*id)?.map(Head::Frame),
+                        Followed::Results(id) => self.follower.take_result(*id)?.map(Head::Result),
+                    };
                 }
             }
-            let heads: Vec<_> = self.heads.iter().flatten().map(Frame::header).collect();
+            let heads: Vec<_> = self.heads.iter().flatten().collect();
             if heads.len() < self.heads.len() {
                 return Ok(None);
             }
-            // A simulator that was restarted counts from 1 again: the run that sent last holds.
-            let newest = heads.iter().max_by_key(|head| head.published_mono_nanos);
-            let epoch = newest.map_or(0, |head| head.epoch);
-            let of_run = heads.iter().filter(|head| head.epoch == epoch);
-            let tick = of_run.map(|head| head.tick).max().unwrap_or_default();
+            // A simulator that was restarted counts from 1 again: the run that sent last holds. A
+            // result that answers no frame is of every run.
+            let of_runs = heads.iter().filter(|head| head.epoch() != 0);
+            let newest = of_runs.max_by_key(|head| head.published_mono_nanos());
+            let epoch = newest.map_or(0, |head| head.epoch());
+            let of_run = |head: &Head| matches!(head.epoch(), of if of == epoch || of == 0);
+            let ticks = heads.iter().filter(|head| of_run(head));
+            let tick = ticks.map(|head| head.tick()).max().unwrap_or_default();
             let mut is_whole = true;
             for head in &mut self.heads {
-                let at = head
+                if !head
                     .as_ref()
-                    .map(|frame| (frame.header().epoch, frame.header().tick));
-                if at != Some((epoch, tick)) {
+                    .is_some_and(|it| of_run(it) && it.tick() == tick)
+                {
                     (*head, is_whole) = (None, false);
                 }
             }

@@ -1,11 +1,15 @@
 //! Follows one topic of results: opens it when it appears, takes the newest or every result, counts
 //! losses, and knows the topic's description.
 
-use schema_bus::{Bus, BusError, Document, ReaderCounts, ResultReader, ResultSample, names};
+use std::time::{Duration, Instant};
+
+use schema_bus::{
+    Bus, BusError, Document, Listener, ReaderCounts, ResultReader, ResultSample, names,
+};
 use schema_frames::{About, ResultType};
 
 use crate::document::FollowedDocument;
-use crate::topic::{MAX_REFUSED, Search, Take, TopicReport};
+use crate::topic::{LOOK_EVERY, MAX_REFUSED, Search, Take, TopicReport};
 
 /// One topic of results, followed across restarts of its writer.
 #[derive(Debug)]
@@ -13,6 +17,8 @@ pub struct FollowedResult {
     topic: String,
     take: Take,
     reader: Option<ResultReader>,
+    /// Opened by the first [`FollowedResult::wait`].
+    listener: Option<Listener>,
     pub(crate) search: Search,
     document: FollowedDocument,
     about: About,
@@ -30,6 +36,7 @@ impl FollowedResult {
             topic,
             take,
             reader: None,
+            listener: None,
             search: Search::default(),
             about: About::default(),
             is_quiet: false,
@@ -48,7 +55,7 @@ impl FollowedResult {
     /// Closes its port and forgets its counters; the next look opens it again. Its description
     /// stays known.
     pub(crate) fn close(&mut self) {
-        self.reader = None;
+        (self.reader, self.listener) = (None, None);
         self.search = match self.is_quiet {
             true => Search::of_optional(),
             false => Search::default(),
@@ -118,6 +125,79 @@ impl FollowedResult {
     /// Type of the results; `None` before the topic was found.
     pub fn kind(&self) -> Option<ResultType> {
         self.reader.as_ref().map(ResultReader::kind)
+    }
+
+    /// Waits for the next result to handle, at most `timeout`: the whole loop of a program that
+    /// reads one topic. `None` after `timeout`, also if the topic does not exist yet.
+    ///
+    /// ```no_run
+    /// use std::time::Duration;
+    /// use consumer_kit::{FollowedResult, Take};
+    /// use schema_frames::Box3d;
+    /// let bus = schema_bus::Bus::open("gantry", "my-tracker")?;
+    /// let mut boxes = FollowedResult::new("detector/boxes", Take::All);
+    /// while let Some(found) = boxes.wait(&bus, Duration::from_secs(10))? {
+    ///     let n = found.records::<Box3d>().map_or(0, <[Box3d]>::len);
+    ///     println!("tick {}: {n} boxes", found.header().tick);
+    /// }
+    /// # Ok::<(), schema_bus::BusError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`FollowedResult::look`] and [`FollowedResult::take`].
+    pub fn wait(&mut self, bus: &Bus, timeout: Duration) -> Result<Option<ResultSample>, BusError> {
+        let deadline = Instant::now() + timeout;
+        loop {
+            if let Some(result) = self.take()? {
+                return Ok(Some(result));
+            }
+            let rest = deadline.saturating_duration_since(Instant::now());
+            if !self.look(bus)? {
+                if rest.is_zero() {
+                    return Ok(None);
+                }
+                std::thread::sleep(rest.min(LOOK_EVERY));
+                continue;
+            }
+            let Some(listener) = &self.listener else {
+                self.listener = Some(bus.listener(&self.topic)?);
+                continue;
+            };
+            // What was announced before this look is taken back, so that it does not end the wait
+            // for the next result.
+            listener.drain()?;
+            if let Some(result) = self.take()? {
+                return Ok(Some(result));
+            }
+            if rest.is_zero() {
+                return Ok(None);
+            }
+            if let Some(listener) = &self.listener {
+                listener.wait_pending(rest);
+            }
+        }
+    }
+
+    /// Waits for the result that is about `tick` or a later one, at most `timeout`: in lockstep what
+    /// another participant says of the tick that the simulator waits with. Results of earlier ticks
+    /// are dropped. `None` after `timeout`.
+    ///
+    /// # Errors
+    /// As [`FollowedResult::wait`].
+    pub fn wait_for(
+        &mut self,
+        bus: &Bus,
+        tick: u64,
+        timeout: Duration,
+    ) -> Result<Option<ResultSample>, BusError> {
+        let deadline = Instant::now() + timeout;
+        loop {
+            let rest = deadline.saturating_duration_since(Instant::now());
+            match self.wait(bus, rest)? {
+                Some(result) if result.header().tick < tick => {}
+                found => return Ok(found),
+            }
+        }
     }
 
     /// The next result to handle, if one waits. A result that breaks the contract is counted,

@@ -169,6 +169,11 @@ impl FollowedTopic {
         };
     }
 
+    /// Takes other frames from now on.
+    pub(crate) fn set_take(&mut self, take: Take) {
+        self.take = take;
+    }
+
     /// Name without the domain.
     pub fn topic(&self) -> &str {
         &self.topic

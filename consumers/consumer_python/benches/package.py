@@ -81,8 +81,6 @@ def read(topic, n):
         print("ready", flush=True)
         for _ in range(n):
             result = reader.next(timeout=20)
-            if result is None:
-                raise SystemExit("no result for 20 s")
             view = result.array
             held = time.monotonic_ns()
             assert view.shape == (HEIGHT, WIDTH, 4)

@@ -61,7 +61,7 @@ class Reader(threading.Thread):
         weights = None
         with gantry.open(TOPIC, domain=self.domain, timeout=20, device=device) as topic:
             while not self.ends.is_set():
-                frame = topic.latest(timeout=1)
+                frame = topic.latest(timeout=1, or_none=True)
                 if frame is None:
                     continue
                 tensor = frame.torch()

@@ -41,7 +41,7 @@ with (
     gantry.publish("people/boxes", "boxes2d", classes=["person"]) as boxes,
     gantry.publish("lanes/lines", "keypoints", bones=[(0, 1)]) as lanes,
 ):
-    while (frame := camera.latest(timeout=60)) is not None:
+    for frame in camera.newest():
         bgr = np.ascontiguousarray(frame.array[..., :3])  # B G R A in shared memory; HOG wants three parts
         boxes.send(people(bgr), answers=frame)
         lanes.send(lane_marks(bgr), answers=frame)

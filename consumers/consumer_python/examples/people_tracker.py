@@ -13,10 +13,10 @@ tracker = norfair.Tracker(distance_function="iou", distance_threshold=0.8, initi
 
 with (
     contextlib.suppress(KeyboardInterrupt),  # Ctrl-C and the launcher's end
-    gantry.open("people/boxes", timeout=60) as boxes,
+    gantry.open("people/boxes", result="boxes2d", timeout=60) as boxes,
     gantry.publish("people/tracks", "tracks", classes=["person"]) as tracks,
 ):
-    while (result := boxes.next(timeout=60)) is not None:
+    for result in boxes:
         corners = np.stack([result.array["min_px"], result.array["max_px"]], axis=1).astype(float)
         seen = [norfair.Detection(points, scores=np.full(2, score)) for points, score in zip(corners, result.array["score"])]
         alive = tracker.update(seen)

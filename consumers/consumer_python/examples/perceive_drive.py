@@ -8,10 +8,12 @@ One step per tick, in lockstep. `./gantry up launch/perceive.toml`; docs/how-to/
 
 import contextlib
 import math
+from typing import Any
 
 import gantry
 import numpy as np
 
+TOPICS = ["ego/front/rgb", "ego/roof/lidar", "ego/gnss/gnss", "ego/imu/imu"]
 CAMERA_HEIGHT_M, CAMERA_AHEAD_M, LIDAR_HEIGHT_M = 1.6, 0.6, 2.0  # as launch/perceive.toml mounts them
 LANE_M = 3.5  # width of a lane until both its lines have been seen
 CRUISE_MPS, TURN_MPS = 6.0, 3.5
@@ -45,7 +47,8 @@ class Line:
     """One line of the own lane, followed from image to image: left = a + b · ahead."""
 
     def __init__(self, side: float):
-        self.side, self.fit, self.age = side, None, 0
+        self.side, self.age = side, 0
+        self.fit: Any = None  # start and slope, once it is seen
         self.reach_m, self.ends_px = 0.0, None
 
     def follow(self, marks_m: np.ndarray, marks_px: np.ndarray, turned_rad: float) -> None:
@@ -122,7 +125,8 @@ class Driver:
     def __init__(self) -> None:
         self.left, self.right = Line(1.0), Line(-1.0)
         self.width_m, self.kerb_m = LANE_M, LANE_M / 2 + 0.6
-        self.curvature, self.speed_mps, self.last_fix = 0.0, 0.0, None
+        self.curvature, self.speed_mps = 0.0, 0.0
+        self.last_fix: Any = None
         self.kerbs = np.zeros((0, 2))
 
     def feel(self, gnss: np.ndarray, imu: np.ndarray, dt_secs: float) -> float:
@@ -190,7 +194,7 @@ class Driver:
         hits = (along > 1.0) & (np.abs(beside) < HALF_WIDTH_M) & (along < 25.0)
         return float((along[hits] - FRONT_M).min(initial=30.0))
 
-    def pedals(self, free_m: float) -> dict[str, float]:
+    def pedals(self, free_m: float) -> dict[str, Any]:
         wanted = CRUISE_MPS if abs(self.curvature) < 0.03 else TURN_MPS
         wanted = min(wanted, math.sqrt(max(0.0, 2.0 * BRAKING_MPS2 * (free_m - ROOM_M))))
         steer = float(np.clip(math.atan(WHEELBASE_M * self.curvature) / MAX_STEER_RAD, -1.0, 1.0))
@@ -209,14 +213,10 @@ def main() -> None:
         gantry.publish("perceive/lines", "keypoints", bones=[(0, 1)], classes=["left", "right"]) as lines,
         gantry.publish("perceive/obstacles", "boxes3d", classes=["obstacle"]) as boxes,
         gantry.publish("perceive/path", "path") as path,
-        gantry.sync(["ego/front/rgb", "ego/roof/lidar", "ego/gnss/gnss", "ego/imu/imu"], timeout=60) as ticks,
-        gantry.lockstep("perceive", timeout=60) as lockstep,
+        gantry.lockstep("perceive", timeout=60, topics=TOPICS) as rows,
     ):
-        for tick in lockstep:
-            # Frames of the ticks before the first one in step are left out.
-            while (row := ticks.next(timeout=2)) is not None and row.tick < tick:
-                pass
-            if row is None:
+        for row in rows:
+            if len(row) < len(TOPICS):
                 continue
             image, cloud, gnss = row["ego/front/rgb"], row["ego/roof/lidar"], row["ego/gnss/gnss"]
             dt_secs = image.sim_time - last_secs if last_secs is not None else 0.1

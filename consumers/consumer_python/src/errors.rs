@@ -19,9 +19,10 @@ enum Class {
     TopicTaken,
     BorrowLimit,
     FrameFormat,
+    TimedOut,
 }
 
-const NAMES: [&str; 7] = [
+const NAMES: [&str; 8] = [
     "GantryError",
     "NoSuchTopicError",
     "SchemaVersionError",
@@ -29,6 +30,7 @@ const NAMES: [&str; 7] = [
     "TopicTakenError",
     "BorrowLimitError",
     "FrameFormatError",
+    "TimedOutError",
 ];
 
 fn error(class: Class, text: impl Into<String>) -> PyErr {
@@ -61,6 +63,11 @@ fn error(class: Class, text: impl Into<String>) -> PyErr {
 /// A `GantryError` with this sentence.
 pub fn gantry(text: impl Into<String>) -> PyErr {
     error(Class::Gantry, text)
+}
+
+/// A `TimedOutError` with this sentence.
+pub fn timed_out(text: impl Into<String>) -> PyErr {
+    error(Class::TimedOut, text)
 }
 
 /// A `FrameFormatError` with this sentence.
@@ -136,6 +143,8 @@ pub fn bus(cause: BusError) -> PyErr {
 pub fn command(cause: CommandError) -> PyErr {
     match cause {
         CommandError::Bus(cause) => bus(cause),
+        CommandError::Timeout { .. } => timed_out(cause.to_string()),
+        CommandError::NoServer { .. } => error(Class::NoSuchTopic, cause.to_string()),
         other => gantry(other.to_string()),
     }
 }
@@ -144,6 +153,10 @@ pub fn command(cause: CommandError) -> PyErr {
 pub fn lockstep(cause: LockstepError) -> PyErr {
     match cause {
         LockstepError::Bus(cause) => bus(cause),
+        LockstepError::Command(CommandError::NoServer { .. }) => {
+            error(Class::NoSuchTopic, cause.to_string())
+        }
+        LockstepError::Command(CommandError::Timeout { .. }) => timed_out(cause.to_string()),
         other => gantry(other.to_string()),
     }
 }

@@ -26,6 +26,7 @@ use crate::elements::element;
 use crate::errors;
 use crate::fork::Owned;
 use crate::place::Place;
+use crate::recorded::FromBytes;
 use crate::tensor::{Form, Images, Numbers};
 use crate::view::{self, Access, Memory, Shape};
 
@@ -207,7 +208,8 @@ impl Sample {
         }
     }
 
-    /// Shows the frame as something that can be answered; `false` if it comes from bytes.
+    /// Shows the frame as something that can be answered; `false` if it comes from bytes without a
+    /// topic. One of a recording counts as taken when it was sent: a file is read without a clock.
     pub fn answered(&self, act: impl FnOnce(&dyn Answerable)) -> bool {
         match self.keeper.get().held.get() {
             Some(Held::Shared(frame, _place)) => {
@@ -218,7 +220,14 @@ impl Sample {
                 act(&***frame);
                 true
             }
-            Some(Held::Bytes(_bytes)) => false,
+            Some(Held::Bytes(_bytes)) => {
+                let topic = Python::attach(|py| self.topic.bind(py).to_string());
+                let Some(facts) = self.facts.get().filter(|_| !topic.is_empty()) else {
+                    return false;
+                };
+                act(&FromBytes::frame(&facts.header, &topic));
+                true
+            }
             None => false,
         }
     }

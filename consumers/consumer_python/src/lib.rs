@@ -10,8 +10,8 @@
 //! child uses nothing and drops nothing of its parent's.
 //!
 //! Modules in reading order: `fork`, `errors`, `place` (a domain), `wait`, `view` (arrays),
-//! `elements`, `dlpack`, `tensor`, `frame`, `topic`, `world`, `lockstep`, `control`, `result`, `publish`,
-//! `publish_gpu` and `recording`.
+//! `elements`, `dlpack`, `tensor`, `recorded`, `frame`, `topic`, `world`, `lockstep`, `control`, `result`, `publish`,
+//! `publish_gpu`, `recording` and `result_file`.
 
 #![warn(missing_docs)]
 
@@ -25,8 +25,10 @@ mod lockstep;
 mod place;
 mod publish;
 mod publish_gpu;
+mod recorded;
 mod recording;
 mod result;
+mod result_file;
 mod tensor;
 mod topic;
 mod view;
@@ -50,8 +52,8 @@ mod _native {
     use crate::lockstep::Lockstep;
     #[pymodule_export]
     use crate::place::{
-        close_all, command, default_domain, leave, publisher_alive, set_private, set_program,
-        topics,
+        clean, close_all, command, default_domain, leave, publisher_alive, set_private,
+        set_program, topics,
     };
     #[pymodule_export]
     use crate::publish::{Loan, Publisher};
@@ -62,13 +64,15 @@ mod _native {
     #[pymodule_export]
     use crate::result::{About, Outcome, outcome_from_bytes, set_result_class};
     #[pymodule_export]
+    use crate::result_file::{FileDraft, ResultFile};
+    #[pymodule_export]
     use crate::topic::Reader;
     #[pymodule_export]
     use crate::world::{Snapshots, document, snapshot};
 
     /// Number of this interface, which the Python half compares with its own.
     #[pymodule_export]
-    const INTERFACE: u32 = 7;
+    const INTERFACE: u32 = 9;
     /// Version of the layouts that this module reads and writes.
     #[pymodule_export]
     const SCHEMA_VERSION: u16 = schema_frames::SCHEMA_VERSION;

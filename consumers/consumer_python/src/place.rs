@@ -84,6 +84,13 @@ pub fn set_private(domain: &str, root: PathBuf, prefix: &str) {
     PRIVATE.lock().insert(domain.to_owned(), options);
 }
 
+/// Removes what killed processes left, as which they seem to live; returns how many these were.
+#[pyfunction]
+pub fn clean(py: Python<'_>, domain: &str) -> PyResult<u64> {
+    let place = Place::of(domain)?;
+    Ok(py.detach(|| place.bus.clean_dead_nodes()))
+}
+
 /// Removes what killed processes left in `domain`, leaves it, and forgets where its files are.
 /// Returns whether nothing of it is held any more.
 #[pyfunction]

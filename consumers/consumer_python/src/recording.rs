@@ -257,7 +257,7 @@ fn item(py: Python<'_>, sample: Sample<'_>) -> PyResult<Result<Item, String>> {
                 Ok(bytes) => bytes,
                 Err(fault) => return Ok(Err(format!("{topic}: {fault}"))),
             };
-            let outcome = Py::new(py, outcome_from_bytes(bytes)?)?.into_any();
+            let outcome = Py::new(py, outcome_from_bytes(bytes, topic)?)?.into_any();
             ("result", topic.to_string(), nanos, outcome, None)
         }
         What::Snapshot { header, records } => {

@@ -21,6 +21,7 @@ use crate::errors;
 use crate::fork::{self, Owned};
 use crate::frame::Sample;
 use crate::place::Place;
+use crate::recorded::FromBytes;
 use crate::view::{self, Access, Memory, Shape};
 
 /// Who keeps a payload in place.
@@ -32,7 +33,8 @@ enum Keeper {
     /// A sample in shared memory; its port's node must outlive it.
     Shared(Mutex<Owned<ResultSample>>, Arc<Place>),
     /// Bytes, for example of a recording.
-    Bytes(Py<PyBytes>),
+    /// With their topic, which may be empty.
+    Bytes(Py<PyBytes>, String),
     /// On a GPU; its port's node must outlive it.
     OnGpu(Arc<Owned<ResultOnGpu>>, Arc<Place>),
 }
@@ -153,7 +155,8 @@ impl Outcome {
         }
     }
 
-    /// Shows the sample as something that can be answered; `false` if it comes from bytes.
+    /// Shows the sample as something that can be answered; `false` if it comes from bytes without a
+    /// topic. One of a recording counts as taken when it was sent.
     pub fn answered(&self, act: impl FnOnce(&dyn Answerable)) -> bool {
         match &self.keeper {
             Keeper::Shared(sample, _place) => {
@@ -164,7 +167,11 @@ impl Outcome {
                 act(&***result);
                 true
             }
-            Keeper::Bytes(_bytes) => false,
+            Keeper::Bytes(_bytes, topic) if topic.is_empty() => false,
+            Keeper::Bytes(_bytes, topic) => {
+                act(&FromBytes::result(&self.header, topic));
+                true
+            }
         }
     }
 }
@@ -298,7 +305,8 @@ impl Outcome {
 
 /// A result from the bytes of its header and its payload, which are checked.
 #[pyfunction]
-pub fn outcome_from_bytes(bytes: Bound<'_, PyBytes>) -> PyResult<Outcome> {
+#[pyo3(signature = (bytes, topic=""))]
+pub fn outcome_from_bytes(bytes: Bound<'_, PyBytes>, topic: &str) -> PyResult<Outcome> {
     const HEADER: usize = size_of::<ResultHeader>();
     let data = bytes.as_bytes();
     if data.len() < HEADER {
@@ -324,7 +332,7 @@ pub fn outcome_from_bytes(bytes: Bound<'_, PyBytes>) -> PyResult<Outcome> {
             .chunks_exact(size_of::<InputRecord>())
             .map(bytemuck::pod_read_unaligned)
             .collect(),
-        keeper: Keeper::Bytes(bytes.unbind()),
+        keeper: Keeper::Bytes(bytes.unbind(), topic.to_owned()),
     })
 }
 
@@ -347,7 +355,7 @@ impl Input<'_> {
         match is_live {
             true => Ok(()),
             false => Err(PyValueError::new_err(
-                "a result cannot answer a frame that was read from bytes, because it has no topic; answer the frame as it comes from the bus",
+                "a result cannot answer a frame that was read from bytes, because it has no topic; answer it as it comes from the bus or from gantry.Recording, or give its topic to frame_from_bytes",
             )),
         }
     }

@@ -42,7 +42,7 @@ fn first<T: Send>(
             return Ok(found);
         }
         if until.left().is_some_and(|left| left.is_zero()) {
-            return Err(errors::gantry(format!(
+            return Err(errors::timed_out(format!(
                 "{full:?} sent nothing within {} s; is the simulator running?",
                 timeout.unwrap_or(0.0)
             )));

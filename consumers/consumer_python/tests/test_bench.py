@@ -119,13 +119,13 @@ class Modes(unittest.TestCase):
             simulator.watch("mine/boxes")
             ticks = []
             while len(ticks) < 6:
-                result = simulator.wait_until(lambda: simulator._topics["mine/boxes"].next(0.1), "a result")
+                result = simulator.wait_until(lambda: simulator._topics["mine/boxes"].next(0.1, or_none=True), "a result")
                 ticks.append(result.tick)
                 del result
             self.assertEqual(ticks, list(range(ticks[0], ticks[0] + 6)))
             # The tick before this one has an answer already, although nobody took it yet.
             now, last = simulator.snapshot().tick, ticks[-1]
-            while (result := simulator._topics["mine/boxes"].next(0.0)) is not None:
+            while (result := simulator._topics["mine/boxes"].poll()) is not None:
                 last = result.tick
                 del result
             self.assertGreaterEqual(last, now - 1)
@@ -137,7 +137,7 @@ class Modes(unittest.TestCase):
             simulator.watch("mine/boxes")
             ticks = []
             while len(ticks) < 6:
-                result = simulator.wait_until(lambda: simulator._topics["mine/boxes"].next(0.1), "a result")
+                result = simulator.wait_until(lambda: simulator._topics["mine/boxes"].next(0.1, or_none=True), "a result")
                 ticks.append(result.tick)
                 del result
             # It works for ten ticks; a queue would give it tick after tick.

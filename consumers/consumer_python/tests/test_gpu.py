@@ -115,7 +115,7 @@ class OnGpu(LiveCase):
                 held = [array] + [np.from_dlpack(gpu.next(timeout=60)) for _ in range(2)]
                 try:
                     for _ in range(100):
-                        if gpu.next(timeout=1) is not None:
+                        if gpu.next(timeout=1, or_none=True) is not None:
                             raise AssertionError("a fourth frame")
                     raise AssertionError("no frame came")
                 except gantry.BorrowLimitError:
@@ -437,7 +437,7 @@ class ResultsOnGpu(LiveCase):
                         raise KeyError("mine")
                 except KeyError:
                     pass
-                assert gpu.next(timeout=0.05) is None
+                assert gpu.next(timeout=0.05, or_none=True) is None
                 loans = [topic.loan(3) for _ in range(3)]
                 assert "all its loans are open" in sentence(lambda: topic.loan(3), gantry.BorrowLimitError)
                 del loans

@@ -1,9 +1,11 @@
 """Frames read live from another process: the Rust example `test_card`, in a private iceoryx2 root and prefix."""
 
 import signal
+import subprocess
+import time
 import unittest
 
-from live_kit import CardCase
+from live_kit import TEST_CARD, CardCase
 
 
 class Live(CardCase):
@@ -44,10 +46,10 @@ class Live(CardCase):
                 # A reader that the machine leaves waiting loses its oldest frames, and counts them.
                 assert all(a < b for a, b in zip(seqs, seqs[1:])) and seqs[-1] - seqs[0] == 19 + topic.counts.lost, (seqs, topic.counts)
             with gantry.open("ego/card/collision", domain="live") as topic:
-                while topic.next(timeout=0.0) is not None:
+                while topic.poll() is not None:
                     pass
                 began = time.monotonic()
-                while topic.next(timeout=0.0, busy_wait=10) is not None:
+                while topic.next(timeout=0.0, busy_wait=10, or_none=True) is not None:
                     pass
                 assert time.monotonic() - began < 10
         """)
@@ -84,7 +86,7 @@ class Live(CardCase):
         """)
         self.script("""
             try:
-                gantry.open("ego/card/rgb")
+                gantry.open("ego/card/rgb", timeout=0)
             except gantry.NoSuchTopicError as error:
                 assert 'nothing runs on domain "elsewhere"' in str(error), error
             else:
@@ -132,7 +134,7 @@ class Live(CardCase):
             with gantry.sync(["ego/card/rgb", "ego/card/lidar"]) as rows:
                 ticks = []
                 while len(ticks) < 5:
-                    row = rows.next(timeout=0.001)
+                    row = rows.next(timeout=0.001, or_none=True)
                     ticks += [row.tick] if row is not None else []
                     del row
                 lost = sum(topic.counts.lost for topic in rows._topics.values())
@@ -224,10 +226,111 @@ class Live(CardCase):
             assert ended.wait(10), "closing a topic ends the loops over it"
         """)
 
+    def test_a_loop_waits_for_a_writer_that_stands_still_and_ends_with_it(self):
+        """However it is read: by samples, the newest of them, ticks of several topics, or in an event loop."""
+        ways = {
+            "for frame in gantry.open('ego/card/rgb'):": "",
+            "for frame in gantry.open('ego/card/imu').newest():": "",
+            "for frame in gantry.sync(['ego/card/rgb', 'ego/card/lidar']):": "",
+            "async for frame in gantry.open('ego/card/depth'):": "async",
+            "async for frame in gantry.sync(['ego/card/rgb', 'ego/card/imu']):": "async",
+        }
+        readers = []
+        for loop in ways:
+            readers.append(self.start(f"""
+                import asyncio
+                from gantry import _patience
+                # How long a restart may take.
+                _patience.PATIENCE = 1.0
+
+                {'async ' if loop.startswith('async') else ''}def read():
+                    {loop}
+                        print(frame.tick, flush=True)
+                        del frame
+                    print("ended", flush=True)
+
+                asyncio.run(read()) if asyncio.iscoroutinefunction(read) else read()
+            """))
+        last = [int(reader.stdout.readline()) for reader in readers]
+        self.card.send_signal(signal.SIGSTOP)
+        # Longer than the patience: a writer that stands still has not ended.
+        time.sleep(3.0)
+        self.card.send_signal(signal.SIGCONT)
+        for reader, before in zip(readers, last):
+            while int(reader.stdout.readline()) <= before + 100:
+                pass
+        self.card.kill()
+        self.card.wait()
+        for reader in readers:
+            self.assertTrue(self.finish(reader).endswith("ended\n"))
+
+    def test_what_does_not_come_in_time_is_an_exception_or_none(self):
+        self.script("""
+            import asyncio
+            with gantry.publish("mine/silent", "text") as writer, gantry.open("mine/silent", result="text") as topic:
+                for take in (topic.next, topic.latest):
+                    assert take(0.05, or_none=True) is None
+                    try:
+                        take(0.05)
+                    except gantry.TimedOutError as error:
+                        assert isinstance(error, TimeoutError) and isinstance(error, gantry.GantryError)
+                        assert "'live/mine/silent' sent nothing within 0.05 s; its writer sends nothing" in str(error), error
+                    else:
+                        raise AssertionError("nothing came, and no exception")
+                async def main():
+                    assert await topic.anext(0.05, or_none=True) is None
+                    try:
+                        await topic.anext(0.05)
+                    except gantry.TimedOutError:
+                        return
+                    raise AssertionError("nothing came, and no exception")
+                asyncio.run(main())
+                with gantry.sync(["ego/card/rgb", "mine/silent"]) as rows:
+                    assert rows.next(0.05, or_none=True) is None
+                    try:
+                        rows.next(0.05)
+                    except gantry.TimedOutError as error:
+                        assert "no tick was complete within 0.05 s; mine/silent sent nothing" in str(error), error
+                    else:
+                        raise AssertionError("nothing came, and no exception")
+                writer.close()
+                try:
+                    topic.next(0.05)
+                except gantry.TimedOutError as error:
+                    assert "nobody writes it" in str(error), error
+            try:
+                gantry.document("world/catalogue", timeout=0.05)
+            except gantry.NoSuchTopicError:
+                pass
+        """)
+
+    def test_a_script_may_be_started_before_what_it_reads(self):
+        early = self.start("""
+            print("waiting", flush=True)
+            with gantry.open("late/text", result="text") as topic:
+                print(topic.next().text)
+            print(gantry.snapshot("later").tick)
+        """)
+        self.assertEqual(early.stdout.readline(), "waiting\n")
+        late = self.start("""
+            with gantry.publish("late/text", "text") as topic:
+                while topic.n_readers == 0:
+                    pass
+                topic.send("good morning")
+        """)
+        self.assertEqual(early.stdout.readline(), "good morning\n")
+        self.finish(late)
+        later = subprocess.Popen([TEST_CARD, "later", "600"], cwd=self.folder, stdout=subprocess.DEVNULL)
+        try:
+            self.assertGreater(int(self.finish(early)), 0)
+        finally:
+            later.kill()
+            later.wait()
+
     def test_ctrl_c_ends_a_wait(self):
         process = self.start("""
             topic = gantry.open("ego/card/collision")
-            while topic.next(timeout=0.0) is not None:
+            while topic.poll() is not None:
                 pass
             try:
                 print("waiting", flush=True)
@@ -284,13 +387,13 @@ class Live(CardCase):
     def test_traps_are_explained(self):
         self.script("""
             try:
-                gantry.open("ego/nope/rgb", domain="live")
+                gantry.open("ego/nope/rgb", domain="live", timeout=0)
             except gantry.NoSuchTopicError as error:
                 assert "there is ego/card/rgb" in str(error), error
             else:
                 raise AssertionError("opened a topic that is not there")
             try:
-                gantry.open("ego/card/rgb", domain="nobody")
+                gantry.open("ego/card/rgb", domain="nobody", timeout=0)
             except gantry.NoSuchTopicError as error:
                 assert 'nothing runs on domain "nobody"' in str(error), error
             held = []

@@ -74,7 +74,7 @@ class Publish(LiveCase):
                         raise KeyError("mine")
                 except KeyError:
                     pass
-                assert reader.next(timeout=0.05) is None
+                assert reader.next(timeout=0.05, or_none=True) is None
                 with (loan := topic.loan(3)) as a:
                     a[:] = 5
                     loan.answers(result)
@@ -239,7 +239,7 @@ class Answers(CardCase):
                 row = None
                 for _ in range(100):
                     boxes.send(gantry.boxes2d([], []), answers=camera.latest(timeout=10))
-                    if (row := both.next(timeout=0.5)) is not None:
+                    if (row := both.next(timeout=0.5, or_none=True)) is not None:
                         break
                 assert row["mine/boxes"].tick == row["ego/card/rgb"].tick
                 tracks.send(gantry.tracks([1]), answers=row)

@@ -101,7 +101,62 @@ class GoldenResults(unittest.TestCase):
                     pass
 
 
+class Tensor:
+    """What torch's tensors are to a program without torch: on a device, on a graph, bfloat16 perhaps."""
+
+    def __init__(self, numbers, on_device=True, on_graph=True, dtype="torch.float32"):
+        self.numbers, self.on_device, self.on_graph, self.dtype = np.asarray(numbers, np.float32), on_device, on_graph, dtype
+
+    def __dlpack__(self, **_):
+        raise BufferError("not from a device")
+
+    def detach(self):
+        return Tensor(self.numbers, self.on_device, False, self.dtype)
+
+    def cpu(self):
+        return Tensor(self.numbers, False, self.on_graph, self.dtype)
+
+    def float(self):
+        return Tensor(self.numbers, self.on_device, self.on_graph, "torch.float32")
+
+    def __array__(self, dtype=None, copy=None):
+        if self.on_device or self.on_graph or self.dtype == "torch.bfloat16":
+            raise TypeError("torch refuses")
+        return np.array(self.numbers, dtype)
+
+
 class Records(unittest.TestCase):
+    def test_boxes_come_as_networks_give_them(self):
+        wanted = gantry.boxes2d([[10, 20], [1, 2]], [[30, 60], [4, 8]], score=[0.5, 1], class_=[3, 4])
+        ways = {"xyxy": [[10, 20, 30, 60], [1, 2, 4, 8]], "xywh": [[10, 20, 20, 40], [1, 2, 3, 6]], "cxcywh": [[20, 40, 20, 40], [2.5, 5, 3, 6]]}
+        for name, rows in ways.items():
+            for column in (rows, np.array(rows, np.float32), Tensor(rows), Tensor(rows, dtype="torch.bfloat16")):
+                with self.subTest(name, type=type(column)):
+                    made = gantry.boxes2d(**{name: column}, score=Tensor([0.5, 1]), class_=[3, 4])
+                    self.assertEqual(made.tobytes(), wanted.tobytes())
+            self.assertEqual(len(gantry.boxes2d(**{name: np.zeros((0, 4))})), 0)
+        with self.assertRaisesRegex(ValueError, r"xywh has the shape \(1, 2\); it must be \(n, 4\)"):
+            gantry.boxes2d(xywh=[[1, 2]])
+        for given, words in (({}, "no boxes"), ({"xyxy": [], "xywh": []}, "xyxy, xywh"), ({"min_px": [[1, 2]]}, "one corner")):
+            with self.assertRaisesRegex(ValueError, f"is given {words}; say where the boxes are in one way"):
+                gantry.boxes2d(**given)
+
+    def test_boxes_in_space_have_sizes_or_halves(self):
+        wanted = gantry.boxes3d([[1, 2, 3]], [[2, 1, 0.5]], yaw_rad=0.5, velocity_mps=0)
+        made = gantry.boxes3d(Tensor([[1, 2, 3]]), size_m=Tensor([[4, 2, 1]]), yaw_rad=Tensor([0.5]), velocity_mps=0)
+        self.assertEqual(made.tobytes(), wanted.tobytes())
+        for given in ({}, {"half_m": [[1, 1, 1]], "size_m": [[2, 2, 2]]}):
+            with self.assertRaisesRegex(ValueError, "in one way: half_m or size_m"):
+                gantry.boxes3d([[1, 2, 3]], **given)
+
+    def test_the_age_of_a_result_is_that_of_its_oldest_frame(self):
+        result = gantry.result_from_bytes(golden()["boxes2d"])
+        self.assertEqual(result.age_ms, (result.header.published_mono_nanos - 3) / 1e6)
+        nothing = bytearray(golden()["boxes2d"])
+        at = next(offset for name, _, _, offset in _layout.STRUCTS["ResultHeader"][2] if name == "origin_mono_nanos")
+        nothing[at : at + 8] = bytes(8)
+        self.assertIsNone(gantry.result_from_bytes(bytes(nothing)).age_ms)
+
     def test_columns_are_broadcast_and_a_wrong_one_is_named(self):
         boxes = gantry.boxes2d([[1, 2], [3, 4]], [[5, 6], [7, 8]], score=0.5, class_=[1, 2])
         self.assertEqual((boxes["max_px"].tolist(), boxes["score"].tolist(), boxes["class"].tolist()), ([[5, 6], [7, 8]], [0.5, 0.5], [1, 2]))

@@ -61,7 +61,7 @@ def main():
     ):
         for _ in ticks:
             ticks.wait_frames()
-            while (row := inputs.next(0.0)) is not None:
+            while (row := inputs.next(0.0, or_none=True)) is not None:
                 instance, semantic = row[names[0]], row[names[1]]
                 now = instance.header.sim_nanos
                 first_nanos = now if first_nanos is None else first_nanos

@@ -102,7 +102,7 @@ def show_class(name, node, lines):
                 for line in ast.walk(item):
                     if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Attribute) and (said := comment(line, lines)):
                         attributes.append((line.target.attr, ast.unparse(line.annotation), said))
-            elif item.name.startswith("_"):
+            elif item.name.startswith("_") or "overload" in decorators(item):
                 continue
             elif "property" in decorators(item):
                 returned = ast.unparse(item.returns) if item.returns else ""

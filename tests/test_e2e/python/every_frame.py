@@ -157,9 +157,9 @@ def sentence_of(error, action):
 
 def check_sentences():
     """What goes wrong is told in a sentence."""
-    text = sentence_of(gantry.NoSuchTopicError, lambda: gantry.open("ego/rear/rgb", domain=DOMAIN))
+    text = sentence_of(gantry.NoSuchTopicError, lambda: gantry.open("ego/rear/rgb", domain=DOMAIN, timeout=0))
     assert "there is no topic" in text and "ego/front/rgb" in text, text
-    text = sentence_of(gantry.NoSuchTopicError, lambda: gantry.open("ego/front/rgb", domain="nobody-here"))
+    text = sentence_of(gantry.NoSuchTopicError, lambda: gantry.open("ego/front/rgb", domain="nobody-here", timeout=0))
     assert 'nothing runs on domain "nobody-here"' in text, text
     text = sentence_of(gantry.GantryError, lambda: gantry.command({"do": "destroy", "actor_id": 999999}, domain=DOMAIN))
     assert "999999" in text, text

@@ -66,6 +66,80 @@ def check_lockstep():
     assert_free()
 
 
+def check_rows():
+    """A row for each tick with what the topics sent of it; nothing of earlier ticks, and nobody's result is waited for too long."""
+    camera, imu, answers = "ego/front/semantic", "ego/imu/imu", "rows/answers"
+    with gantry.publish(answers, "scalars") as out, gantry.lockstep("rows", timeout=PATIENCE_SECS, topics=[camera, imu, answers], results_secs=0.1) as rows:
+        car, seen = gantry.ego(timeout=PATIENCE_SECS), []
+        for row in rows:
+            assert row.tick == row.snapshot.tick and row[imu].tick == row.tick and row[imu].epoch == row.snapshot.epoch
+            assert camera not in row or row[camera].tick == row.tick
+            # The tick before was answered; this one by nobody yet.
+            assert answers not in row, row
+            out.send({"tick": row.tick}, answers=row[imu])
+            pose = row.snapshot.pose(car)
+            assert pose.translation_m == tuple(row.snapshot.actor(car.id)["world_from_actor"]["translation_m"].tolist())
+            assert row.snapshot.speed_mps(car) >= 0.0
+            seen.append(row.tick)
+            assert newest_tick() == row.tick, "the world waits"
+            if len(seen) == TICKS:
+                break
+        assert seen == list(range(seen[0], seen[0] + TICKS)), seen
+    assert_free()
+
+    def answer():
+        with gantry.lockstep("answerer", timeout=PATIENCE_SECS, topics=[imu]) as turns, gantry.publish(answers, "scalars") as out:
+            ready.set()
+            for turn in turns:
+                time.sleep(0.02)
+                out.send({"tick": turn.tick}, answers=turn[imu])
+                if done.is_set():
+                    return
+
+    ready, done = threading.Event(), threading.Event()
+    thread = threading.Thread(target=answer)
+    thread.start()
+    assert ready.wait(PATIENCE_SECS)
+    with gantry.lockstep("asker", timeout=PATIENCE_SECS, topics=[answers], results_secs=PATIENCE_SECS) as rows:
+        for n, row in enumerate(rows):
+            assert row.result(answers).scalars == {"tick": row.tick}, row
+            if n == TICKS:
+                done.set()
+                break
+    thread.join(PATIENCE_SECS)
+    assert_free()
+
+
+def check_actors():
+    """Actors are found by role and type, and spawned where a pose says."""
+    world = gantry.world(timeout=PATIENCE_SECS)
+    (ego,) = world.find(role="ego_vehicle")
+    assert ego.id == gantry.ego().id and ego.type_id.startswith("vehicle.") and ego in world.find(type="vehicle.*")
+    assert world.find() == world.actors and world.find(role="nobody") == []
+    front = next(actor for actor in world.find(type="sensor.*") if actor.topics.get("semantic") == "ego/front/semantic")
+    assert front.parent_id == ego.id
+    world_from_ego = world.snapshot.pose(ego)
+    wanted = world_from_ego @ gantry.Pose((0.0, 0.0, 30.0))
+    made = gantry.spawn("static.prop.trafficcone01", wanted, role="mine")
+    eventually("the cone's snapshot", lambda: made.id in gantry.snapshot().actors["id"])
+    eventually("the cone in the list", lambda: [one.id for one in gantry.world().find(role="mine", type="static.prop.*")] == [made.id])
+    at = gantry.snapshot().pose(made).translation_m
+    assert np.allclose(at[:2], wanted.translation_m[:2], atol=0.01), (at, wanted)
+    try:
+        gantry.spawn("vehicle.of.dreams", wanted)
+    except gantry.GantryError as error:
+        assert "vehicle.of.dreams" in str(error), error
+    else:
+        raise AssertionError("an unknown type was spawned")
+    try:
+        gantry.ego(timeout=0.1, role="pilot")
+    except gantry.TimedOutError as error:
+        assert "has the role 'pilot'; roles of its vehicles: " in str(error) and "ego_vehicle" in str(error), error
+    else:
+        raise AssertionError("a role that nobody has was found")
+    gantry.command({"do": "destroy", "actor_id": made.id})
+
+
 def check_two_participants():
     """Two threads in lockstep under two names see the same ticks; a name that is taken is refused."""
     seen = {"one": [], "two": []}
@@ -160,7 +234,7 @@ def check_chain():
                 boxes.send(gantry.boxes2d([[1, 2]], [[30, 40]], class_=14), answers=frame)
                 frame = None
                 # A reader that the machine leaves waiting loses the frame that was answered.
-                row = rows.next(timeout=0.5)
+                row = rows.next(timeout=0.5, or_none=True)
             assert row is not None and row.snapshot.tick == row.tick == row["chain/boxes"].tick
             (answered,) = row["chain/boxes"].inputs
             assert (answered.topic, answered.tick, answered.seq) == ("ego/front/semantic", row.tick, row["ego/front/semantic"].seq)
@@ -179,6 +253,6 @@ def hold():
 
 if "hold" in sys.argv:
     hold()
-for check in (check_lockstep, check_two_participants, check_event_loop, check_control, check_chain):
+for check in (check_lockstep, check_rows, check_actors, check_two_participants, check_event_loop, check_control, check_chain):
     check()
     print(f"{check.__name__} passed", flush=True)

@@ -40,7 +40,7 @@ with gantry.open("ego/front/rgb", domain=domain) as camera:
     assert gantry.step(2, domain=domain) == first.tick + 2 == 2
     frame = camera.next(timeout=10)
     assert (frame.tick, frame.epoch) == (1, first.epoch)
-    while camera.next(timeout=0.0) is not None:
+    while camera.poll() is not None:
         pass
 
     gantry.seek(1.0, domain=domain)

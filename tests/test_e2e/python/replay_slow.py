@@ -30,7 +30,7 @@ with gantry.lockstep("slow", domain=domain) as lockstep:
         time.sleep(0.01)
         lockstep.wait_frames()
         for topic in topics:
-            while (frame := topic.next(timeout=0.0)) is not None:
+            while (frame := topic.poll()) is not None:
                 assert frame.header.flags & 2, "a replayed frame says so"
                 assert frame.tick == tick, (topic, frame.tick, tick)
                 crc = zlib.crc32(frame.array.tobytes())

@@ -21,8 +21,6 @@ with gantry.open(args.topic, domain=args.domain) as topic:
     print("ready", flush=True)
     while seq < args.last:
         frame = topic.next(20.0, busy_wait)
-        if frame is None:
-            raise SystemExit("no frame for 20 s")
         pixels = frame.array
         held = time.monotonic_ns()
         seq = frame.seq

@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use consumer_kit::{Program, ProgramError, Take};
-use schema_bus::{Bus, BusOptions, FramePublisher, FrameTopic, Notifier};
+use consumer_kit::{FollowedResult, Program, ProgramError, Publisher, Take};
+use schema_bus::{Bus, BusOptions, FramePublisher, FrameReader, FrameTopic, Notifier};
 use schema_frames::{Box2d, Modality, ResultType};
 
 struct Place(tempfile::TempDir, String);
@@ -178,4 +178,102 @@ fn a_place_in_lockstep_that_nobody_gives_ends_with_a_sentence() {
     let began = Instant::now();
     assert!(matches!(program.next(), Err(ProgramError::Lockstep(_))));
     assert!(began.elapsed() < Duration::from_secs(600));
+}
+
+/// Another program, which answers frames of `ego/imu/imu`.
+struct Detector {
+    boxes: Publisher<Box2d>,
+    imu: FrameReader,
+}
+
+impl Detector {
+    fn open(bus: &Bus) -> Detector {
+        Detector {
+            boxes: Publisher::open(bus, "other/boxes").unwrap(),
+            imu: bus.frame_reader("ego/imu/imu").unwrap(),
+        }
+    }
+
+    /// Answers the frame of `tick`, and none before.
+    fn answer(&mut self, tick: u64) {
+        loop {
+            let frame = self.imu.next().unwrap().expect("the frame was sent");
+            if frame.header().tick == tick {
+                self.boxes.send(&[], &[&frame]).unwrap();
+                return;
+            }
+        }
+    }
+}
+
+#[test]
+fn a_frame_comes_with_what_another_program_said_of_its_tick() {
+    let place = Place::new("chain");
+    let daemon = place.bus("simd");
+    let imu = Sensor::open(&daemon, "ego/imu/imu");
+    let other = place.bus("other");
+    let mut detector = Detector::open(&other);
+    let mut program = Program::on(place.bus("chain"), Take::Newest, "{}").unwrap();
+    let (frame, boxes) = (program.input("ego/imu/imu"), program.results("other/boxes"));
+    let out = program.output::<Box2d>("chain/boxes", &[]).unwrap();
+    for tick in 1..=3 {
+        imu.fire(1, tick);
+    }
+    // The first frame stays without an answer, and the second is no longer the newest when its own
+    // comes.
+    detector.answer(2);
+    let found = program.next().unwrap().unwrap();
+    let ticks = (found[frame].header().tick, found[boxes].header().tick);
+    assert_eq!((found.tick(), ticks), (2, (2, 2)));
+    let reader_bus = place.bus("reader");
+    let mut reader = reader_bus.result_reader("chain/boxes").unwrap();
+    out.send(&[], &found.all()).unwrap();
+    let answer = reader.next().unwrap().unwrap();
+    let topics: Vec<String> = answer.inputs().iter().map(|input| input.topic()).collect();
+    assert_eq!(topics, ["ego/imu/imu", "other/boxes"]);
+    drop((found, answer));
+
+    // Of a simulator that was restarted both come again.
+    imu.fire(2, 1);
+    detector.answer(1);
+    let found = program.next().unwrap().unwrap();
+    assert_eq!((found.tick(), found[frame].header().epoch), (1, 2));
+}
+
+#[test]
+fn a_result_of_a_tick_is_waited_for_and_earlier_ones_are_dropped() {
+    let place = Place::new("wait_for");
+    let daemon = place.bus("simd");
+    let imu = Sensor::open(&daemon, "ego/imu/imu");
+    let bus = place.bus("reader");
+    let mut boxes = FollowedResult::new("other/boxes", Take::All);
+    let none = boxes.wait(&bus, Duration::from_millis(1)).unwrap();
+    assert!(none.is_none(), "the topic does not exist yet");
+    let other = place.bus("other");
+    let mut detector = Detector::open(&other);
+    while !boxes.look(&bus).unwrap() {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    for tick in 1..=2 {
+        imu.fire(1, tick);
+        detector.answer(tick);
+    }
+    let minute = Duration::from_secs(60);
+    let found = boxes.wait_for(&bus, 2, minute).unwrap().unwrap();
+    assert_eq!((found.header().tick, found.header().seq), (2, 2));
+    let none = boxes.wait_for(&bus, 3, Duration::from_millis(1)).unwrap();
+    assert!(none.is_none());
+    let late = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            std::thread::sleep(Duration::from_millis(20));
+            imu.fire(1, 3);
+            detector.answer(3);
+        });
+        boxes.wait_for(&bus, 3, minute).unwrap()
+    });
+    assert_eq!(
+        late.unwrap().header().tick,
+        3,
+        "it was sent during the wait"
+    );
 }

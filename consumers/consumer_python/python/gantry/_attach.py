@@ -8,14 +8,17 @@ from typing import Any
 from ._domain import resolve
 from ._errors import GantryError, NoSuchTopicError
 from ._frame import Frame
+from ._patience import PATIENCE
 from ._topic import Topic, open as open_topic
 from ._world import document
 
 #: Seconds between two looks at the list of actors.
 _LOOK_SECS = 0.01
+#: Seconds that a list which is there may take to come, also at the end of the time.
+_ANSWER_SECS = 2.0
 
 
-def attach(sensor: int | Any, modality: str | None = None, domain: str | None = None, timeout: float = 5.0) -> Topic[Frame]:
+def attach(sensor: int | Any, modality: str | None = None, domain: str | None = None, timeout: float = PATIENCE) -> Topic[Frame]:
     """Opens the frames of a sensor: of a `carla.Sensor`, or of the actor with this id.
 
     The frames are those that `sensor.listen()` would receive, but in Gantry's axes and encodings
@@ -28,7 +31,7 @@ def attach(sensor: int | Any, modality: str | None = None, domain: str | None = 
     actor_id = int(getattr(sensor, "id", sensor))
     deadline = time.monotonic() + timeout
     while True:
-        actor = _listed(actor_id, domain)
+        actor = _listed(actor_id, domain, max(_ANSWER_SECS, deadline - time.monotonic()))
         if actor is not None:
             topics = {info["modality"]: info["topic"] for info in actor["topics"]}
             return open_topic(_chosen(actor, topics, modality), domain, max(0.0, deadline - time.monotonic()))
@@ -37,8 +40,8 @@ def attach(sensor: int | Any, modality: str | None = None, domain: str | None = 
         time.sleep(_LOOK_SECS)
 
 
-def _listed(actor_id: int, domain: str) -> dict[str, Any] | None:
-    actors: list[dict[str, Any]] = document("world/actors", domain).json()["actors"]
+def _listed(actor_id: int, domain: str, timeout: float) -> dict[str, Any] | None:
+    actors: list[dict[str, Any]] = document("world/actors", domain, timeout).json()["actors"]
     return next((actor for actor in actors if actor["id"] == actor_id), None)
 
 

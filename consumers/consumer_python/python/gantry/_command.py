@@ -9,14 +9,16 @@ from . import _layout
 from ._domain import resolve
 from ._errors import GantryError
 from ._load import native
+from ._patience import PATIENCE
 
 
-def command(*commands: dict[str, Any], domain: str | None = None, timeout: float = 5.0) -> list[dict[str, Any]]:
+def command(*commands: dict[str, Any], domain: str | None = None, timeout: float = PATIENCE) -> list[dict[str, Any]]:
     """Sends commands, e.g. `gantry.command({"do": "step", "n": 1})`, and returns their replies.
 
     SPEC.md §7 lists commands and replies; there is one reply per command, in order. Raises
-    `GantryError` without a simulator, after `timeout` seconds without an answer, and for a refused
-    command, with the simulator's sentence; the commands before and after a refused one were done.
+    `NoSuchTopicError` at once without a simulator, `TimedOutError` after `timeout` seconds without an
+    answer, and `GantryError` with the simulator's sentence for a refused command; the commands before
+    and after a refused one were done.
     """
     batch = json.dumps({"v": _layout.COMMAND_VERSION, "commands": list(commands)})
     answer = native.command(resolve(domain), batch, timeout)

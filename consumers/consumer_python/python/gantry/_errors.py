@@ -27,5 +27,9 @@ class BorrowLimitError(GantryError):
     """The reader holds as many frames as it may; drop one, or keep copies."""
 
 
+class TimedOutError(GantryError, TimeoutError):
+    """What was waited for did not come in time."""
+
+
 class FrameFormatError(GantryError):
     """A frame, a result or another sample breaks the contract of SPEC.md."""

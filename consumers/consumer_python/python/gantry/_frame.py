@@ -13,32 +13,12 @@ from . import _layout
 from ._dtypes import unpacker
 from ._errors import FrameFormatError
 from ._load import native
+from ._pose import Pose
 from ._tensor import Colour, Dtype, Layout, tensor
 
 _UNPACK_HEADER = unpacker("FrameHeader").unpack
 _OFFSETS = {name: offset for name, _, _, offset in _layout.STRUCTS["FrameHeader"][2]}
 _PLACE_AT, _LENGTH_AT = _OFFSETS["payload_place"], _OFFSETS["payload_bytes"]
-
-
-class Pose(NamedTuple):
-    """A rigid transform target_from_source."""
-
-    #: Position of the source's origin in the target, metres.
-    translation_m: tuple[float, float, float]
-    #: Unit quaternion [x, y, z, w].
-    rotation_xyzw: tuple[float, float, float, float]
-
-    def matrix(self) -> npt.NDArray[np.float64]:
-        """Returns the transform as a 4 × 4 matrix of float64, for column vectors in metres."""
-        x, y, z, w = self.rotation_xyzw
-        out = np.eye(4)
-        out[:3, :3] = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-        out[:3, 3] = self.translation_m
-        return out
 
 
 def camera_matrix(intrinsics_px: tuple[float, float, float, float]) -> npt.NDArray[np.float64]:

@@ -8,14 +8,15 @@ import time
 from . import _layout
 from ._command import command
 from ._domain import resolve
-from ._errors import GantryError
+from ._errors import TimedOutError
 from ._load import native
+from ._patience import PATIENCE
 
 #: How often `step` asks whether its ticks are done, seconds.
 _ASK_EVERY = 0.002
 
 
-def pause(domain: str | None = None, timeout: float = 5.0) -> None:
+def pause(domain: str | None = None, timeout: float = PATIENCE) -> None:
     """Stops between two ticks: each further tick waits for `step`.
 
     A simulator goes on by itself 10 s after its last client has gone, unless it was started with
@@ -24,7 +25,7 @@ def pause(domain: str | None = None, timeout: float = 5.0) -> None:
     command({"do": "configure", "mode": "stepped"}, domain=domain, timeout=timeout)
 
 
-def resume(domain: str | None = None, timeout: float = 5.0) -> None:
+def resume(domain: str | None = None, timeout: float = PATIENCE) -> None:
     """Lets ticks follow one another by the clock again. Raises as `command`."""
     command({"do": "configure", "mode": "free_running"}, domain=domain, timeout=timeout)
 
@@ -32,8 +33,8 @@ def resume(domain: str | None = None, timeout: float = 5.0) -> None:
 def step(n: int = 1, domain: str | None = None, timeout: float = 60.0) -> int:
     """Makes `n` ticks and waits until everything of them was sent; returns the last one's number.
 
-    Needs `pause` before it. Raises as `command`, and `GantryError` if the ticks are not done within
-    `timeout` seconds: a replay is at its end, or a lockstep participant is slow.
+    Needs `pause` before it. Raises as `command`, and `TimedOutError` if the ticks are not done
+    within `timeout` seconds: a replay is at its end, or a lockstep participant is slow.
     """
     deadline = time.monotonic() + timeout
     (reply,) = command({"do": "step", "n": n}, domain=domain, timeout=timeout)
@@ -44,11 +45,11 @@ def step(n: int = 1, domain: str | None = None, timeout: float = 60.0) -> int:
         if tick >= last:
             return tick
         if time.monotonic() > deadline:
-            raise GantryError(f"tick {last} was not reached within {timeout} s; the world is at tick {tick}")
+            raise TimedOutError(f"tick {last} was not reached within {timeout} s; the world is at tick {tick}")
         time.sleep(_ASK_EVERY)
 
 
-def set_speed(ratio: float, domain: str | None = None, timeout: float = 5.0) -> None:
+def set_speed(ratio: float, domain: str | None = None, timeout: float = PATIENCE) -> None:
     """Sets how many simulated seconds go by in a second, 0.01 to 100. Raises as `command`."""
     command({"do": "set_speed", "ratio": float(ratio)}, domain=domain, timeout=timeout)
 

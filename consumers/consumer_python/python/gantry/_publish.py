@@ -14,8 +14,9 @@ from . import _layout, _records
 from ._domain import split
 from ._dtypes import ONLY_FORMAT, PIXELS, RECORDS, TAILS, scalar_name
 from ._errors import GantryError
-from ._frame import Frame, Pose
+from ._frame import Frame
 from ._load import native
+from ._pose import Pose
 from ._records import RecordsAndTail
 from ._result import Result
 
@@ -387,12 +388,7 @@ def publish(
     `GantryError` for a name or a description that cannot be, if `/dev/shm` or the GPU has no room,
     and without CUDA for a device.
     """
-    point = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")]) if fields is None else np.dtype(fields)
-    about: dict[str, Any] = {"classes": list(classes), "bones": [list(bone) for bone in bones], "note": note}
-    if fields is not None:
-        about["fields"] = _point_fields(point)
-    if schema is not None:
-        about["schema"] = schema._json()
+    about, point = described(classes, fields, bones, schema, note)
     capacities = {"body_bytes": max_bytes, "loans": loans, "readers": readers, "buffer": buffer, "borrowed": borrowed, "gpu_readers": gpu_readers}
     negative = next((name for name, value in capacities.items() if value < 0), None)
     if negative is not None:
@@ -403,6 +399,19 @@ def publish(
         return GpuPublisher(topic, type, domain, about, capacities, point, device)
     del capacities["gpu_readers"]
     return Publisher(topic, type, domain, about, capacities, point)
+
+
+def described(
+    classes: Sequence[str], fields: npt.DTypeLike | None, bones: Sequence[tuple[int, int]], schema: BytesSchema | None, note: str
+) -> tuple[dict[str, Any], np.dtype[Any]]:
+    """Returns the description of a topic, and the type of its points."""
+    point = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")]) if fields is None else np.dtype(fields)
+    about: dict[str, Any] = {"classes": list(classes), "bones": [list(bone) for bone in bones], "note": note}
+    if fields is not None:
+        about["fields"] = _point_fields(point)
+    if schema is not None:
+        about["schema"] = schema._json()
+    return about, point
 
 
 def _point_fields(point: np.dtype[Any]) -> list[dict[str, Any]]:

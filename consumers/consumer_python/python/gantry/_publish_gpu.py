@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ._dtypes import PIXELS
-from ._frame import Pose
 from ._load import native
+from ._pose import Pose
 from ._publish import _PIXEL_TYPES, Answered, Loan, Publisher, _name_inputs
 
 #: DLPack's kinds of memory.

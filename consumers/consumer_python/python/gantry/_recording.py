@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 from typing import Any, Callable, Iterator, NamedTuple, Sequence, TypeVar
@@ -10,6 +11,7 @@ from ._errors import GantryError
 from ._frame import Frame
 from ._load import native
 from ._result import About, Result
+from ._result_file import ResultFile
 from ._sync import Row
 from ._world import Document, Snapshot, parse_snapshot
 
@@ -17,6 +19,8 @@ T = TypeVar("T")
 _END = 2**64 - 1
 #: Ticks after which a tick of which something is missing is given up: free-running cameras are a few ticks late.
 _TICKS_APART = 8
+#: Looks for a tick at most, and the distance from which on its neighbours are read one by one.
+_GUESSES, _NEAR_TICKS = 64, 4
 #: Sentences about damage that are kept.
 _MOST_SENTENCES = 16
 
@@ -63,10 +67,12 @@ class Recording:
     started; `start` and `end` of a method limit it to start ≤ time < end. Patterns of topics may
     have `*` for any characters and `?` for one; without any, all are read.
 
+    Its length is the number of its ticks. `close`, and the end of a `with` block, end what is read.
+
     >>> import gantry
-    >>> drive = gantry.Recording("drive.mcap")                     # doctest: +SKIP
-    >>> for frame in drive.frames("ego/front/rgb", start=10.0):    # doctest: +SKIP
-    ...     print(frame.tick, frame.array.shape)
+    >>> with gantry.Recording("drive.mcap") as drive:                  # doctest: +SKIP
+    ...     for frame in drive.frames("ego/front/rgb", start=10.0):
+    ...         print(frame.tick, frame.array.shape)
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -76,9 +82,43 @@ class Recording:
         self._file = native.Recording(self.path)
         #: Topics by kind and name, without the pictures that are there for other programs.
         self.topics: list[RecordedTopic] = [RecordedTopic(*facts) for facts in self._file.topics()]
+        self._closed = False
         self._cursors: list[native.Cursor] = []
         self._damage: dict[str, int] = {}
         self._sentences: list[str] = []
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def writer(self, path: str | os.PathLike[str]) -> ResultFile:
+        """Begins a file of results beside this one:
+
+            with gantry.Recording("drive.mcap") as drive, drive.writer("boxes.mcap") as out:
+                boxes = out.publish("mine/boxes", "boxes2d", classes=["person"])
+                for frame in drive.frames("ego/front/rgb"):
+                    boxes.send(detect(frame.rgb), answers=frame)
+
+        Raises `GantryError` if a file of this name, or its part file, is there, or cannot be made.
+        """
+        return ResultFile(self, path)
+
+    def close(self) -> None:
+        """Ends whatever still reads; frames and results that are held stay as they are."""
+        self._closed = True
+
+    def __len__(self) -> int:
+        counted = {topic.name: topic.n_messages for topic in self.topics if topic.kind == "snapshot"}
+        if not counted:
+            # Without a world the topic with the most frames tells.
+            return max((topic.n_messages or 0 for topic in self.topics if topic.kind in ("frame", "result")), default=0)
+        known = next(iter(counted.values()))
+        return sum(1 for _ in self.snapshots()) if known is None else known
+
+    def __bool__(self) -> bool:
+        return True
 
     def __repr__(self) -> str:
         return f"<gantry.Recording {self.path} {self.start:.2f} to {self.end:.2f} s>"
@@ -145,6 +185,67 @@ class Recording:
 
         return self._read(("result", "document"), topics, start, end, make)
 
+    def frame(self, topic: str, tick: int) -> Frame:
+        """Returns the frame of a tick, found in a few steps in a file of any length.
+
+        Raises `KeyError` if the topic has none of this tick, `GantryError` for a topic that is not there.
+        """
+        return _frame(self._of_tick("frame", topic, tick))
+
+    def result(self, topic: str, tick: int) -> Result:
+        """Returns the result that is about a tick, as `frame`."""
+        item = self._of_tick("result", topic, tick)
+        found = _result(item, self._abouts(item[2] * 1e-9))
+        assert found is not None, "a result is no document"
+        return found
+
+    def _of_tick(self, kind: str, topic: str, tick: int) -> tuple[Any, ...]:
+        self._known([topic], (kind,))
+        missing = KeyError(f"{self.path} has no {kind} of {topic} of tick {tick}")
+        head = list(itertools.islice(self._items(kind, topic, 0), 2))
+        if not head or tick < head[0][3].tick:
+            raise missing
+        low, second = head[0], head[-1]
+        # Ticks follow one another in steps of about the same length: guess, look, and guess again from there.
+        nanos_per_tick = max((second[2] - low[2]) / max(second[3].tick - low[3].tick, 1), 1.0)
+        end = (self._file.span() or (0, 0))[1] + 1
+        for _ in range(_GUESSES):
+            if tick - low[3].tick <= _NEAR_TICKS:
+                break
+            guess = min(int(low[2] + (tick - low[3].tick - 0.5) * nanos_per_tick), low[2] + (end - low[2]) * 9 // 10)
+            found = next(self._items(kind, topic, guess), None)
+            if found is None or found[3].tick > tick:
+                end = guess
+                nanos_per_tick /= 2
+            elif found[3].tick == low[3].tick:
+                break
+            else:
+                nanos_per_tick = (found[2] - low[2]) / (found[3].tick - low[3].tick)
+                low = found
+        for item in self._items(kind, topic, low[2]):
+            if item[3].tick == tick:
+                return item
+            if item[3].tick > tick + _TICKS_APART:
+                break
+        raise missing
+
+    def _items(self, kind: str, topic: str, nanos: int) -> Iterator[tuple[Any, ...]]:
+        self._check_open()
+        cursor = self._file.read(nanos, _END, [kind], [topic])
+        while (item := cursor.next()) is not None:
+            yield item
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise GantryError(f"{self.path} is closed")
+
+    def _known(self, topics: Sequence[str], kinds: Sequence[str]) -> None:
+        """Raises `GantryError` for topics that are not in the file."""
+        there = [topic.name for topic in self.topics if topic.kind in kinds]
+        unknown = [name for name in topics if name not in there]
+        if unknown:
+            raise GantryError(f"{self.path} has no {' or '.join(f'{kind}s' for kind in kinds)} of {', '.join(unknown)}; it has {', '.join(there) or 'none'}")
+
     def snapshots(self, start: float = 0.0, end: float | None = None) -> Iterator[Snapshot]:
         """Reads the world tick by tick."""
         return self._read(("snapshot",), (), start, end, lambda item: parse_snapshot(item[3], item[4]))
@@ -175,23 +276,23 @@ class Recording:
         return self._read(("frame", "result", "snapshot", "document", "foreign"), topics, start, end, make)
 
     def sync(self, topics: Sequence[str], start: float = 0.0, end: float | None = None, *, snapshots: bool = False) -> Iterator[Row]:
-        """Reads frames tick by tick, of the ticks of which every topic has one, as `gantry.sync` does live.
+        """Reads frames and results tick by tick, of the ticks of which every topic has one, as `gantry.sync` does live.
 
-        Topics are names without patterns. With `snapshots` each row has the world of its tick.
+        Topics are names without patterns; `row["ego/front/rgb"]` is a frame, `row.result("mine/boxes")`
+        a result. With `snapshots` each row has the world of its tick.
         """
         if not topics:
             raise ValueError("sync needs at least one topic")
-        unknown = [name for name in topics if name not in {topic.name for topic in self.topics if topic.kind == "frame"}]
-        if unknown:
-            known = ", ".join(topic.name for topic in self.topics if topic.kind == "frame")
-            raise GantryError(f"{self.path} has no frames of {', '.join(unknown)}; it has {known or 'none'}")
-        kinds = ("frame", "snapshot") if snapshots else ("frame",)
+        self._known(topics, ("frame", "result"))
+        has_results = any(topic.kind == "result" and topic.name in topics for topic in self.topics)
+        kinds = ("frame", *(("result", "document") if has_results else ()), *(("snapshot",) if snapshots else ()))
         return self._rows(kinds, tuple(topics), start, end, snapshots)
 
     def _rows(self, kinds: tuple[str, ...], topics: tuple[str, ...], start: float, end: float | None, snapshots: bool) -> Iterator[Row]:
         # A file holds one start of the simulator, so the tick alone says what belongs together.
-        ticks: dict[int, dict[str, Frame]] = {}
+        ticks: dict[int, dict[str, Any]] = {}
         worlds: dict[int, Snapshot] = {}
+        abouts = self._abouts(start)
 
         def make(item: tuple[Any, ...]) -> Row | None:
             if item[0] == "snapshot":
@@ -199,15 +300,17 @@ class Recording:
                 worlds[world.tick] = world
                 _forget(worlds, world.tick)
                 return None
-            frame = _frame(item)
-            ticks.setdefault(frame.tick, {})[item[1]] = frame
-            _forget(ticks, frame.tick)
-            if len(ticks[frame.tick]) < len(set(topics)):
+            sample = _frame(item) if item[0] == "frame" else _result(item, abouts)
+            if sample is None:
                 return None
-            found = ticks.pop(frame.tick)
-            return Row({name: found[name] for name in topics}, worlds.get(frame.tick) if snapshots else None)
+            ticks.setdefault(sample.tick, {})[item[1]] = sample
+            _forget(ticks, sample.tick)
+            if len(ticks[sample.tick]) < len(set(topics)):
+                return None
+            found = ticks.pop(sample.tick)
+            return Row({name: found[name] for name in topics}, worlds.get(sample.tick) if snapshots else None)
 
-        return self._read(kinds, topics, start, end, make, must_find="frame")
+        return self._read(kinds, topics, start, end, make, must_find="frame" if kinds[1:2] != ("result",) else None)
 
     @property
     def damage(self) -> dict[str, int]:
@@ -237,13 +340,14 @@ class Recording:
     ) -> Iterator[T]:
         if end is not None and end < start:
             raise ValueError(f"end is {end} s, but must not be before start, {start} s")
+        self._check_open()
         cursor = self._file.read(_nanos(start), _END if end is None else _nanos(end), list(kinds), list(topics))
 
         def items() -> Iterator[T]:
             self._cursors.append(cursor)
             is_found = False
             try:
-                while (item := cursor.next()) is not None:
+                while not self._closed and (item := cursor.next()) is not None:
                     is_found = is_found or item[0] == must_find
                     made = make(item)
                     del item

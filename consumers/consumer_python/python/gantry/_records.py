@@ -30,6 +30,7 @@ def _fill(dtype: np.dtype[Any], n: int, columns: Mapping[str, Any]) -> Records:
     records = np.zeros(n, dtype)
     for name, column in columns.items():
         if column is not None:
+            column = on_host(column)
             try:
                 records[name] = column
             except ValueError as cause:
@@ -38,8 +39,22 @@ def _fill(dtype: np.dtype[Any], n: int, columns: Mapping[str, Any]) -> Records:
     return records
 
 
+def on_host(column: Columns) -> Any:
+    """Returns what numpy takes of a column: tensors of networks are taken off their graph and their device."""
+    if isinstance(column, np.ndarray) or not hasattr(column, "__dlpack__"):
+        return column
+    tensor: Any = column
+    for step in ("detach", "cpu"):
+        # torch's; arrays of cupy come by `get`, those of jax by themselves.
+        tensor = getattr(tensor, step)() if hasattr(tensor, step) else tensor
+    if "bfloat16" in str(tensor.dtype) and hasattr(tensor, "float"):
+        # numpy has no such type.
+        tensor = tensor.float()
+    return tensor.get() if type(tensor).__module__.partition(".")[0] == "cupy" else np.asarray(tensor)
+
+
 def _rows(column: Columns, width: int, name: str) -> npt.NDArray[np.float64]:
-    rows = np.asarray(column, np.float64)
+    rows = np.asarray(on_host(column), np.float64)
     if rows.size == 0:
         return np.zeros((0, width))
     rows = np.atleast_2d(rows)
@@ -54,28 +69,58 @@ def _quaternions(n: int, rotation_xyzw: Columns | None, yaw_rad: Columns | None)
     if rotation_xyzw is not None and yaw_rad is not None:
         raise ValueError("say either rotation_xyzw or yaw_rad")
     if rotation_xyzw is not None:
-        turned[:] = rotation_xyzw
+        turned[:] = on_host(rotation_xyzw)
     if yaw_rad is not None:
-        half = np.broadcast_to(np.asarray(yaw_rad, np.float64) / 2, (n,))
+        half = np.broadcast_to(np.asarray(on_host(yaw_rad), np.float64) / 2, (n,))
         turned[:, 2], turned[:, 3] = np.sin(half), np.cos(half)
     return turned
 
 
 def _set_pose(records: Records, at_m: Columns, rotation_xyzw: Columns | None, yaw_rad: Columns | None) -> None:
-    records["pose"]["translation_m"] = at_m
+    records["pose"]["translation_m"] = on_host(at_m)
     records["pose"]["rotation_xyzw"] = _quaternions(len(records), rotation_xyzw, yaw_rad)
 
 
-def boxes2d(min_px: Columns, max_px: Columns, *, score: Columns = 1.0, class_: Columns = 0, id: Columns = 0) -> Records:
-    """Boxes in an image: corners (n, 2) `[x, y]` in pixels, confidence 0 to 1, class and object numbers."""
-    low = _rows(min_px, 2, "min_px")
-    return _fill(BOX2D, len(low), {"min_px": low, "max_px": _rows(max_px, 2, "max_px"), "score": score, "class": class_, "id": id})
+def boxes2d(
+    min_px: Columns | None = None,
+    max_px: Columns | None = None,
+    *,
+    xyxy: Columns | None = None,
+    xywh: Columns | None = None,
+    cxcywh: Columns | None = None,
+    score: Columns = 1.0,
+    class_: Columns = 0,
+    id: Columns = 0,
+) -> Records:
+    """Boxes in an image, pixels: confidence 0 to 1, class and object numbers, and one of four ways to say where they are.
+
+    Corners `min_px` and `max_px` (n, 2) `[x, y]`, or as networks give them (n, 4): `xyxy` both corners,
+    `xywh` the first corner, width and height, `cxcywh` the centre, width and height. Every argument may
+    be an array or a tensor on any device, on its graph or not.
+    """
+    ways = {"min_px and max_px": min_px if max_px is None else max_px, "xyxy": xyxy, "xywh": xywh, "cxcywh": cxcywh}
+    said = [name for name, way in ways.items() if way is not None]
+    if len(said) != 1 or (min_px is None) != (max_px is None):
+        given = "one corner" if len(said) == 1 else ", ".join(said) or "no boxes"
+        raise ValueError(f"boxes2d is given {given}; say where the boxes are in one way: min_px and max_px, xyxy, xywh or cxcywh")
+    if min_px is not None and max_px is not None:
+        low, high = _rows(min_px, 2, "min_px"), _rows(max_px, 2, "max_px")
+    else:
+        (name,) = said
+        rows = _rows(ways[name], 4, name)  # type: ignore[arg-type]
+        low, high = rows[:, :2], rows[:, 2:]
+        if name == "xywh":
+            high = low + high
+        elif name == "cxcywh":
+            low, high = low - high / 2, low + high / 2
+    return _fill(BOX2D, len(low), {"min_px": low, "max_px": high, "score": score, "class": class_, "id": id})
 
 
 def boxes3d(
     center_m: Columns,
-    half_m: Columns,
+    half_m: Columns | None = None,
     *,
+    size_m: Columns | None = None,
     rotation_xyzw: Columns | None = None,
     yaw_rad: Columns | None = None,
     velocity_mps: Columns = np.nan,
@@ -84,8 +129,14 @@ def boxes3d(
     id: Columns = 0,
     n_points: Columns = 0,
 ) -> Records:
-    """Boxes in space: centres and half sizes (n, 3) in metres, their turn as quaternions or about z."""
+    """Boxes in space: centres (n, 3), half sizes or sizes (n, 3) in metres, their turn as quaternions or about z.
+
+    Every argument may be an array or a tensor on any device, on its graph or not.
+    """
+    if (half_m is None) == (size_m is None):
+        raise ValueError("boxes3d needs the boxes' sizes in one way: half_m or size_m")
     centers = _rows(center_m, 3, "center_m")
+    half_m = _rows(size_m, 3, "size_m") / 2 if size_m is not None else half_m
     columns = {"half_m": half_m, "velocity_mps": velocity_mps, "score": score, "class": class_, "id": id, "n_points": n_points}
     records = _fill(BOX3D, len(centers), columns)
     _set_pose(records, centers, rotation_xyzw, yaw_rad)

@@ -7,13 +7,14 @@ import warnings
 from typing import Any
 
 from ._errors import GantryError, NoSuchTopicError
+from ._patience import PATIENCE
 from ._world import document
 
 #: Document in which a viewer says where its view is.
 _VIEW = "control/view"
 
 
-def rerun(domain: str | None = None, timeout: float = 5.0) -> Any:
+def rerun(domain: str | None = None, timeout: float = PATIENCE) -> Any:
     """Returns a `rerun.RecordingStream` that logs into the recording that `gantry-view` shows.
 
     Its timelines are `tick` and `sim_time`: set them to those of what you log about, and it stands

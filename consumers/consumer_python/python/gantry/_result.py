@@ -14,8 +14,9 @@ from . import _layout
 from ._classes import CLASS_NAMES
 from ._dtypes import INPUT_RECORD, PIXELS, RECORDS, SCALARS, TAILS, unpacker
 from ._errors import FrameFormatError
-from ._frame import Pose, camera_matrix
+from ._frame import camera_matrix
 from ._load import native
+from ._pose import Pose
 
 _UNPACK_HEADER = unpacker("ResultHeader").unpack
 #: Offset and length of the header's numbers, bytes.
@@ -179,6 +180,12 @@ class Result:
     def sim_time(self) -> float:
         """Simulated time of its tick, seconds."""
         return self._outcome.sim_nanos * 1e-9
+
+    @property
+    def age_ms(self) -> float | None:
+        """Age of the oldest frame behind it, through all results between, when it was sent; None without one."""
+        origin = self.header.origin_mono_nanos
+        return (self.header.published_mono_nanos - origin) * 1e-6 if origin else None
 
     @property
     def device(self) -> str | None:
@@ -384,7 +391,7 @@ def result_from_bytes(data: bytes, topic: str = "", about: dict[str, Any] | None
     `about` is the JSON of the topic's description. The arrays are read-only views of `data`. Raises
     `FrameFormatError` or `SchemaVersionError`.
     """
-    return Result(native.outcome_from_bytes(bytes(data)), topic, About(about or {}))
+    return Result(native.outcome_from_bytes(bytes(data), topic), topic, About(about or {}))
 
 
 native.set_result_class(Result)

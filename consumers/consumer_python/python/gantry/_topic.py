@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 import weakref
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, AsyncIterator, Generic, Iterator, TypeVar, overload
+from typing import TYPE_CHECKING, Any, AsyncIterator, Generic, Iterator, Literal, TypeVar, overload
 
 from ._asyncio import Readable
 from ._domain import split
-from ._errors import GantryError, NoSuchTopicError
+from ._errors import GantryError, TimedOutError
 from ._frame import Frame
 from ._load import native
+from ._patience import LIFE_SECS, PATIENCE, Life, appear
 from ._result import Result, class_names
 from ._topics import BatchCamera, cameras_of
 
-#: Seconds between two looks for a topic that does not exist yet.
-_LOOK_SECS = 0.05
 #: Seconds between two looks of a task whether frames still come to the GPU the way they did.
 _LOOK_ON_GPU_SECS = 0.5
 #: What was warned of.
@@ -46,9 +44,11 @@ S = TypeVar("S")
 class Topic(native.Reader, Generic[S]):
     """An open topic: a context manager, and an iterator over every sample in order.
 
-    `for frame in topic` blocks a thread, `async for frame in topic` a task. Several threads and
-    tasks may read one topic; each sample goes to one of them. It yields `Frame`s, or `Result`s if
-    the topic has results.
+    `for frame in topic` blocks a thread, `async for frame in topic` a task. The loop waits for as
+    long as the writer lives, paused or not, and ends when it has ended: when none has come back for
+    `PATIENCE` seconds, so that a restarted one is followed; and when the topic is closed. Several
+    threads and tasks may read one topic; each sample goes to one of them. It yields `Frame`s, or
+    `Result`s if the topic has results.
     """
 
     def __new__(cls, topic: str, domain: str | None = None, device: str | None = None) -> Topic[S]:
@@ -68,9 +68,38 @@ class Topic(native.Reader, Generic[S]):
 
         def poll(self) -> S | None: ...
 
-        def next(self, timeout: float | None = None, busy_wait: float = 0.0) -> S | None: ...
+    @overload
+    def next(self, timeout: float | None = PATIENCE, busy_wait: float = 0.0, *, or_none: Literal[False] = False) -> S: ...
+    @overload
+    def next(self, timeout: float | None = PATIENCE, busy_wait: float = 0.0, *, or_none: bool) -> S | None: ...
 
-        def latest(self, timeout: float | None = None, busy_wait: float = 0.0) -> S | None: ...
+    def next(self, timeout: float | None = PATIENCE, busy_wait: float = 0.0, *, or_none: bool = False) -> S | None:
+        """Takes the next sample; waits up to `timeout` seconds for it (None: without a limit).
+
+        Raises `TimedOutError` if none arrived in time; with `or_none` it returns None instead. For the
+        first `busy_wait` seconds the reader looks again and again instead of sleeping: it has the
+        frame some 50 µs earlier, because it need not be woken, but keeps a processor busy. Other
+        threads run meanwhile. Raises as `poll`.
+        """
+        sample: S | None = native.Reader.next(self, timeout, busy_wait)
+        return sample if sample is not None or or_none else self._timed_out(timeout)
+
+    @overload
+    def latest(self, timeout: float | None = PATIENCE, busy_wait: float = 0.0, *, or_none: Literal[False] = False) -> S: ...
+    @overload
+    def latest(self, timeout: float | None = PATIENCE, busy_wait: float = 0.0, *, or_none: bool) -> S | None: ...
+
+    def latest(self, timeout: float | None = PATIENCE, busy_wait: float = 0.0, *, or_none: bool = False) -> S | None:
+        """Takes the newest sample, and waits as `next` does if there is none.
+
+        Older ones are dropped and counted in `counts.skipped`. Raises as `next`.
+        """
+        sample: S | None = native.Reader.latest(self, timeout, busy_wait)
+        return sample if sample is not None or or_none else self._timed_out(timeout)
+
+    def _timed_out(self, timeout: float | None) -> S:
+        writer = "its writer sends nothing: it is paused, or waits for somebody" if self.has_writer else "nobody writes it"
+        raise TimedOutError(f"topic {f'{self._domain}/{self.name}'!r} sent nothing within {timeout} s; {writer}. Pass a longer timeout=, or or_none=True")
 
     def __enter__(self) -> Topic[S]:
         return self
@@ -108,43 +137,80 @@ class Topic(native.Reader, Generic[S]):
         """
         return cameras_of(self.name, self._domain)
 
-    async def anext(self, timeout: float | None = None) -> S | None:
+    @overload
+    async def anext(self, timeout: float | None = PATIENCE, *, or_none: Literal[False] = False) -> S: ...
+    @overload
+    async def anext(self, timeout: float | None = PATIENCE, *, or_none: bool) -> S | None: ...
+
+    async def anext(self, timeout: float | None = PATIENCE, *, or_none: bool = False) -> S | None:
         """As `next`, in an event loop: other tasks run while it waits, and no thread is used."""
-        if timeout is None:
-            return await self._anext()
         import asyncio
 
         try:
-            return await asyncio.wait_for(self._anext(), timeout)
+            sample = await asyncio.wait_for(self._anext(), timeout)
         except asyncio.TimeoutError:
-            return None
+            return None if or_none else self._timed_out(timeout)
+        if sample is None and not or_none:
+            raise GantryError(f"topic {f'{self._domain}/{self.name}'!r} is closed")
+        return sample
 
-    async def _anext(self) -> S | None:
+    def _life(self) -> Life:
+        # A weak reference, because what waits may outlive the topic.
+        this = weakref.ref(self)
+        return Life(lambda: (topic := this()) is not None and topic.has_writer, lambda: native.clean(self._domain))
+
+    def _next_or_end(self, life: Life, newest: bool = False) -> S | None:
+        """Returns the next sample, or None when the writer has ended or the topic was closed."""
+        take = native.Reader.latest if newest else native.Reader.next
         while not self._closed:
-            sample = self.next(0.0)
+            try:
+                sample: S | None = take(self, LIFE_SECS)
+            except GantryError:
+                if self._closed:
+                    return None
+                raise
             if sample is not None:
+                life.came()
                 return sample
+            if life.has_ended():
+                return None
+        return None
+
+    async def _anext(self, life: Life | None = None) -> S | None:
+        """Returns the next sample, or None when the topic was closed or, with `life`, when the writer has ended."""
+        look_secs = self._look_secs if life is None else LIFE_SECS
+        while not self._closed:
+            sample: S | None = native.Reader.next(self, 0.0)
+            if sample is not None:
+                if life is not None:
+                    life.came()
+                return sample
+            if life is not None and life.has_ended():
+                return None
             # A writer that ends announces nothing.
-            await self._readable.wait(self._look_secs)
+            await self._readable.wait(look_secs)
         return None
 
     def __iter__(self) -> Iterator[S]:
-        while not self._closed:
-            try:
-                sample = self.next()
-            except GantryError:
-                if self._closed:
-                    return
-                raise
-            if sample is not None:
-                yield sample
+        life = self._life()
+        while (sample := self._next_or_end(life)) is not None:
+            yield sample
+            sample = None
+
+    def newest(self) -> Iterator[S]:
+        """Iterates over the newest samples: those that came while the loop was busy are skipped.
+
+        It ends as the loop over the topic itself does.
+        """
+        life = self._life()
+        while (sample := self._next_or_end(life, newest=True)) is not None:
+            yield sample
             sample = None
 
     async def __aiter__(self) -> AsyncIterator[S]:
-        while not self._closed:
-            sample = await self._anext()
-            if sample is not None:
-                yield sample
+        life = self._life()
+        while (sample := await self._anext(life)) is not None:
+            yield sample
             sample = None
 
 
@@ -161,13 +227,13 @@ def _fileno(topic: Topic[Any] | None) -> int:
 
 
 @overload
-def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: None = None, device: str | None = None) -> Topic[Frame]: ...
+def open(topic: str, domain: str | None = None, timeout: float = PATIENCE, *, result: None = None, device: str | None = None) -> Topic[Frame]: ...
 @overload
-def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: str, device: str | None = None) -> Topic[Result]: ...
+def open(topic: str, domain: str | None = None, timeout: float = PATIENCE, *, result: str, device: str | None = None) -> Topic[Result]: ...
 
 
-def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result: str | None = None, device: str | None = None) -> Topic[Any]:
-    """Opens a topic such as `ego/front/rgb`; waits up to `timeout` seconds for it to appear.
+def open(topic: str, domain: str | None = None, timeout: float = PATIENCE, *, result: str | None = None, device: str | None = None) -> Topic[Any]:
+    """Opens a topic such as `ego/front/rgb`; waits up to `timeout` seconds for it to appear (0: it must be there).
 
     A topic of frames yields `Frame`s, a topic of results `Result`s. With `result="boxes2d"` it must
     be a topic of results of this type; type checkers learn from it that results come. Raises
@@ -181,15 +247,7 @@ def open(topic: str, domain: str | None = None, timeout: float = 0.0, *, result:
     why. The same when another process takes the topic over, as render workers do: the topic goes on
     by itself, and `fallback` tells. Raises `GantryError` where there is no CUDA.
     """
-    deadline = time.monotonic() + timeout
-    while True:
-        try:
-            opened: Topic[Any] = Topic(topic, domain, device)
-            break
-        except NoSuchTopicError:
-            if time.monotonic() >= deadline:
-                raise
-            time.sleep(_LOOK_SECS)
+    opened: Topic[Any] = appear(lambda: Topic(topic, domain, device), timeout)
     if opened.fallback is not None:
         _say_fallback(opened.name, opened.fallback)
     if result is not None and opened.result != result:

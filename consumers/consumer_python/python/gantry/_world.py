@@ -13,8 +13,10 @@ import numpy.typing as npt
 from . import _layout
 from ._dtypes import ACTOR, SNAPSHOT_HEADER, TRAFFIC_LIGHT_PART, VEHICLE_PART
 from ._domain import resolve
-from ._errors import GantryError
+from ._errors import TimedOutError
 from ._load import native
+from ._patience import PATIENCE, appear
+from ._pose import Pose
 
 _KIND = {name: number for number, name in _layout.ACTOR_KINDS.items()}
 
@@ -69,6 +71,15 @@ class Snapshot:
         return record
 
 
+    def pose(self, actor: int | Any) -> Pose:
+        """Returns the pose world_from_actor of an actor: its id, or anything with an `id`. Raises as `actor`."""
+        return Pose.of(self.actor(int(getattr(actor, "id", actor)))["world_from_actor"])
+
+    def speed_mps(self, actor: int | Any) -> float:
+        """Returns the speed of an actor, whatever its direction. Raises as `actor`."""
+        return float(np.linalg.norm(self.actor(int(getattr(actor, "id", actor)))["velocity_in_world_mps"]))
+
+
 def parse_snapshot(header: bytes, records: bytes) -> Snapshot:
     """Makes a snapshot of its bytes, which the native half has checked."""
     record = np.frombuffer(header, SNAPSHOT_HEADER, 1)[0]
@@ -76,34 +87,36 @@ def parse_snapshot(header: bytes, records: bytes) -> Snapshot:
     return Snapshot({name: record[name].item() for name in names if not name.startswith("reserved")}, np.frombuffer(records, ACTOR))
 
 
-def snapshot(domain: str | None = None, timeout: float = 2.0) -> Snapshot:
-    """Returns the newest snapshot of the world.
+def snapshot(domain: str | None = None, timeout: float = PATIENCE) -> Snapshot:
+    """Returns the newest snapshot of the world; waits up to `timeout` seconds for a simulator and its first.
 
-    Raises `GantryError` if none arrives within `timeout` seconds, `NoSuchTopicError` without a
-    simulator.
+    Raises `NoSuchTopicError` if there is none by then, `TimedOutError` if it sends nothing.
     """
-    return parse_snapshot(*native.snapshot(resolve(domain), timeout))
+    domain = resolve(domain)
+    return parse_snapshot(*appear(lambda: native.snapshot(domain, timeout), timeout))
 
 
 _trails: dict[str, native.Snapshots] = {}
 _lock = threading.Lock()
 
 
-def snapshot_at(tick: int, domain: str | None = None, timeout: float = 2.0) -> Snapshot:
+def snapshot_at(tick: int, domain: str | None = None, timeout: float = PATIENCE) -> Snapshot:
     """Returns the world at exactly this tick, for example that of a frame; waits for it.
 
     The first call begins to follow the snapshots of the domain, and the last 32 are kept: call it
     while the tick is new, or use `sync(..., snapshots=True)`. Raises `GantryError` if the tick is
-    gone or does not come within `timeout` seconds, `NoSuchTopicError` without a simulator.
+    gone, `TimedOutError` if it does not come within `timeout` seconds, `NoSuchTopicError` without a
+    simulator.
     """
     domain = resolve(domain)
-    with _lock:
-        trail = _trails.get(domain)
-        if trail is None:
-            trail = _trails[domain] = native.Snapshots(domain)
+    trail = _trails.get(domain)
+    if trail is None:
+        made = appear(lambda: native.Snapshots(domain), timeout)
+        with _lock:
+            trail = _trails.setdefault(domain, made)
     found = trail.at(tick, None, timeout)
     if found is None:
-        raise GantryError(f"the snapshot of tick {tick} did not come within {timeout} s; is the simulator running?")
+        raise TimedOutError(f"the snapshot of tick {tick} did not come within {timeout} s; is the simulator running?")
     return parse_snapshot(*found)
 
 
@@ -131,10 +144,11 @@ class Document:
         return json.loads(self.text)
 
 
-def document(name: str, domain: str | None = None, timeout: float = 2.0) -> Document:
+def document(name: str, domain: str | None = None, timeout: float = PATIENCE) -> Document:
     """Returns the newest text of a document: `gantry.document("world/info").json()["map"]`.
 
     Raises as `snapshot`.
     """
-    revision, tick, _, text = native.document(resolve(domain), name, timeout)
+    domain = resolve(domain)
+    revision, tick, _, text = appear(lambda: native.document(domain, name, timeout), timeout)
     return Document(revision, tick, text)

@@ -97,6 +97,8 @@ fn a_program_of_the_users_own_steps_drives_and_publishes() {
     let ended = program(&sandbox, &[]).wait().expect_code(0);
     for check in [
         "check_lockstep",
+        "check_rows",
+        "check_actors",
         "check_two_participants",
         "check_event_loop",
         "check_control",

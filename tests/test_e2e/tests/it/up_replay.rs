@@ -15,9 +15,8 @@ with gantry.open('ego/front/rgb', timeout=60.0) as camera, gantry.publish('detec
     with gantry.lockstep('detector') as lockstep:
         for tick in lockstep:
             frame = camera.next(timeout=60.0)
-            if frame is not None:
-                print('tick', frame.tick, int(frame.array.sum()), flush=True)
-                means.send(gantry.scalars({'mean': float(frame.array.mean())}), answers=frame)
+            print('tick', frame.tick, int(frame.array.sum()), flush=True)
+            means.send(gantry.scalars({'mean': float(frame.array.mean())}), answers=frame)
             time.sleep(0.002)
 ";
 

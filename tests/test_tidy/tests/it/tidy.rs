@@ -54,7 +54,7 @@ fn allowed(from: &str, to: &str) -> bool {
         ("consumer_view" | "consumer_desk", "consumer_fly" | "consumer_forms") => true,
         ("consumer_record" | "consumer_bridge" | "consumer_replay", "consumer_forms") => true,
         ("consumer_export", "consumer_forms") => true,
-        ("consumer_python", "consumer_gpu") => true,
+        ("consumer_python", "consumer_forms" | "consumer_gpu") => true,
         (from, "consumer_kit") => district(from) == "consumer",
         // All programs in one file, and nothing else.
         ("launch_all", "gantry" | "simd" | "simd_render") => true,

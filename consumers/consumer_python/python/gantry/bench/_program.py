@@ -70,8 +70,8 @@ class Program:
         It is called before the program counts as ready: nothing of it is measured.
         """
 
-    def work(self, **frames: Any) -> Any:
-        """Answers one frame of each input, all of one tick.
+    def work(self, *args: Any, **frames: Any) -> Any:
+        """Answers one frame of each input, all of one tick; they come by the names of `inputs`.
 
         Returns what `Publisher.send` of the output's type takes; with several outputs a mapping
         from topic to that; None if there is nothing to say, so that the frame stays unanswered (an
@@ -112,9 +112,9 @@ class FunctionProgram(Program):
         if self._warm_up is not None:
             self._warm_up()
 
-    def work(self, **frames: Any) -> Any:
+    def work(self, *args: Any, **frames: Any) -> Any:
         """Calls the function."""
-        return self._function(**frames)
+        return self._function(*args, **frames)
 
     def name(self) -> str:
         """Name of the function."""

@@ -13,10 +13,12 @@ import warnings
 from types import TracebackType
 from typing import Any, Callable, Mapping, Sequence, TypeVar
 
+from .._actors import spawn
 from .._command import command
 from .._errors import GantryError, NoSuchTopicError
-from .._frame import Frame, Pose
+from .._frame import Frame
 from .._load import native
+from .._pose import Pose
 from .._result import Result
 from .._topic import Topic
 from .._topics import topics
@@ -187,7 +189,7 @@ class Simulator:
             raise GantryError(f"{name} is not watched; call simulator.watch({name!r}) before the step")
         topic = self._topics[name]
         while True:
-            sample = self.wait_until(lambda: topic.next(0.1), f"{name} has something of tick {tick}")
+            sample = self.wait_until(lambda: topic.next(0.1, or_none=True), f"{name} has something of tick {tick}")
             if sample.tick > tick:
                 raise GantryError(f"{name} has nothing of tick {tick}, the next is of tick {sample.tick}; watch it before the step")
             if sample.tick == tick:
@@ -216,12 +218,8 @@ class Simulator:
 
         Returns its id. Raises `GantryError` with the simulator's sentence if it refuses.
         """
-        pose = self.ego()["world_from_actor"]
-        turned = tuple(float(value) for value in pose["rotation_xyzw"])
-        world_from_ego = Pose(tuple(float(value) for value in pose["translation_m"]), turned).matrix()  # type: ignore[arg-type]
-        at = world_from_ego @ [*position_m, 1.0]
-        (reply,) = self.command({"do": "spawn", "type_id": type_id, "pose": {"translation_m": at[:3].tolist(), "rotation_xyzw": list(turned)}})
-        return int(reply["actor_id"])
+        x, y, z = position_m
+        return spawn(type_id, Pose.of(self.ego()["world_from_actor"]) @ Pose((x, y, z)), domain=self.domain, timeout=PATIENCE_SECS).id
 
     def wait_until(self, look: Callable[[], T | None], what: str, timeout: float = PATIENCE_SECS) -> T:
         """Calls `look` until it returns something; `what` is for the message if it never does."""
