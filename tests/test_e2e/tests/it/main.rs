@@ -3,6 +3,7 @@
 mod batches;
 mod book;
 mod bridge;
+mod bridge_losses;
 mod carla;
 mod carla_manager;
 mod carla_queries;
@@ -18,6 +19,7 @@ mod export;
 mod export_events;
 mod faults;
 mod faults_of_users;
+mod file_requests;
 mod flow;
 mod foreign_files;
 mod full_memory;
