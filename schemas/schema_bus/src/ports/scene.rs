@@ -142,6 +142,7 @@ pub struct Rendered {
 
 impl Record for RenderedRecord {
     const TOPIC: &'static str = CONTROL_RENDERED;
+    const WAKE: &'static str = CONTROL_WAKE;
     const QOS: Qos = qos::RENDERED;
     type Taken = Rendered;
 
