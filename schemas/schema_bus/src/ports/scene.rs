@@ -6,7 +6,7 @@ use schema_frames::scene::SCENE_MAGIC;
 use schema_frames::{RenderedRecord, SCHEMA_VERSION, SceneHeader};
 
 use crate::contract::error::BusError;
-use crate::contract::names::{CONTROL_RENDERED, CONTROL_SCENE};
+use crate::contract::names::{CONTROL_RENDERED, CONTROL_SCENE, CONTROL_WAKE};
 use crate::contract::origin::Origin;
 use crate::contract::qos::{self, Qos};
 use crate::place::event::Notifier;
