@@ -1,9 +1,9 @@
 //! Takes part in lockstep: the daemon begins tick N + 1 only after every participant has
 //! acknowledged tick N.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use schema_bus::{AckWriter, Bus, BusError, CommandClient, CommandError};
+use schema_bus::{AckWriter, Bus, BusError, CommandClient, CommandError, CompleteReader, names};
 use schema_frames::{Command, CommandBatch, CommandReply, ReplyBatch};
 
 /// How long leaving may take; a daemon that is gone has forgotten this participant anyway.
@@ -11,6 +11,10 @@ const LEAVE_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// How long the daemon may take to say that a tick is complete before it is asked again.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// A simulator that tells by itself which tick is complete is asked all the same after this silence,
+/// in case that what it told was lost.
+const ASK_AFTER: Duration = Duration::from_millis(250);
 
 /// Why lockstep could not be joined.
 #[derive(Debug, thiserror::Error)]
@@ -36,6 +40,12 @@ pub enum LockstepError {
 pub struct Lockstep {
     client: CommandClient,
     acks: AckWriter,
+    complete: CompleteReader,
+    /// Whether the simulator tells by itself which tick is complete. Replays and bridges are asked.
+    is_told: bool,
+    /// The newest tick that is known to be complete.
+    newest: u64,
+    last_heard: Instant,
     participant: u32,
     epoch: u64,
     first_tick: u64,
@@ -50,6 +60,7 @@ impl Lockstep {
         // The writer comes first: the daemon recognises living participants by their writers'
         // names.
         let acks = bus.ack_writer(name)?;
+        let complete = bus.complete_reader()?;
         let mut client = bus.command_client(name)?;
         let batch = CommandBatch::new(vec![Command::JoinLockstep { name: name.into() }]);
         let answer = client.request(&batch, timeout)?;
@@ -61,6 +72,10 @@ impl Lockstep {
         Ok(Lockstep {
             client,
             acks,
+            is_told: !complete.writers().is_empty(),
+            complete,
+            newest: 0,
+            last_heard: Instant::now(),
             participant,
             epoch,
             first_tick,
@@ -79,15 +94,41 @@ impl Lockstep {
         self.acks.send(self.participant, self.epoch, tick)
     }
 
-    /// Whether every frame of `tick` was sent. The simulator answers only between two ticks, so its
-    /// answer says so; `false` if it did not answer in time, or is gone.
+    /// The event to sleep on until the next tick may be complete.
+    pub fn event(&self) -> &'static str {
+        match self.is_told {
+            true => names::WORLD_COMPLETE,
+            false => names::WORLD_SNAPSHOT,
+        }
+    }
+
+    /// Whether every frame of `tick` was sent. The simulator tells on `world/complete`. Who does not
+    /// is asked: the answer comes only between two ticks, so it says so. `false` if it did not answer
+    /// in time, or is gone.
     ///
     /// # Errors
-    /// [`LockstepError::Command`] for an answer that cannot be read.
+    /// [`LockstepError`] for an answer that cannot be read, or if the bus failed.
     pub fn is_complete(&mut self, tick: u64) -> Result<bool, LockstepError> {
+        for record in self.complete.drain()? {
+            if record.epoch == self.epoch {
+                self.newest = self.newest.max(record.tick);
+                self.last_heard = Instant::now();
+            }
+        }
+        if self.newest >= tick {
+            return Ok(true);
+        }
+        if self.is_told && self.last_heard.elapsed() < ASK_AFTER {
+            return Ok(false);
+        }
         let ping = CommandBatch::new(vec![Command::Ping]);
-        match self.client.request(&ping, ANSWER_TIMEOUT) {
-            Ok(answer) => Ok(answer.tick >= tick),
+        let answer = self.client.request(&ping, ANSWER_TIMEOUT);
+        self.last_heard = Instant::now();
+        match answer {
+            Ok(answer) => {
+                self.newest = self.newest.max(answer.tick);
+                Ok(answer.tick >= tick)
+            }
             Err(CommandError::Timeout { .. } | CommandError::NoServer { .. }) => Ok(false),
             Err(other) => Err(other.into()),
         }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use schema_bus::{Bus, BusError, Listener, names};
+use schema_bus::{Bus, BusError, Listener};
 
 use crate::lockstep::{Lockstep, LockstepError};
 use crate::snapshots::{SnapshotTrail, WorldAt};
@@ -36,6 +36,8 @@ pub struct Steps {
     lockstep: Option<Lockstep>,
     trail: SnapshotTrail,
     wake: Listener,
+    /// The event that `wake` listens to.
+    event: &'static str,
     /// Epoch and tick that were given out last.
     last: (u64, u64),
     owed: bool,
@@ -62,14 +64,16 @@ impl Steps {
     /// # Errors
     /// [`LockstepError`].
     pub fn join_on(bus: &Bus, name: &str, timeout: Duration) -> Result<Steps, LockstepError> {
-        let wake = bus.listener(names::WORLD_SNAPSHOT)?;
         let mut trail = SnapshotTrail::new();
         trail.newest(bus)?;
+        let lockstep = Lockstep::join(bus, name, timeout)?;
+        let event = lockstep.event();
         Ok(Steps {
             name: name.into(),
-            lockstep: Some(Lockstep::join(bus, name, timeout)?),
+            lockstep: Some(lockstep),
             trail,
-            wake,
+            wake: bus.listener(event)?,
+            event,
             last: (0, 0),
             owed: false,
             next_join: Instant::now(),
@@ -144,7 +148,13 @@ impl Steps {
         }
         self.next_join = Instant::now() + JOIN_EVERY;
         match Lockstep::join(bus, &self.name, JOIN_EVERY) {
-            Ok(lockstep) => self.lockstep = Some(lockstep),
+            Ok(lockstep) => {
+                if lockstep.event() != self.event {
+                    self.event = lockstep.event();
+                    self.wake = bus.listener(self.event)?;
+                }
+                self.lockstep = Some(lockstep);
+            }
             Err(LockstepError::Bus(error)) => return Err(error.into()),
             // The new simulator is not ready yet, or still counts the old place.
             Err(other) => tracing::debug!(error = %other, "no place in lockstep yet"),

@@ -14,6 +14,7 @@ use crate::place::node::{BusNode, BusOptions};
 use crate::place::service::is_published;
 use crate::place::topics::{TopicDetails, topics};
 use crate::ports::command::{CommandClient, CommandServer};
+use crate::ports::complete::{CompleteReader, CompleteWriter};
 use crate::ports::control::{AckReader, AckWriter, ControlReader, ControlWriter};
 use crate::ports::document::{DocumentPublisher, DocumentReader};
 use crate::ports::frames::reader::FrameReader;
@@ -393,6 +394,24 @@ impl Bus {
     /// [`BusError`].
     pub fn ack_reader(&self) -> Result<AckReader, BusError> {
         self.guarded(names::CONTROL_ACK, || AckReader::open(&self.node))
+    }
+
+    /// Opens `world/complete` for writing, as the process that publishes the world.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn complete_writer(&self) -> Result<CompleteWriter, BusError> {
+        self.guarded(names::WORLD_COMPLETE, || {
+            CompleteWriter::open(&self.node, "world")
+        })
+    }
+
+    /// Opens `world/complete` for reading.
+    ///
+    /// # Errors
+    /// [`BusError::TooManyReaders`] beyond 32 readers.
+    pub fn complete_reader(&self) -> Result<CompleteReader, BusError> {
+        self.guarded(names::WORLD_COMPLETE, || CompleteReader::open(&self.node))
     }
 
     /// Opens `control/world` as a client. Requests that meet between two ticks run by (name, seq).

@@ -67,6 +67,7 @@ pub use place::event::{Listener, Notifier, Token, WaitSet};
 pub use place::node::{BusOptions, write_private_config};
 pub use place::topics::{GpuSide, TopicDetails, TopicKind};
 pub use ports::command::{CommandClient, CommandError, CommandServer, Request, RequestFault};
+pub use ports::complete::{CompleteReader, CompleteWriter};
 pub use ports::control::{Ack, AckReader, AckWriter, ControlBatch, ControlReader, ControlWriter};
 pub use ports::document::{Document, DocumentPublisher, DocumentReader};
 pub use ports::frames::reader::{Frame, FrameReader, Frames};

@@ -1,6 +1,7 @@
 //! What a process can open to send and receive: one module per kind of topic.
 
 pub(crate) mod command;
+pub(crate) mod complete;
 pub(crate) mod control;
 pub(crate) mod document;
 pub(crate) mod drain;

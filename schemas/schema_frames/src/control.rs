@@ -165,6 +165,20 @@ pub struct AckRecord {
 }
 const _: () = assert!(size_of::<AckRecord>() == 32);
 
+/// The simulator has sent every frame of a tick: fixed-size sample on `world/complete`, type name
+/// `GantryComplete`. 32 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct CompleteRecord {
+    /// Epoch the tick belongs to.
+    pub epoch: u64,
+    /// The tick that is complete.
+    pub tick: u64,
+    /// Zero.
+    pub reserved: [u64; 2],
+}
+const _: () = assert!(size_of::<CompleteRecord>() == 32);
+
 #[cfg(test)]
 mod tests {
     use super::*;

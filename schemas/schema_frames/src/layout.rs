@@ -8,12 +8,12 @@ use schema_types::Pose;
 
 use crate::control::{ControlHeader, VehicleControlRecord};
 use crate::{
-    AckRecord, ActorRecord, Box2d, Box3d, CollisionEvent, DocumentHeader, DvsEvent, FrameHeader,
-    GnssSample, GpuAnswer, GpuAsk, GpuPlace, ImuSample, InputRecord, Keypoint, KeypointSet,
-    LaneCrossing, LidarPoint, LidarReturn, MaskRecord, ObstacleEvent, Odometry, PathPoint,
-    PoseEstimate, RadarDetection, RenderedRecord, ResultHeader, Scalar, SceneFiring, SceneHeader,
-    SceneInstance, SceneStroke, SemanticLidarPoint, SnapshotHeader, Track, TrafficLightPart,
-    TrafficSignPart, VehiclePart, WalkerPart, command::RequestHeader,
+    AckRecord, ActorRecord, Box2d, Box3d, CollisionEvent, CompleteRecord, DocumentHeader, DvsEvent,
+    FrameHeader, GnssSample, GpuAnswer, GpuAsk, GpuPlace, ImuSample, InputRecord, Keypoint,
+    KeypointSet, LaneCrossing, LidarPoint, LidarReturn, MaskRecord, ObstacleEvent, Odometry,
+    PathPoint, PoseEstimate, RadarDetection, RenderedRecord, ResultHeader, Scalar, SceneFiring,
+    SceneHeader, SceneInstance, SceneStroke, SemanticLidarPoint, SnapshotHeader, Track,
+    TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart, command::RequestHeader,
 };
 
 /// One field of a struct.
@@ -138,6 +138,7 @@ layouts! {
         actor_id: u32, throttle_ratio: f32, steer_ratio: f32, brake_ratio: f32, flags: u32, gear: i32, lamps: u32, reserved: u32,
     }
     AckRecord as "GantryAck" { participant: u32, reserved: u32, epoch: u64, tick: u64, reserved1: u64 }
+    CompleteRecord as "GantryComplete" { epoch: u64, tick: u64, reserved: [u64; 2] }
     RequestHeader as "GantryRequestHeader" { magic: u32, codec_version: u32, seq: u64, payload_bytes: u64, client: [u8; 40] }
     Pose { translation_m: [f64; 3], rotation_xyzw: [f64; 4] }
     ResultHeader as "GantryResultHeader" {

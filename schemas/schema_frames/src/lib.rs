@@ -69,7 +69,7 @@ pub mod layout;
 pub use about::{About, AboutError, BytesSchema, PointField};
 pub use attachment::Attachment;
 pub use command::{Command, CommandBatch, CommandReply, MAX_HIDDEN, ReplyBatch};
-pub use control::{AckRecord, VehicleControl, VehicleControlRecord, WalkerControl};
+pub use control::{AckRecord, CompleteRecord, VehicleControl, VehicleControlRecord, WalkerControl};
 pub use document::{
     ActorInfo, ActorList, BatchCamera, BatchInfo, BodyBox, Catalogue, CatalogueEntry,
     DocumentHeader, SpawnPoints, StepMode, WorldInfo,

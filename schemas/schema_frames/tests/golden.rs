@@ -290,13 +290,14 @@ fn constants_of_the_python_package_agree_with_the_types() {
 }
 
 /// Structs that programs in C never see: the library reads and writes them.
-const HIDDEN_FROM_C: [&str; 12] = [
+const HIDDEN_FROM_C: [&str; 13] = [
     "GpuPlace",
     "GpuAsk",
     "GpuAnswer",
     "DocumentHeader",
     "ControlHeader",
     "AckRecord",
+    "CompleteRecord",
     "RequestHeader",
     "SceneHeader",
     "SceneFiring",

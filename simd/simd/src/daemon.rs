@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use schema_bus::mono_now;
 use schema_frames::JournalFile;
+use schema_types::Tick;
 use simd_frames::hash::BytesHash;
 
 use crate::clock::Clock;
@@ -35,6 +36,8 @@ pub struct Daemon {
     participants: Participants,
     history: History,
     faults: Faults,
+    /// The tick that participants were told is complete.
+    told: Tick,
 }
 
 impl Daemon {
@@ -61,6 +64,7 @@ impl Daemon {
             participants,
             history,
             faults: Faults::default(),
+            told: Tick(0),
         };
         daemon.publish_documents();
         daemon.send_snapshot()?;
@@ -214,6 +218,23 @@ impl Daemon {
     /// Waits for all frames in flight, and sends them.
     pub fn finish_frames(&mut self) -> anyhow::Result<()> {
         self.sensing.finish_all()
+    }
+
+    /// Tells the participants of the lockstep, once, that every frame of the tick was sent. If that
+    /// cannot be said, it is counted; who does not hear it asks.
+    pub fn tell_complete(&mut self) {
+        let tick = self.clock.tick();
+        if self.told == tick
+            || !self.participants.are_there()
+            || !self.sensing.let_answer(&self.participants)
+        {
+            return;
+        }
+        self.told = tick;
+        let epoch = self.world.episode().stamp().epoch;
+        if let Err(error) = self.ports.tell_complete(epoch, tick) {
+            self.faults.unsent("the end of a tick", &error);
+        }
     }
 
     /// Whether workers are expected to answer soon.

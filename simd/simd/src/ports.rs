@@ -6,11 +6,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use schema_bus::{
-    AckReader, Bus, BusError, Claim, CommandServer, ControlBatch, ControlReader, GpuServer,
-    Listener, Notifier, Request, SnapshotPublisher, names,
+    AckReader, Bus, BusError, Claim, CommandServer, CompleteWriter, ControlBatch, ControlReader,
+    GpuServer, Listener, Notifier, Request, SnapshotPublisher, names,
 };
 use schema_frames::limits::MAX_ACTORS;
 use schema_frames::{ActorRecord, ReplyBatch, Seal, SnapshotHeader};
+use schema_types::Tick;
 use simd_world::World;
 
 use crate::faults::Faults;
@@ -37,6 +38,8 @@ pub struct Services {
     snapshot: SnapshotPublisher,
     /// Event that wakes controllers that read no sensor topic.
     snapshot_wake: Notifier,
+    /// `world/complete`.
+    complete: CompleteWriter,
     /// `control/world`.
     commands: CommandServer,
     /// `control/vehicles`.
@@ -57,6 +60,7 @@ impl Services {
         Ok(Services {
             snapshot: bus.snapshot_publisher(MAX_ACTORS)?,
             snapshot_wake: bus.notifier(names::WORLD_SNAPSHOT)?,
+            complete: bus.complete_writer()?,
             commands: bus.command_server()?,
             controls: bus.control_reader()?,
             acks: bus.ack_reader()?,
@@ -203,6 +207,14 @@ impl Ports {
         }
         self.services.snapshot_wake.notify();
         Ok(())
+    }
+
+    /// Says that every frame of `tick` was sent, and wakes those who wait for that.
+    ///
+    /// # Errors
+    /// [`BusError`] if it cannot be said.
+    pub fn tell_complete(&self, epoch: u64, Tick(tick): Tick) -> Result<(), BusError> {
+        self.services.complete.send(epoch, tick)
     }
 
     /// Marks `world/info` as possibly changed.

@@ -84,6 +84,7 @@ fn stand_still(daemon: &mut Daemon) -> anyhow::Result<()> {
     // Before a wait nothing may be left in flight: all frames of tick N are sent before N+1
     // begins.
     daemon.finish_frames()?;
+    daemon.tell_complete();
     if !daemon.is_behind() {
         daemon.wait(match daemon.workers_are_busy() {
             true => LOOK_AT_WORKERS,

@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use consumer_kit::{FollowedDocument, Follower, Lockstep, LockstepError, MAX_WAIT, Take};
+use consumer_kit::{FollowedDocument, Follower, Lockstep, LockstepError, MAX_WAIT, Steps, Take};
 use schema_bus::{Bus, BusOptions, FramePublisher, FrameTopic, Notifier, SnapshotPublisher, names};
 use schema_frames::command::CommandReply;
 use schema_frames::{ActorRecord, Modality, ReplyBatch, SnapshotHeader};
@@ -44,7 +44,7 @@ struct Daemon {
     snapshots: SnapshotPublisher,
     event: Notifier,
     epoch: u64,
-    _bus: Bus,
+    bus: Bus,
 }
 
 impl Daemon {
@@ -59,7 +59,7 @@ impl Daemon {
             snapshots,
             event: bus.notifier("ego/imu/imu").unwrap(),
             epoch,
-            _bus: bus,
+            bus,
         }
     }
 
@@ -263,6 +263,72 @@ fn lockstep_joins_acknowledges_and_leaves() {
         [(3, 9, 5)],
         "ticks before the first are not acknowledged"
     );
+}
+
+/// Every question is answered with tick 4, so tick 5 is complete by what was told alone.
+#[test]
+fn a_participant_hears_that_a_tick_is_complete() {
+    let place = Place::new("complete");
+    let daemon = Daemon::start(&place, 9);
+    let complete = daemon.bus.complete_writer().unwrap();
+    let snapshot_wake = daemon.bus.notifier(names::WORLD_SNAPSHOT).unwrap();
+    let mut server = daemon.bus.command_server().unwrap();
+    let mut acks = daemon.bus.ack_reader().unwrap();
+    let wake = daemon.bus.listener(names::CONTROL_WAKE).unwrap();
+    let (given, mut taken) = (std::sync::mpsc::channel(), None);
+    let bus = place.bus("planner");
+    let thread = std::thread::spawn(move || {
+        let patience = Duration::from_secs(20);
+        let mut steps = Steps::join_on(&bus, "planner", patience).unwrap();
+        let world = steps.next(&bus, patience).unwrap().unwrap();
+        given.0.send(world.header.tick).unwrap();
+        steps.acknowledge().unwrap();
+    });
+    let mut acked = Vec::new();
+    let mut is_joined = false;
+    let deadline = Instant::now() + Duration::from_secs(20);
+    while !thread.is_finished() {
+        assert!(Instant::now() < deadline, "{acked:?}");
+        wake.wait(Duration::from_millis(20)).unwrap();
+        acked.extend(acks.drain().unwrap());
+        while let Some(request) = server.take().unwrap() {
+            let reply = match asked_for(&request) {
+                "join" => CommandReply::Joined {
+                    participant: 3,
+                    first_tick: 5,
+                },
+                _ => CommandReply::Done,
+            };
+            let has_joined = matches!(reply, CommandReply::Joined { .. });
+            let answer = ReplyBatch {
+                v: 1,
+                epoch: "9".into(),
+                tick: 4,
+                replies: vec![reply],
+            };
+            server.reply(request, &answer).unwrap();
+            if has_joined {
+                daemon.tick(5);
+                snapshot_wake.notify();
+                // Of a simulator that has ended, and of an earlier tick.
+                complete.send(8, 5).unwrap();
+                complete.send(9, 4).unwrap();
+                is_joined = true;
+            }
+        }
+        if is_joined && taken.is_none() {
+            assert_eq!(given.1.try_recv().ok(), None, "tick 5 is not complete yet");
+            complete.send(9, 5).unwrap();
+            taken = Some(5);
+        }
+    }
+    thread.join().unwrap();
+    assert_eq!(given.1.try_recv().ok(), taken);
+    let acked: Vec<_> = acked
+        .iter()
+        .map(|ack| (ack.participant, ack.tick))
+        .collect();
+    assert_eq!(acked, [(3, 5)]);
 }
 
 fn asked_for(request: &schema_bus::Request) -> &'static str {

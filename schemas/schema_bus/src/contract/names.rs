@@ -6,6 +6,8 @@ use schema_frames::document::BATCH_RIG;
 
 /// Topic of the snapshot after every tick.
 pub const WORLD_SNAPSHOT: &str = "world/snapshot";
+/// Topic and event: every frame of a tick was sent. Only while ticks wait for somebody.
+pub const WORLD_COMPLETE: &str = "world/complete";
 /// Document: who publishes, and what a reader must know first.
 pub const WORLD_INFO: &str = "world/info";
 /// Document: OpenDRIVE text of the map.

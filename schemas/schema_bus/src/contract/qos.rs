@@ -74,6 +74,14 @@ pub const CONTROL: Qos = Qos {
     borrowed: 4,
     history: 0,
 };
+/// `world/complete`. Whoever takes part in lockstep reads it; the newest record says all.
+pub const COMPLETE: Qos = Qos {
+    readers: 32,
+    publishers: 2,
+    buffer: 2,
+    borrowed: 2,
+    history: 0,
+};
 /// `control/scene`. A worker takes all that waits before it sends frames, to see whether they are
 /// still its own to send.
 pub const SCENE: Qos = Qos {

@@ -7,8 +7,8 @@
 
 use iceoryx2::prelude::ZeroCopySend;
 use schema_frames::{
-    AckRecord, DocumentHeader, FrameHeader, RenderedRecord, ResultHeader, SceneHeader,
-    SnapshotHeader, command::RequestHeader, control::ControlHeader,
+    AckRecord, CompleteRecord, DocumentHeader, FrameHeader, RenderedRecord, ResultHeader,
+    SceneHeader, SnapshotHeader, command::RequestHeader, control::ControlHeader,
 };
 
 /// A plain-data type with the name that the contract gives it.
@@ -43,6 +43,9 @@ impl OnBus for RenderedRecord {
 }
 impl OnBus for AckRecord {
     const NAME: &'static str = "GantryAck";
+}
+impl OnBus for CompleteRecord {
+    const NAME: &'static str = "GantryComplete";
 }
 
 /// A header or record as iceoryx2 sees it.

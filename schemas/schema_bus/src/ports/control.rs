@@ -10,7 +10,7 @@ use schema_frames::limits::MAX_CONTROL_RECORDS;
 use schema_frames::{AckRecord, SCHEMA_VERSION, VehicleControlRecord};
 
 use crate::contract::error::BusError;
-use crate::contract::names::{CONTROL_ACK, CONTROL_VEHICLES, name_bytes, name_text};
+use crate::contract::names::{CONTROL_ACK, CONTROL_VEHICLES, CONTROL_WAKE, name_bytes, name_text};
 use crate::contract::origin::Origin;
 use crate::contract::qos::{self, Qos};
 use crate::contract::wire::Wire;
@@ -234,6 +234,7 @@ pub struct Ack {
 
 impl Record for AckRecord {
     const TOPIC: &'static str = CONTROL_ACK;
+    const WAKE: &'static str = CONTROL_WAKE;
     const QOS: Qos = qos::CONTROL;
     type Taken = Ack;
 

@@ -1,5 +1,5 @@
-//! Topics of records: many processes write them, one process takes what waits and learns who sent
-//! each. A record is the whole sample; it has no header.
+//! Topics of records: whoever reads them takes what waits and learns who sent each. A record is the
+//! whole sample; it has no header.
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -12,7 +12,6 @@ use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use crate::contract::error::BusError;
-use crate::contract::names::CONTROL_WAKE;
 use crate::contract::origin::Origin;
 use crate::contract::qos::{MAX_NODES, Qos, USUAL_LOANS};
 use crate::contract::wire::{OnBus, Wire};
@@ -31,6 +30,8 @@ use crate::ports::drain::drain;
 pub trait Record: OnBus {
     /// Name of the topic without the domain.
     const TOPIC: &'static str;
+    /// Event that wakes its readers.
+    const WAKE: &'static str;
     /// Capacity of the topic.
     const QOS: Qos;
     /// The record as its reader gets it.
@@ -66,7 +67,7 @@ fn service<R: Record>(node: &BusNode) -> Result<Records<R>, BusError> {
     })
 }
 
-/// Writes records, and wakes the process that publishes the world.
+/// Writes records, and wakes their readers.
 #[derive(Debug)]
 pub struct RecordWriter<R: Record> {
     port: Publisher<Service, Wire<R>, ()>,
@@ -88,7 +89,7 @@ impl<R: Record> RecordWriter<R> {
             })?;
         Ok(RecordWriter {
             port,
-            wake: Notifier::open(node, CONTROL_WAKE)?,
+            wake: Notifier::open(node, R::WAKE)?,
             _service: service,
         })
     }

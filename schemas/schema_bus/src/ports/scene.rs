@@ -6,7 +6,7 @@ use schema_frames::scene::SCENE_MAGIC;
 use schema_frames::{RenderedRecord, SCHEMA_VERSION, SceneHeader};
 
 use crate::contract::error::BusError;
-use crate::contract::names::{CONTROL_RENDERED, CONTROL_SCENE};
+use crate::contract::names::{CONTROL_RENDERED, CONTROL_SCENE, CONTROL_WAKE};
 use crate::contract::origin::Origin;
 use crate::contract::qos::{self, Qos};
 use crate::place::event::Notifier;
@@ -142,6 +142,7 @@ pub struct Rendered {
 
 impl Record for RenderedRecord {
     const TOPIC: &'static str = CONTROL_RENDERED;
+    const WAKE: &'static str = CONTROL_WAKE;
     const QOS: Qos = qos::RENDERED;
     type Taken = Rendered;
 
