@@ -7,7 +7,7 @@
 
 use std::arch::x86_64::*;
 
-use super::lanes::{LaneWork, Lanes};
+use super::lanes::{LaneWork, Lanes, WordLanes};
 
 /// Does `work` with AVX2, which the caller has found on this processor.
 #[inline]
@@ -25,6 +25,10 @@ fn with_avx2<W: LaneWork>(work: W) -> W::Out {
 /// Only [`with_avx2`] names this type, so its methods run where AVX2 is.
 #[derive(Clone, Copy)]
 struct Avx(__m256);
+
+/// Words of [`Avx`], under the same rule.
+#[derive(Clone, Copy)]
+struct AvxWords(__m256i);
 
 /// The pairs at two places.
 #[inline(always)]
@@ -59,6 +63,7 @@ fn split(fours: [__m128; 4]) -> [Avx; 2] {
 /// any alignment.
 impl Lanes for Avx {
     type Mask = Avx;
+    type Words = AvxWords;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -196,6 +201,75 @@ impl Lanes for Avx {
         Avx(unsafe { _mm256_or_ps(a.0, b.0) })
     }
     #[inline(always)]
+    fn mask(value: bool) -> Avx {
+        // SAFETY: see the head of this impl.
+        Avx(unsafe { _mm256_castsi256_ps(_mm256_set1_epi32(-(value as i32))) })
+    }
+    #[inline(always)]
+    fn not(mask: Avx) -> Avx {
+        // SAFETY: see the head of this impl.
+        Avx(unsafe { _mm256_xor_ps(mask.0, _mm256_castsi256_ps(_mm256_set1_epi32(-1))) })
+    }
+    #[inline(always)]
+    fn eq(self, other: Self) -> Avx {
+        // SAFETY: see the head of this impl.
+        Avx(unsafe { _mm256_cmp_ps::<_CMP_EQ_OQ>(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn neg(self) -> Self {
+        // SAFETY: see the head of this impl.
+        Avx(unsafe { _mm256_xor_ps(self.0, _mm256_set1_ps(-0.0)) })
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        // SAFETY: see the head of this impl.
+        Avx(unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0) })
+    }
+    #[inline(always)]
+    fn floor(self) -> Self {
+        // SAFETY: see the head of this impl.
+        Avx(unsafe { _mm256_floor_ps(self.0) })
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        // SAFETY: see the head of this impl.
+        Avx(unsafe { _mm256_sqrt_ps(self.0) })
+    }
+    #[inline(always)]
+    fn to_words(self) -> AvxWords {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe { _mm256_castps_si256(self.0) })
+    }
+    #[inline(always)]
+    fn to_signed(self) -> AvxWords {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe {
+            // The instruction gives the least word for everything beyond; inverted it is the
+            // greatest.
+            let whole = _mm256_cvttps_epi32(self.0);
+            let beyond = _mm256_cmp_ps::<_CMP_GE_OQ>(self.0, _mm256_set1_ps(2147483648.0));
+            let is_number = _mm256_cmp_ps::<_CMP_ORD_Q>(self.0, self.0);
+            let within = _mm256_xor_si256(whole, _mm256_castps_si256(beyond));
+            _mm256_and_si256(within, _mm256_castps_si256(is_number))
+        })
+    }
+    #[inline(always)]
+    fn to_unsigned(self) -> AvxWords {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe {
+            // The second operand is taken for NaN.
+            let positive = _mm256_max_ps(self.0, _mm256_setzero_ps());
+            let half = _mm256_set1_ps(2147483648.0);
+            let is_high = _mm256_cmp_ps::<_CMP_GE_OQ>(positive, half);
+            let rest = _mm256_sub_ps(positive, _mm256_and_ps(is_high, half));
+            let high = _mm256_and_si256(_mm256_castps_si256(is_high), _mm256_set1_epi32(i32::MIN));
+            // Words of `rest` are below 2³¹ except where the number is beyond all.
+            let beyond = _mm256_cmp_ps::<_CMP_GE_OQ>(positive, _mm256_set1_ps(4294967296.0));
+            let word = _mm256_add_epi32(_mm256_cvttps_epi32(rest), high);
+            _mm256_or_si256(word, _mm256_castps_si256(beyond))
+        })
+    }
+    #[inline(always)]
     fn bits(mask: Avx) -> u32 {
         // SAFETY: see the head of this impl.
         unsafe { _mm256_movemask_ps(mask.0) as u32 }
@@ -207,5 +281,155 @@ impl Lanes for Avx {
             // SAFETY: a hint, which reads nothing.
             unsafe { _mm_prefetch::<_MM_HINT_T0>(first.cast::<i8>().wrapping_add(line)) };
         }
+    }
+}
+
+/// SAFETY of every block: AVX2 is there (see [`Avx`]); loads and stores go to whole arrays, at any
+/// alignment.
+impl WordLanes for AvxWords {
+    type Numbers = Avx;
+    type Mask = Avx;
+
+    #[inline(always)]
+    fn splat(x: u32) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe { _mm256_set1_epi32(x as i32) })
+    }
+    #[inline(always)]
+    fn load(x: &[u32; 8]) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe { _mm256_loadu_si256(x.as_ptr().cast()) })
+    }
+    #[inline(always)]
+    fn store(self) -> [u32; 8] {
+        let mut out = [0; 8];
+        // SAFETY: see the head of this impl.
+        unsafe { _mm256_storeu_si256(out.as_mut_ptr().cast(), self.0) };
+        out
+    }
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe { _mm256_add_epi32(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe { _mm256_sub_epi32(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe { _mm256_mullo_epi32(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn and(self, other: Self) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe { _mm256_and_si256(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn or(self, other: Self) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe { _mm256_or_si256(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn xor(self, other: Self) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe { _mm256_xor_si256(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn min_unsigned(self, other: Self) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe { _mm256_min_epu32(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn max_unsigned(self, other: Self) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe { _mm256_max_epu32(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn min_signed(self, other: Self) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe { _mm256_min_epi32(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn max_signed(self, other: Self) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe { _mm256_max_epi32(self.0, other.0) })
+    }
+    #[inline(always)]
+    fn shl(self, by: Self) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe {
+            _mm256_sllv_epi32(self.0, _mm256_and_si256(by.0, _mm256_set1_epi32(31)))
+        })
+    }
+    #[inline(always)]
+    fn shr(self, by: Self) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe {
+            _mm256_srlv_epi32(self.0, _mm256_and_si256(by.0, _mm256_set1_epi32(31)))
+        })
+    }
+    #[inline(always)]
+    fn shr_signed(self, by: Self) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe {
+            _mm256_srav_epi32(self.0, _mm256_and_si256(by.0, _mm256_set1_epi32(31)))
+        })
+    }
+    #[inline(always)]
+    fn eq(self, other: Self) -> Avx {
+        // SAFETY: see the head of this impl.
+        Avx(unsafe { _mm256_castsi256_ps(_mm256_cmpeq_epi32(self.0, other.0)) })
+    }
+    #[inline(always)]
+    fn lt_unsigned(self, other: Self) -> Avx {
+        let low = Self::splat(1 << 31);
+        self.xor(low).lt_signed(other.xor(low))
+    }
+    #[inline(always)]
+    fn lt_signed(self, other: Self) -> Avx {
+        // SAFETY: see the head of this impl.
+        Avx(unsafe { _mm256_castsi256_ps(_mm256_cmpgt_epi32(other.0, self.0)) })
+    }
+    #[inline(always)]
+    fn select(mask: Avx, a: Self, b: Self) -> Self {
+        // SAFETY: see the head of this impl.
+        AvxWords(unsafe {
+            let (a, b) = (_mm256_castsi256_ps(a.0), _mm256_castsi256_ps(b.0));
+            _mm256_castps_si256(_mm256_blendv_ps(b, a, mask.0))
+        })
+    }
+    #[inline(always)]
+    fn to_numbers(self) -> Avx {
+        // SAFETY: see the head of this impl.
+        Avx(unsafe { _mm256_castsi256_ps(self.0) })
+    }
+    #[inline(always)]
+    fn from_signed(self) -> Avx {
+        // SAFETY: see the head of this impl.
+        Avx(unsafe { _mm256_cvtepi32_ps(self.0) })
+    }
+    #[inline(always)]
+    fn from_unsigned(self) -> Avx {
+        // SAFETY: see the head of this impl.
+        Avx(unsafe {
+            // Both halves are exact, so only their sum rounds.
+            let high = _mm256_cvtepi32_ps(_mm256_srli_epi32::<16>(self.0));
+            let low = _mm256_cvtepi32_ps(_mm256_and_si256(self.0, _mm256_set1_epi32(0xffff)));
+            _mm256_add_ps(_mm256_mul_ps(high, _mm256_set1_ps(65536.0)), low)
+        })
+    }
+    #[inline(always)]
+    fn gather(memory: &[u32], places: Self) -> Self {
+        assert!(memory.len() < 1 << 31, "too many words: {}", memory.len());
+        let Some(last) = memory.len().checked_sub(1) else {
+            return Self::splat(0);
+        };
+        let places = places.min_unsigned(Self::splat(last as u32));
+        // SAFETY: see the head of this impl; every place is at most that of the last word, and so
+        // no negative offset.
+        AvxWords(unsafe { _mm256_i32gather_epi32::<4>(memory.as_ptr().cast(), places.0) })
     }
 }
