@@ -67,6 +67,8 @@ SYSTEM = {
 NEWEST_CXX = {"GLIBCXX": (3, 4, 30), "CXXABI": (1, 3, 13), "GCC": (12, 0, 0)}
 # What an ELF file calls the processor, and what Python and Debian call it.
 MACHINES = {62: ("x86_64", "amd64"), 183: ("aarch64", "arm64")}
+# Either of them, as the user likes.
+LICENSES = ["LICENSE-MIT", "LICENSE-APACHE"]
 SUMMARY = "Headless driving simulator whose sensors write straight into shared memory"
 
 
@@ -266,7 +268,8 @@ def tree(everything, library, names, into, name, boms):
             write(into / "share" / "gantry" / "examples" / file.relative_to(ROOT / "examples"), file.read_bytes())
     for file, text in boms.items():
         write(into / "share" / "doc" / name / file, text)
-    write(into / "share" / "doc" / name / "README.md", (ROOT / "README.md").read_bytes())
+    for file in ["README.md", *LICENSES]:
+        write(into / "share" / "doc" / name / file, (ROOT / file).read_bytes())
     write(into / "share" / "doc" / name / "CHANGELOG.md", (ROOT / "CHANGELOG.md").read_bytes())
 
 
@@ -329,6 +332,7 @@ def metadata():
         f"Version: {version()}",
         f"Summary: {SUMMARY}",
         f"License: {project['license']['text']}",
+        *(f"License-File: {file}" for file in LICENSES),
         f"Requires-Python: {project['requires-python']}",
         *(f"Classifier: {classifier}" for classifier in project["classifiers"]),
         *(f"Requires-Dist: {need}" for need in project["dependencies"] + project["optional-dependencies"]["programs"]),
@@ -356,6 +360,8 @@ def wheel(everything, names, module, library, out, work, libc, processor, boms, 
     about = root / f"{name}.dist-info"
     write(about / "METADATA", metadata().encode())
     write(about / "WHEEL", f"Wheel-Version: 1.0\nGenerator: gantry {version()}\nRoot-Is-Purelib: false\nTag: {tag}\n".encode())
+    for file in LICENSES:
+        write(about / file, (ROOT / file).read_bytes())
     for file, text in boms.items():
         write(about / "sboms" / file, text)
     for path in root.rglob("*"):

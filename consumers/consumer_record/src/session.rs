@@ -89,6 +89,8 @@ struct Session {
     sink: Sink,
     run: Run,
     newest_tick: u64,
+    /// Once it is told to stop: the tick with which the recording ends.
+    last_tick: Option<u64>,
     /// Whether topics are listed once more before the next tick is acknowledged, as after a command
     /// that made some.
     list_before_ack: bool,
@@ -136,6 +138,7 @@ impl Session {
             sink,
             run: Run::default(),
             newest_tick: 0,
+            last_tick: None,
             list_before_ack: false,
             has_snapshot: false,
             waiting_said: false,
@@ -156,8 +159,13 @@ impl Session {
                 None => self.journal.fetch_if_due(self.run, &mut self.sink)?,
             }
         }
+        self.drain_snapshots()?;
+        self.acknowledge()?;
         self.journal.fetch(self.run, &mut self.sink)?;
         self.fetch_scenery(true)?;
+        // Topics are taken one by one. Without a last tick, one would run ahead of the next by all that
+        // the simulator makes meanwhile.
+        self.last_tick = self.has_snapshot.then_some(self.newest_tick);
         // Leaving lockstep first lets the simulator go on while the file is finished.
         self.lockstep = None;
         self.drain()?;
@@ -296,8 +304,11 @@ impl Session {
         let ids: Vec<TopicId> = self.frames.keys().copied().collect();
         for id in ids {
             while let Some(frame) = self.domain.take_frame(id)? {
-                if frame.header().tick > self.newest_tick || frame.header().epoch != self.run.epoch
-                {
+                let (tick, epoch) = (frame.header().tick, frame.header().epoch);
+                if (self.last_tick).is_some_and(|last| tick > last || epoch != self.run.epoch) {
+                    break;
+                }
+                if tick > self.newest_tick || epoch != self.run.epoch {
                     // Its snapshot was sent before it.
                     self.drain_snapshots()?;
                 }
@@ -380,6 +391,9 @@ impl Session {
     }
 
     fn drain_snapshots(&mut self) -> anyhow::Result<()> {
+        if self.last_tick.is_some() {
+            return Ok(());
+        }
         let source: Arc<str> = names::WORLD_SNAPSHOT.into();
         loop {
             match self.domain.take_snapshot(self.snapshots) {

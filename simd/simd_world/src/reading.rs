@@ -116,9 +116,9 @@ impl World {
         self.scenery.switched_lamps(&self.map)
     }
 
-    /// Counts of changes of the scenery in this episode.
+    /// What tells the state of the scenery from others of this episode.
     pub fn scenery_revisions(&self) -> SceneryRevisions {
-        self.scenery.revisions()
+        self.scenery.revisions(&self.weather.now)
     }
 
     /// Adds the meshes of every actor that may appear. Must be called once per episode, after the

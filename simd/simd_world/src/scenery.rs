@@ -46,13 +46,15 @@ impl Lamp {
     }
 }
 
-/// Counts of changes in an episode.
+/// Tells one state of the scenery in an episode from another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SceneryRevisions {
-    /// Changes of what is shown.
+    /// Count of changes of what is shown.
     pub objects: u64,
-    /// Changes of lamps.
+    /// Count of commands that changed lamps.
     pub lamps: u64,
+    /// Whether lamps that were not switched shine.
+    pub is_dark: bool,
 }
 
 /// What is hidden and switched.
@@ -62,7 +64,10 @@ pub(crate) struct SceneryState {
     lamps: Vec<Lamp>,
     /// Whether lamps that were not switched stay dark.
     no_cycle: bool,
-    revisions: SceneryRevisions,
+    /// Count of changes of what is hidden.
+    object_changes: u64,
+    /// Count of commands that changed lamps.
+    lamp_changes: u64,
 }
 
 impl SceneryState {
@@ -98,8 +103,16 @@ impl SceneryState {
         lamps.filter_map(setting).collect()
     }
 
-    pub fn revisions(&self) -> SceneryRevisions {
-        self.revisions
+    pub fn revisions(&self, weather: &Weather) -> SceneryRevisions {
+        SceneryRevisions {
+            objects: self.object_changes,
+            lamps: self.lamp_changes,
+            is_dark: self.is_dark(weather),
+        }
+    }
+
+    fn is_dark(&self, weather: &Weather) -> bool {
+        weather.sun_altitude_deg < DUSK_DEG && !self.no_cycle
     }
 
     pub fn reply(&self, map: &MapData, weather: &Weather) -> CommandReply {
@@ -113,7 +126,7 @@ impl SceneryState {
             box_half_m: object.box_half_m,
             shown: !self.hidden.contains(&object.id),
         });
-        let dark = weather.sun_altitude_deg < DUSK_DEG && !self.no_cycle;
+        let is_dark = self.is_dark(weather);
         let lamps = map
             .lamps
             .iter()
@@ -126,7 +139,7 @@ impl SceneryState {
                 rgb: lamp.rgb,
                 intensity_lm: lamp.intensity_lm,
                 group: lamp.group,
-                on: lamp.on.unwrap_or(dark),
+                on: lamp.on.unwrap_or(is_dark),
             });
         CommandReply::Scenery {
             objects: objects.collect(),
@@ -180,7 +193,7 @@ impl SceneryState {
             }
         }
         if self.hidden.len() != before {
-            self.revisions.objects += 1;
+            self.object_changes += 1;
             physics.show_only(map, &self.hidden);
         }
     }
@@ -218,7 +231,7 @@ impl SceneryState {
             lamp.intensity_lm = change.intensity_lm.unwrap_or(lamp.intensity_lm);
             lamp.group = change.group.unwrap_or(lamp.group);
         }
-        self.revisions.lamps += u64::from(!changes.is_empty());
+        self.lamp_changes += u64::from(!changes.is_empty());
         Ok(())
     }
 
@@ -229,6 +242,6 @@ impl SceneryState {
         if on {
             self.lamps.iter_mut().for_each(|lamp| lamp.on = None);
         }
-        self.revisions.lamps += 1;
+        self.lamp_changes += 1;
     }
 }

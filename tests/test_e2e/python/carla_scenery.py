@@ -113,6 +113,10 @@ def check_lights():
     weather = world.get_weather()
     weather.sun_altitude_angle = -40.0
     world.set_weather(weather)
+    # The client keeps its list until it is told that lamps changed; it asks again at the tick after.
+    world.tick()
+    world.tick()
+    assert all(light.is_on for light in manager.get_all_lights(carla.LightGroup.Street))
     lamp = lights[0]
     seen = carla.Transform(lamp.location + carla.Location(x=-3.0, z=0.0), carla.Rotation())
     camera, pictures = watch("sensor.camera.rgb", seen, image_size_x=64, image_size_y=64, fov=40)

@@ -5,6 +5,7 @@ use crate::sample;
 
 use std::collections::BTreeSet;
 use std::path::Path;
+use std::sync::Barrier;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
@@ -158,6 +159,10 @@ impl Daemon {
         };
         self.snapshot.send(header, &[ego]).unwrap();
         self.snapshot_wake.notify();
+        self.publish_frames(tick);
+    }
+
+    fn publish_frames(&mut self, tick: u64) {
         for (topic, publisher) in &self.frames {
             let (header, payload) = sample::frame(topic, tick);
             if publisher.n_readers() > 0 {
@@ -319,6 +324,54 @@ fn free_running_at_fifty_hertz_is_recorded_or_its_losses_are_counted() {
     if report.lost.is_empty() && begin <= end {
         assert_complete(&path, begin, end);
     }
+}
+
+/// The simulator goes on while the recorder, told to stop, takes what is left of one topic after the
+/// other.
+#[test]
+fn every_topic_ends_with_the_same_tick() {
+    let folder = tempfile::tempdir().unwrap();
+    let bus = private(folder.path());
+    let mut daemon = Daemon::new(&bus, EPOCH);
+    let options = Options {
+        bus,
+        coding: Coding::none(),
+        lockstep: false,
+        ..Options::new("test", folder.path().join("live.mcap"))
+    };
+    let (stop, turn) = (AtomicBool::new(false), Barrier::new(2));
+    let stopped_while_frames_come = || {
+        let is_told = stop.load(Ordering::Acquire);
+        if is_told {
+            turn.wait();
+            turn.wait();
+        }
+        is_told
+    };
+    std::thread::scope(|scope| {
+        let recorder = scope.spawn(|| record(&options, &stopped_while_frames_come));
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while (daemon.frames.iter()).any(|(_, publisher)| publisher.n_readers() == 0) {
+            daemon.serve();
+            std::thread::sleep(Duration::from_millis(5));
+            assert!(Instant::now() < deadline, "the recorder never came");
+        }
+        daemon.run_tick();
+        stop.store(true, Ordering::Release);
+        turn.wait();
+        daemon.run_tick();
+        daemon.publish_frames(3);
+        turn.wait();
+        while !recorder.is_finished() {
+            daemon.serve();
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        recorder.join().unwrap().unwrap();
+    });
+    let found = sample::frames_of(&options.out);
+    let ticks: BTreeSet<u64> = found.keys().map(|(_, tick)| *tick).collect();
+    assert_eq!(ticks, [1, 2].into());
+    assert_complete(&options.out, 1, 2);
 }
 
 #[test]

@@ -54,7 +54,7 @@ pub struct EpisodeId {
 pub struct SceneryChange {
     /// Objects were hidden or shown.
     pub objects: bool,
-    /// Lamps were switched.
+    /// Lamps were switched, or dusk or dawn switched them.
     pub lamps: bool,
 }
 
@@ -134,18 +134,23 @@ impl Episode {
         if now == before {
             return None;
         }
-        let mut assets = self.whole.without(world.hidden_objects());
-        assets.switched = world.switched_lamps();
-        self.assets = Arc::new(assets);
-        if let Some(stream) = &mut self.stream {
-            stream.set_visible(self.assets.clone());
-            self.assets = stream.shown().clone();
-        }
-        self.shown = now;
-        Some(SceneryChange {
+        let is_switched = now.lamps != before.lamps;
+        let change = SceneryChange {
             objects: now.objects != before.objects,
-            lamps: now.lamps != before.lamps,
-        })
+            lamps: is_switched || now.is_dark != before.is_dark,
+        };
+        self.shown = now;
+        // Sensors know the time of day from the weather.
+        if change.objects || is_switched {
+            let mut assets = self.whole.without(world.hidden_objects());
+            assets.switched = world.switched_lamps();
+            self.assets = Arc::new(assets);
+            if let Some(stream) = &mut self.stream {
+                stream.set_visible(self.assets.clone());
+                self.assets = stream.shown().clone();
+            }
+        }
+        Some(change)
     }
 }
 
