@@ -10,6 +10,7 @@ mod events;
 mod events_gpu;
 mod exact;
 mod hiding;
+mod lanes;
 mod layout;
 mod lens;
 mod optics;
