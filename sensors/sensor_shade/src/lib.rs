@@ -12,7 +12,8 @@
 //!   [`shading::Maps`].
 //! - Nothing is fused, reordered or taken from a mathematical library: see [`functions`].
 //!
-//! Modules in reading order: [`vectors`], [`functions`], [`packing`], [`memory`], [`shading`].
+//! Modules in reading order: [`vectors`], [`functions`], [`packing`], [`memory`], [`images`],
+//! [`shading`].
 //!
 //! [`Lanes`]: sensor_core::vector_lanes::Lanes
 
@@ -20,6 +21,7 @@
 #![warn(missing_docs)]
 
 pub mod functions;
+pub mod images;
 pub mod memory;
 pub mod packing;
 pub mod vectors;
