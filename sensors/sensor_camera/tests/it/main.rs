@@ -17,4 +17,5 @@ mod optics;
 mod rasteriser;
 mod shadow_memory;
 mod shadows;
+mod tiles;
 mod together;
