@@ -76,6 +76,29 @@ pub(crate) fn shade_wgsl(shading: Shading) -> String {
     .concat()
 }
 
+/// Text of the shader whose functions `sensor_shade` has for processors: uniforms as they are bound,
+/// one view, and surfaces as a GPU keeps them.
+pub(crate) fn lanes_wgsl() -> String {
+    [
+        include_str!("shader/scene.wgsl"),
+        include_str!("shader/bound.wgsl"),
+        include_str!("shader/view_drawn.wgsl"),
+        include_str!("shader/film.wgsl"),
+        include_str!("shader/sky.wgsl"),
+        include_str!("shader/wall.wgsl"),
+        include_str!("shader/switched.wgsl"),
+        include_str!("shader/surface.wgsl"),
+        include_str!("shader/surface_wide.wgsl"),
+        include_str!("shader/seen_wide.wgsl"),
+        include_str!("shader/texture.wgsl"),
+        include_str!("shader/lamps.wgsl"),
+        include_str!("shader/light.wgsl"),
+        include_str!("shader/shade.wgsl"),
+        include_str!("shader/shade_lanes.wgsl"),
+    ]
+    .concat()
+}
+
 /// What the shading pass must do; each combination has a pipeline of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct ShadeKey {

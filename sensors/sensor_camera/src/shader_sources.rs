@@ -32,6 +32,7 @@ pub fn shader_sources() -> Vec<(&'static str, String)> {
         ),
         ("shade, computed", shade::shade_wgsl(Shading::Computed)),
         ("shade, drawn", shade::shade_wgsl(Shading::Drawn)),
+        ("shade, in lanes", shade::lanes_wgsl()),
         ("raster", raster::raster_wgsl()),
         ("resolve", raster::resolve_wgsl()),
         ("blur", blur::BLUR_WGSL.to_owned()),

@@ -45,6 +45,7 @@ fn allowed(from: &str, to: &str) -> bool {
         ("sensor_core", "sensor_spec")
         | ("sensor_camera" | "sensor_ray", "sensor_core" | "sensor_spec") => true,
         ("sensor_camera" | "sensor_ray", "sensor_gpu") => true,
+        ("sensor_shade", "sensor_core") | ("sensor_camera", "sensor_shade") => true,
         ("sensor_gpu", "sensor_core") => true,
         (
             "consumer_carla" | "consumer_drive" | "consumer_desk" | "consumer_bridge",

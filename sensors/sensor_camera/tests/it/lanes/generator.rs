@@ -1,0 +1,117 @@
+//! Rust over lanes from the WGSL of a shader: structs, what is bound, and every function.
+
+use naga::{AddressSpace, TypeInner};
+
+use super::statements::function_text;
+use super::unit::{Unit, name_of};
+
+const HEAD: &str = "\
+//! Generated from WGSL by the test `lanes` of `sensor_camera`; `./gantry bless` writes it anew.
+";
+
+/// What generated functions call; `$` is the path of `sensor_shade`.
+const USES: &str = "
+use sensor_core::vector_lanes::{Lanes, WordLanes};
+
+use $::functions::{atan2, cos, exp, exp2, fract, inverse_sqrt, log2, mix, pow, saturate, sin, smoothstep};
+use $::memory::{number, numbers_at, words_at};
+use $::packing::{divided, first_trailing_bit, number_of, pack_4x8_unorm, remainder, unpack_4x8_snorm, unpack_4x8_unorm, word, word_of};
+use $::vectors::{cross, dot, length, normalize, reflect, zip2, zip3, zip4};
+";
+
+/// Generates the module, for which `shade` is the path of `sensor_shade`.
+pub fn generated(unit: &mut Unit<'_>, shade: &str) -> Result<String, String> {
+    let module = unit.module;
+    let mut functions = String::new();
+    for (handle, _) in module.functions.iter() {
+        functions += "\n";
+        functions += &function_text(unit, handle)?;
+    }
+    // Structs in structs become known while these are written.
+    let mut structs = String::new();
+    for (handle, ty) in module.types.iter() {
+        if let TypeInner::Struct { members, .. } = &ty.inner
+            && unit.structs.contains(&handle)
+        {
+            let name = ty.name.as_deref().ok_or("a struct without a name")?;
+            let (mut fields, mut blended) = (String::new(), String::new());
+            for member in members {
+                let field = name_of(member.name.as_deref().unwrap_or("unnamed"));
+                let inner = unit.inner(member.ty);
+                let rust = unit.rust_type(inner)?;
+                fields += &format!("    pub {field}: {rust},\n");
+                let [a, b] = ["a", "b"].map(|of| format!("{of}.{field}"));
+                let blend = unit.blend(inner, "lanes", &a, &b)?;
+                blended += &format!("            {field}: {blend},\n");
+            }
+            structs += &format!(
+                "\n#[derive(Clone, Copy)]\npub struct {name}<L: Lanes> {{\n{fields}}}\n\n\
+                 impl<L: Lanes> {name}<L> {{\n    #[inline(always)]\n    \
+                 pub fn blend(lanes: L::Mask, a: Self, b: Self) -> Self {{\n        \
+                 {name} {{\n{blended}        }}\n    }}\n}}\n"
+            );
+        }
+    }
+    Ok(format!(
+        "{HEAD}{}{}{}{}{structs}{functions}",
+        USES.replace('$', shade),
+        overrides(unit)?,
+        bound(unit)?,
+        maps(unit)
+    ))
+}
+
+fn overrides(unit: &Unit<'_>) -> Result<String, String> {
+    let (mut fields, mut defaults) = (String::new(), String::new());
+    for (_, of) in unit.module.overrides.iter() {
+        let name = of.name.as_deref().ok_or("an override without a name")?;
+        let name = name.to_lowercase();
+        let init = of.init.map(|init| &unit.module.global_expressions[init]);
+        let Some(naga::Expression::Literal(naga::Literal::Bool(init))) = init else {
+            return Err(format!("the override {name} is no boolean with a value"));
+        };
+        fields += &format!("    pub {name}: bool,\n");
+        defaults += &format!("            {name}: {init},\n");
+    }
+    Ok(format!(
+        "\n/// What a pipeline chooses.\n#[derive(Clone, Copy, Debug)]\n\
+         pub struct Overrides {{\n{fields}}}\n\nimpl Default for Overrides {{\n    \
+         #[inline(always)]\n    fn default() -> Self {{\n        \
+         Overrides {{\n{defaults}        }}\n    }}\n}}\n"
+    ))
+}
+
+/// Uniforms and lists, as many words of each as are read.
+fn bound(unit: &Unit<'_>) -> Result<String, String> {
+    let mut fields = String::new();
+    for (handle, variable) in unit.module.global_variables.iter() {
+        let is_memory = matches!(
+            variable.space,
+            AddressSpace::Uniform | AddressSpace::Storage { .. }
+        );
+        if let (true, Some(n_words)) = (is_memory, unit.memory.get(&handle)) {
+            let ty = match n_words {
+                Some(n) => format!("[u32; {n}]"),
+                None => "[u32]".to_owned(),
+            };
+            fields += &format!("    pub {}: &'a {ty},\n", unit.global_name(handle));
+        }
+    }
+    Ok(format!(
+        "\n/// What a pipeline's bind groups hold, and its overrides.\n#[derive(Clone, Copy)]\n\
+         pub struct Bound<'a, M> {{\n    pub overrides: Overrides,\n{fields}    \
+         pub maps: &'a M,\n}}\n"
+    ))
+}
+
+fn maps(unit: &Unit<'_>) -> String {
+    let methods: String = unit
+        .maps
+        .iter()
+        .map(|(name, signature)| format!("    fn {name}{signature};\n"))
+        .collect();
+    format!(
+        "\n/// The images that the shaders read, and how. Lanes that do not run may ask for any \
+         place.\npub trait Maps<L: Lanes> {{\n{methods}}}\n"
+    )
+}

@@ -1,0 +1,363 @@
+//! Square images with levels, and what shaders read of them: the linear filter of the nearest level,
+//! and the filtered comparison of shadow maps.
+
+use sensor_core::vector_lanes::{Lanes, WordLanes};
+
+use crate::memory::{numbers_at, words_at};
+use crate::packing::word;
+
+/// Which texels lie beyond the sides.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Beyond {
+    /// Those of the opposite side.
+    Repeat,
+    /// The nearest ones.
+    Clamp,
+}
+
+/// Sides and places of levels, each half as wide as the one before.
+#[derive(Clone, Debug)]
+struct Levels {
+    side: u32,
+    n: u32,
+    /// Texels before each level.
+    begin: Vec<u32>,
+    beyond: Beyond,
+}
+
+/// The four texels around a place in each lane, and where it is between them.
+struct Around<L: Lanes> {
+    /// Numbers of the texels: above left and right, below left and right.
+    texels: [L::Words; 4],
+    share: [L; 2],
+}
+
+impl Levels {
+    /// # Panics
+    /// Unless the side is a power of two up to 8192 and every level has its texels.
+    fn new(sizes: &[usize], beyond: Beyond) -> Levels {
+        let n_texels = *sizes.first().expect("an image has a level");
+        let side = n_texels.isqrt();
+        assert!(
+            side * side == n_texels && side.is_power_of_two() && side <= 8192,
+            "{n_texels} texels are no square whose side is a power of two up to 8192"
+        );
+        let mut begin = Vec::new();
+        let mut before = 0;
+        for (level, size) in sizes.iter().enumerate() {
+            let expected = (side >> level) * (side >> level);
+            assert!(
+                expected > 0 && *size == expected,
+                "level {level} has {size} texels, not {expected}"
+            );
+            begin.push(before);
+            before += expected as u32;
+        }
+        Levels {
+            side: side as u32,
+            n: sizes.len() as u32,
+            begin,
+            beyond,
+        }
+    }
+
+    #[inline(always)]
+    fn around<L: Lanes>(&self, at: [L; 2], level: Option<L>) -> Around<L> {
+        let (side, begin) = match level {
+            Some(level) if self.n > 1 => {
+                let last = L::splat((self.n - 1) as f32);
+                let nearest = level.add(L::splat(0.5)).floor();
+                let level = nearest.max(L::splat(0.0)).min(last).to_signed();
+                let side = word::<L>(self.side).shr(level);
+                (side, words_at::<L>(&self.begin, level, 0))
+            }
+            _ => (word::<L>(self.side), word::<L>(0)),
+        };
+        let scale = side.from_signed();
+        let one = word::<L>(1);
+        let last = side.sub(one);
+        let axis = |at: L| {
+            let place = at.mul(scale).sub(L::splat(0.5));
+            let whole = place.floor();
+            let first = whole.to_signed();
+            let within = |x: L::Words| match self.beyond {
+                Beyond::Repeat => x.and(last),
+                Beyond::Clamp => x.max_signed(word::<L>(0)).min_signed(last),
+            };
+            (within(first), within(first.add(one)), place.sub(whole))
+        };
+        let (left, right, across) = axis(at[0]);
+        let (above, below, down) = axis(at[1]);
+        let rows = [above, below].map(|row| begin.add(row.mul(side)));
+        Around {
+            texels: [
+                rows[0].add(left),
+                rows[0].add(right),
+                rows[1].add(left),
+                rows[1].add(right),
+            ],
+            share: [across, down],
+        }
+    }
+}
+
+impl<L: Lanes> Around<L> {
+    /// The value between those of the four texels.
+    #[inline(always)]
+    fn between(&self, [a, b, c, d]: [L; 4]) -> L {
+        let mix = |a: L, b: L, share: L| a.add(b.sub(a).mul(share));
+        let [across, down] = self.share;
+        mix(mix(a, b, across), mix(c, d, across), down)
+    }
+}
+
+/// Four bytes a texel, which mean 0 to 1.
+#[derive(Clone, Debug)]
+pub struct ByteImage {
+    levels: Levels,
+    texels: Vec<u32>,
+}
+
+impl ByteImage {
+    /// From its levels, each row by row.
+    ///
+    /// # Panics
+    /// Unless the side is a power of two up to 8192 and each level is half as wide as the one before.
+    pub fn new(levels: &[&[[u8; 4]]], beyond: Beyond) -> ByteImage {
+        let sizes: Vec<usize> = levels.iter().map(|texels| texels.len()).collect();
+        let texels = levels.iter().copied().flatten();
+        ByteImage {
+            levels: Levels::new(&sizes, beyond),
+            texels: texels.map(|texel| u32::from_le_bytes(*texel)).collect(),
+        }
+    }
+
+    /// The linear filter at places from 0 to 1 of the level nearest to `level`.
+    #[inline(always)]
+    pub fn sampled<L: Lanes>(&self, at: [L; 2], level: L) -> [L; 4] {
+        let around = self.levels.around(at, Some(level));
+        let words = around.texels.map(|at| words_at::<L>(&self.texels, at, 0));
+        [0, 8, 16, 24].map(|bits| {
+            let byte = |texel: L::Words| {
+                let byte = texel.shr(word::<L>(bits)).and(word::<L>(255));
+                byte.from_signed()
+            };
+            around.between(words.map(byte)).mul(L::splat(1.0 / 255.0))
+        })
+    }
+}
+
+/// Four numbers a texel.
+#[derive(Clone, Debug)]
+pub struct NumberImage {
+    levels: Levels,
+    /// Their bits.
+    numbers: Vec<u32>,
+}
+
+impl NumberImage {
+    /// From its levels, each row by row.
+    ///
+    /// # Panics
+    /// Unless the side is a power of two up to 8192 and each level is half as wide as the one before.
+    pub fn new(levels: &[&[[f32; 4]]], beyond: Beyond) -> NumberImage {
+        let sizes: Vec<usize> = levels.iter().map(|texels| texels.len()).collect();
+        let numbers = levels.iter().copied().flatten().flatten();
+        NumberImage {
+            levels: Levels::new(&sizes, beyond),
+            numbers: numbers.map(|x| x.to_bits()).collect(),
+        }
+    }
+
+    /// The linear filter at places from 0 to 1 of the level nearest to `level`.
+    #[inline(always)]
+    pub fn sampled<L: Lanes>(&self, at: [L; 2], level: L) -> [L; 4] {
+        let around = self.levels.around(at, Some(level));
+        let places = around.texels.map(|at| at.shl(word::<L>(2)));
+        [0, 1, 2, 3].map(|channel| {
+            let of = |at: L::Words| numbers_at::<L>(&self.numbers, at, channel);
+            around.between(places.map(of))
+        })
+    }
+}
+
+/// Depths of a shadow map.
+#[derive(Clone, Debug)]
+pub struct DepthImage {
+    levels: Levels,
+    /// Their bits.
+    depths: Vec<u32>,
+}
+
+impl DepthImage {
+    /// From its depths, row by row.
+    ///
+    /// # Panics
+    /// Unless the side is a power of two up to 8192.
+    pub fn new(depths: &[f32]) -> DepthImage {
+        DepthImage {
+            levels: Levels::new(&[depths.len()], Beyond::Clamp),
+            depths: depths.iter().map(|depth| depth.to_bits()).collect(),
+        }
+    }
+
+    /// The share of the four texels around a place from 0 to 1 that are as deep as this or deeper,
+    /// each weighed by how near it is.
+    #[inline(always)]
+    pub fn compared<L: Lanes>(&self, at: [L; 2], depth: L) -> L {
+        let around = self.levels.around(at, None);
+        let passes = |at: L::Words| {
+            let texel = numbers_at::<L>(&self.depths, at, 0);
+            L::select(depth.le(texel), L::splat(1.0), L::splat(0.0))
+        };
+        around.between(around.texels.map(passes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use sensor_core::vector_lanes::{LaneWork, in_arrays, in_lanes};
+
+    use super::*;
+
+    const SIDE: usize = 16;
+
+    struct Read<'a> {
+        bytes: &'a ByteImage,
+        numbers: &'a NumberImage,
+        depths: &'a DepthImage,
+        at: [[f32; 8]; 2],
+        level: [f32; 8],
+    }
+
+    impl LaneWork for Read<'_> {
+        type Out = [[f32; 8]; 9];
+
+        #[inline(always)]
+        fn run<L: Lanes>(self) -> Self::Out {
+            let at = self.at.map(|x| L::load(&x));
+            let level = L::load(&self.level);
+            let [a, b, c, d] = self.bytes.sampled(at, level);
+            let [e, f, g, h] = self.numbers.sampled(at, level);
+            let share = self.depths.compared(at, L::splat(0.5));
+            [a, b, c, d, e, f, g, h, share].map(L::store)
+        }
+    }
+
+    /// Oracle: the filter in f64, texel by texel.
+    fn filtered(texel: impl Fn(i64, i64) -> f64, at: [f64; 2], side: usize) -> f64 {
+        let place = at.map(|at| at * side as f64 - 0.5);
+        let mut sum = 0.0;
+        for y in 0..2 {
+            for x in 0..2 {
+                let texel_at = [place[0].floor() + x as f64, place[1].floor() + y as f64];
+                let weight: f64 = (0..2)
+                    .map(|axis| 1.0 - (place[axis] - texel_at[axis]).abs())
+                    .product();
+                sum += weight * texel(texel_at[0] as i64, texel_at[1] as i64);
+            }
+        }
+        sum
+    }
+
+    #[test]
+    fn images_are_filtered_as_in_f64() {
+        let mut rng = fastrand::Rng::with_seed(8);
+        let bytes: Vec<Vec<[u8; 4]>> = (0..3)
+            .map(|level| {
+                let n = (SIDE >> level) * (SIDE >> level);
+                (0..n)
+                    .map(|_| std::array::from_fn(|_| rng.u8(..)))
+                    .collect()
+            })
+            .collect();
+        let level_numbers = |texels: &Vec<[u8; 4]>| -> Vec<[f32; 4]> {
+            let of = |texel: &[u8; 4]| texel.map(|byte| byte as f32 * 3.0 - 100.0);
+            texels.iter().map(of).collect()
+        };
+        let numbers: Vec<Vec<[f32; 4]>> = bytes.iter().map(level_numbers).collect();
+        let depths: Vec<f32> = bytes[0]
+            .iter()
+            .map(|texel| texel[0] as f32 / 255.0)
+            .collect();
+        let byte_levels: Vec<&[[u8; 4]]> = bytes.iter().map(Vec::as_slice).collect();
+        let number_levels: Vec<&[[f32; 4]]> = numbers.iter().map(Vec::as_slice).collect();
+        let byte_image = ByteImage::new(&byte_levels, Beyond::Repeat);
+        let number_image = NumberImage::new(&number_levels, Beyond::Clamp);
+        let depth_image = DepthImage::new(&depths);
+        for _ in 0..2000 {
+            let mut eight = |low: f32, high: f32| -> [f32; 8] {
+                std::array::from_fn(|_| low + rng.f32() * (high - low))
+            };
+            let at = [eight(-2.0, 3.0), eight(-2.0, 3.0)];
+            let level = eight(-1.0, 4.0);
+            let read = || Read {
+                bytes: &byte_image,
+                numbers: &number_image,
+                depths: &depth_image,
+                at,
+                level,
+            };
+            let found = in_lanes(read());
+            assert_eq!(found, in_arrays(read()));
+            for lane in 0..8 {
+                let fraction = (level[lane] + 0.5).fract();
+                if fraction.abs() < 1e-3 || fraction.abs() > 0.999 {
+                    continue;
+                }
+                let nearest = level[lane].round().clamp(0.0, 2.0) as usize;
+                let side = SIDE >> nearest;
+                let place = at.map(|at| at[lane] as f64);
+                let repeated = |x: i64, y: i64| {
+                    let [x, y] = [x, y].map(|i| i.rem_euclid(side as i64) as usize);
+                    y * side + x
+                };
+                let clamped = |x: i64, y: i64, side: usize| {
+                    let [x, y] = [x, y].map(|i| i.clamp(0, side as i64 - 1) as usize);
+                    y * side + x
+                };
+                for channel in 0..4 {
+                    let byte = |x, y| bytes[nearest][repeated(x, y)][channel] as f64 / 255.0;
+                    let expected = filtered(byte, place, side);
+                    assert!((found[channel][lane] as f64 - expected).abs() < 2e-5);
+                    let number = |x, y| numbers[nearest][clamped(x, y, side)][channel] as f64;
+                    let expected = filtered(number, place, side);
+                    assert!((found[4 + channel][lane] as f64 - expected).abs() < 2e-2);
+                }
+                let passes = |x, y| (depths[clamped(x, y, SIDE)] >= 0.5) as u32 as f64;
+                let expected = filtered(passes, place, SIDE);
+                assert!((found[8][lane] as f64 - expected).abs() < 5e-5);
+            }
+        }
+    }
+
+    #[test]
+    fn places_that_are_no_numbers_are_survived() {
+        let image = ByteImage::new(&[&[[255; 4]; 16]], Beyond::Repeat);
+        let numbers = NumberImage::new(&[&[[1.0; 4]; 16]], Beyond::Clamp);
+        let depths = DepthImage::new(&[1.0; 16]);
+        let wild = [
+            f32::NAN,
+            f32::INFINITY,
+            f32::NEG_INFINITY,
+            1e30,
+            -1e30,
+            0.0,
+            -0.0,
+            f32::MAX,
+        ];
+        in_lanes(Read {
+            bytes: &image,
+            numbers: &numbers,
+            depths: &depths,
+            at: [wild; 2],
+            level: wild,
+        });
+    }
+
+    #[test]
+    #[should_panic(expected = "level 1 has 5 texels, not 4")]
+    fn levels_of_a_wrong_size_are_refused() {
+        ByteImage::new(&[&[[0; 4]; 16], &[[0; 4]; 5]], Beyond::Repeat);
+    }
+}
