@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use crate::errors;
 use crate::fork::{self, Owned};
 use crate::place::Place;
-use crate::wait::{Failure, Timeout};
+use crate::wait::{Failure, Timeout, Waker};
 use crate::world::{SnapshotBytes, Snapshots, snapshot_bytes};
 
 /// Between attempts to join a simulator that was restarted, and the time for each.
@@ -22,6 +22,8 @@ pub struct Lockstep {
     // Ports go before their node.
     state: Mutex<Option<State>>,
     snapshots: Snapshots,
+    /// The event after which a tick may be complete.
+    complete: Waker,
     place: Arc<Place>,
     name: String,
 }
@@ -114,6 +116,9 @@ impl Lockstep {
         let participant = py
             .detach(|| Participant::join(place.bus(), name, wait))
             .map_err(errors::lockstep)?;
+        let complete = py
+            .detach(|| place.bus().listener(participant.event()))
+            .map_err(errors::bus)?;
         let snapshots = match snapshots {
             Some(snapshots) => snapshots,
             None => Snapshots::follow(py, &place)?,
@@ -127,6 +132,7 @@ impl Lockstep {
                 restarts: 0,
             })),
             snapshots,
+            complete: Waker::new(complete),
             place,
             name: name.to_owned(),
         })
@@ -150,6 +156,31 @@ impl Lockstep {
             let header = &world.header;
             (header.tick, header.epoch, snapshot_bytes(py, &world))
         }))
+    }
+
+    /// Waits up to `timeout` seconds until every frame of `tick` was sent; whether that is so.
+    fn wait_complete(&self, py: Python<'_>, tick: u64, timeout: f64) -> PyResult<bool> {
+        fork::check()?;
+        let timeout = Timeout::new(Some(timeout))?;
+        let found = (self.complete).until(py, timeout, Duration::ZERO, || {
+            self.with(|state| {
+                let Some(participant) = &mut state.participant else {
+                    return Ok(None);
+                };
+                if participant.epoch() != state.last.0 {
+                    // The simulator was restarted: no more frames of that tick will come.
+                    return Ok(Some(()));
+                }
+                match participant.is_complete(tick) {
+                    Ok(is_complete) => Ok(is_complete.then_some(())),
+                    Err(LockstepError::Bus(error)) => Err(error.into()),
+                    // The simulator is ending, or was restarted.
+                    Err(_) => Ok(None),
+                }
+            })
+        })?;
+        let found = found.map_err(|failure| self.raise(failure))?;
+        Ok(found.is_some())
     }
 
     /// Acknowledges the last tick now.
@@ -183,6 +214,7 @@ impl Lockstep {
         if fork::check().is_ok() {
             py.detach(|| drop(self.state.lock().take()));
             self.snapshots.waker().close(py);
+            self.complete.close(py);
         }
     }
 }

@@ -82,7 +82,9 @@ impl Live {
         for topic in topics {
             live.open(topic)?;
         }
-        live.lockstep = Some(Lockstep::join(&live.bus, name, ANSWER_TIMEOUT)?);
+        let lockstep = Lockstep::join(&live.bus, name, ANSWER_TIMEOUT)?;
+        live.wake = live.bus.listener(lockstep.event())?;
+        live.lockstep = Some(lockstep);
         Ok(Some(live))
     }
 
@@ -156,7 +158,6 @@ impl Live {
                     self.take()?;
                     return Ok(Some((found, nanos)));
                 }
-                continue;
             }
             self.wake.wait(LOOK_EVERY)?;
         }

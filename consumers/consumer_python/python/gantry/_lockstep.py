@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from typing import Any, AsyncIterator, Iterator, Literal, Sequence, overload
 
-from . import _layout
 from ._asyncio import Readable
 from ._control import note_tick
 from ._domain import resolve
@@ -18,9 +16,6 @@ from ._patience import LIFE_SECS, PATIENCE, Life, appear
 from ._sync import Row
 from ._topic import Counts, Topic, open as open_topic
 from ._world import Snapshot, parse_snapshot
-
-#: Between two questions whether a tick has ended, seconds.
-_ASK_AGAIN_SECS = 0.0005
 
 
 class Tick(int):
@@ -89,15 +84,14 @@ class Lockstep:
         """Waits until every frame of the last tick was sent, also those that cameras still draw.
 
         Afterwards an input without a frame of this tick has none: its sensor did not fire. Raises
-        `GantryError` after `timeout` seconds without an answer, and if lockstep was left.
+        `TimedOutError` if that has not come after `timeout` seconds, and `GantryError` if lockstep was left.
         """
         if self._closed:
             raise GantryError(f"lockstep {self.name!r} was left")
-        ping = json.dumps({"v": _layout.COMMAND_VERSION, "commands": [{"do": "ping"}]})
-        deadline = time.monotonic() + timeout
-        # Whoever keeps the ticks answers between two of them only, when all of the last was sent.
-        while json.loads(native.command(self._domain, ping, max(0.0, deadline - time.monotonic())))["tick"] < self._last:
-            time.sleep(_ASK_AGAIN_SECS)
+        if not self._native.wait_complete(self._last, timeout):
+            raise TimedOutError(
+                f"tick {self._last} was not complete within {timeout} s; the simulator draws slowly, or has ended. Pass a longer timeout="
+            )
 
     @overload
     def next(self, timeout: float | None = PATIENCE, *, or_none: Literal[False] = False) -> Tick: ...
