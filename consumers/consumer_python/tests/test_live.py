@@ -304,12 +304,23 @@ class Live(CardCase):
                 pass
         """)
 
+    def test_whatever_waits_has_the_same_patience(self):
+        self.script("""
+            import inspect
+            assert gantry.PATIENCE == 10.0
+            waiting = [gantry.open, gantry.sync, gantry.attach, gantry.lockstep, gantry.snapshot, gantry.snapshot_at, gantry.document, gantry.command]
+            waiting += [gantry.world, gantry.ego, gantry.spawn, gantry.pause, gantry.Topic.next, gantry.Topic.latest, gantry.Topic.anext, gantry.Sync.next]
+            for call in [*waiting, gantry.Sync.anext, gantry.Lockstep.next, gantry.Lockstep.anext, gantry.LockstepRows.next]:
+                assert inspect.signature(call).parameters["timeout"].default == gantry.PATIENCE, call
+        """)
+
     def test_a_script_may_be_started_before_what_it_reads(self):
         early = self.start("""
             print("waiting", flush=True)
-            with gantry.open("late/text", result="text") as topic:
-                print(topic.next().text)
-            print(gantry.snapshot("later").tick)
+            # Their usual patience is ten seconds, which a busy machine may need to start a process.
+            with gantry.open("late/text", result="text", timeout=60) as topic:
+                print(topic.next(timeout=60).text, flush=True)
+            print(gantry.snapshot("later", timeout=60).tick)
         """)
         self.assertEqual(early.stdout.readline(), "waiting\n")
         late = self.start("""
@@ -317,8 +328,11 @@ class Live(CardCase):
                 while topic.n_readers == 0:
                     pass
                 topic.send("good morning")
+                # What a writer has sent goes with it for readers that have not looked yet.
+                input()
         """)
         self.assertEqual(early.stdout.readline(), "good morning\n")
+        late.stdin.write("end\n")
         self.finish(late)
         later = subprocess.Popen([TEST_CARD, "later", "600"], cwd=self.folder, stdout=subprocess.DEVNULL)
         try:
