@@ -134,6 +134,8 @@ pub trait WordLanes: Copy {
     fn from_signed(self) -> Self::Numbers;
     /// Unsigned words as the nearest numbers.
     fn from_unsigned(self) -> Self::Numbers;
+    /// The word of the first lane.
+    fn first(self) -> u32;
     /// The words of `memory` at these places. A place beyond is that of the last word; of empty
     /// memory every word is 0.
     ///
