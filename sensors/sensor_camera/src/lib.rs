@@ -92,7 +92,9 @@ pub use dvs::EventJob;
 pub use lens::LensData;
 pub use post::PostData;
 pub use quality::Quality;
-pub use raster::{RasterDraw, RasterView, Rasteriser, TILE_PX, Tile, TileInput, TileLists};
+pub use raster::{
+    ExactImages, RasterDraw, RasterView, Rasteriser, TILE_PX, Tile, TileInput, TileLists,
+};
 pub use renderer::{CameraRenderer, HeldImages, RenderError};
 pub use sensor_gpu::Place;
 pub use shader_sources::shader_sources;

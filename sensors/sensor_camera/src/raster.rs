@@ -9,11 +9,13 @@ mod lists;
 mod pass;
 mod plan;
 mod rasteriser;
+mod tile_images;
 mod tiles;
 
-pub(crate) use pass::{RasterPass, raster_wgsl, resolve_wgsl};
+pub(crate) use pass::{RasterPass, raster_wgsl, resolve_lanes_wgsl, resolve_wgsl};
 pub use plan::{RasterDraw, RasterView};
 pub(crate) use plan::{RasterJob, RasterPlan};
 pub use rasteriser::Rasteriser;
 pub(crate) use rasteriser::can_compute;
+pub use tile_images::ExactImages;
 pub use tiles::{TILE_PX, Tile, TileInput, TileLists};

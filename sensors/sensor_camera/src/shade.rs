@@ -87,8 +87,6 @@ pub(crate) fn lanes_wgsl() -> String {
         include_str!("shader/sky.wgsl"),
         include_str!("shader/wall.wgsl"),
         include_str!("shader/switched.wgsl"),
-        include_str!("shader/surface.wgsl"),
-        include_str!("shader/surface_wide.wgsl"),
         include_str!("shader/seen_wide.wgsl"),
         include_str!("shader/texture.wgsl"),
         include_str!("shader/lamps.wgsl"),

@@ -35,6 +35,7 @@ pub fn shader_sources() -> Vec<(&'static str, String)> {
         ("shade, in lanes", shade::lanes_wgsl()),
         ("raster", raster::raster_wgsl()),
         ("resolve", raster::resolve_wgsl()),
+        ("resolve, in lanes", raster::resolve_lanes_wgsl()),
         ("blur", blur::BLUR_WGSL.to_owned()),
         ("post", post::post_wgsl()),
         ("lens", lens::LENS_WGSL.to_owned()),

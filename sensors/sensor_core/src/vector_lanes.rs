@@ -120,6 +120,7 @@ mod tests {
             let masks = [a.eq(b), a.lt_unsigned(b), a.lt_signed(b)];
             let words = [
                 <L::Words>::splat(77),
+                <L::Words>::splat(a.first()),
                 a.add(b),
                 a.sub(b),
                 a.mul(b),
@@ -153,6 +154,7 @@ mod tests {
         };
         let words = vec![
             [77; 8],
+            [a[0]; 8],
             each(&|a, b| (a as u64 + b as u64) as u32),
             each(&|a, b| (a as i64 - b as i64) as u32),
             each(&|a, b| (a as u64 * b as u64) as u32),

@@ -62,7 +62,7 @@ pub fn exp2<L: Lanes>(x: L) -> L {
             0.009_618_083,
             0.055_503_57,
             0.240_226_5,
-            0.693_147_2,
+            std::f32::consts::LN_2,
             1.0,
         ],
     );
@@ -106,6 +106,12 @@ pub fn pow<L: Lanes>(x: L, y: L) -> L {
     exp2(log2(x).mul(y))
 }
 
+#[inline(always)]
+fn has_bit<L: Lanes>(word: L::Words, bit: u32) -> L::Mask {
+    let bit = <L::Words>::splat(bit);
+    word.and(bit).eq(bit)
+}
+
 /// Sine and cosine of angles up to 1000, to 2e-7.
 #[inline(always)]
 fn sin_cos<L: Lanes>(x: L) -> [L; 2] {
@@ -130,17 +136,13 @@ fn sin_cos<L: Lanes>(x: L) -> [L; 2] {
         [2.443_315_7e-5, -1.388_731_6e-3, 4.166_664_6e-2, -0.5, 1.0],
     );
     let quarter = turns.to_signed();
-    let is = |bit: u32, quarter: L::Words| {
-        let bit = <L::Words>::splat(bit);
-        quarter.and(bit).eq(bit)
-    };
-    let odd = is(1, quarter);
+    let odd = has_bit::<L>(quarter, 1);
     let sine_of = L::select(odd, cosine, sine);
     let cosine_of = L::select(odd, sine, cosine);
     let next = quarter.add(<L::Words>::splat(1));
     [
-        L::select(is(2, quarter), sine_of.neg(), sine_of),
-        L::select(is(2, next), cosine_of.neg(), cosine_of),
+        L::select(has_bit::<L>(quarter, 2), sine_of.neg(), sine_of),
+        L::select(has_bit::<L>(next, 2), cosine_of.neg(), cosine_of),
     ]
 }
 

@@ -4,7 +4,8 @@
 use sensor_core::vector_lanes::{Lanes, WordLanes};
 
 use crate::memory::{numbers_at, words_at};
-use crate::packing::word;
+use crate::packing::{number_of, word};
+use crate::vectors::each4;
 
 /// Which texels lie beyond the sides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,6 +62,29 @@ impl Levels {
         }
     }
 
+    /// Of one axis the two texels, and bits of the place between them.
+    #[inline(always)]
+    fn axis<L: Lanes>(&self, at: L, scale: L, last: L::Words) -> [L::Words; 3] {
+        let place = at.mul(scale).sub(L::splat(0.5));
+        let whole = place.floor();
+        let first = whole.to_signed();
+        let next = first.add(word::<L>(1));
+        let share = place.sub(whole).to_words();
+        [
+            self.within::<L>(first, last),
+            self.within::<L>(next, last),
+            share,
+        ]
+    }
+
+    #[inline(always)]
+    fn within<L: Lanes>(&self, x: L::Words, last: L::Words) -> L::Words {
+        match self.beyond {
+            Beyond::Repeat => x.and(last),
+            Beyond::Clamp => x.max_signed(word::<L>(0)).min_signed(last),
+        }
+    }
+
     #[inline(always)]
     fn around<L: Lanes>(&self, at: [L; 2], level: Option<L>) -> Around<L> {
         let (side, begin) = match level {
@@ -74,29 +98,19 @@ impl Levels {
             _ => (word::<L>(self.side), word::<L>(0)),
         };
         let scale = side.from_signed();
-        let one = word::<L>(1);
-        let last = side.sub(one);
-        let axis = |at: L| {
-            let place = at.mul(scale).sub(L::splat(0.5));
-            let whole = place.floor();
-            let first = whole.to_signed();
-            let within = |x: L::Words| match self.beyond {
-                Beyond::Repeat => x.and(last),
-                Beyond::Clamp => x.max_signed(word::<L>(0)).min_signed(last),
-            };
-            (within(first), within(first.add(one)), place.sub(whole))
-        };
-        let (left, right, across) = axis(at[0]);
-        let (above, below, down) = axis(at[1]);
-        let rows = [above, below].map(|row| begin.add(row.mul(side)));
+        let last = side.sub(word::<L>(1));
+        let [left, right, across] = self.axis(at[0], scale, last);
+        let [above, below, down] = self.axis(at[1], scale, last);
+        let above = begin.add(above.mul(side));
+        let below = begin.add(below.mul(side));
         Around {
             texels: [
-                rows[0].add(left),
-                rows[0].add(right),
-                rows[1].add(left),
-                rows[1].add(right),
+                above.add(left),
+                above.add(right),
+                below.add(left),
+                below.add(right),
             ],
-            share: [across, down],
+            share: [across.to_numbers(), down.to_numbers()],
         }
     }
 }
@@ -105,9 +119,10 @@ impl<L: Lanes> Around<L> {
     /// The value between those of the four texels.
     #[inline(always)]
     fn between(&self, [a, b, c, d]: [L; 4]) -> L {
-        let mix = |a: L, b: L, share: L| a.add(b.sub(a).mul(share));
         let [across, down] = self.share;
-        mix(mix(a, b, across), mix(c, d, across), down)
+        let above = a.add(b.sub(a).mul(across));
+        let below = c.add(d.sub(c).mul(across));
+        above.add(below.sub(above).mul(down))
     }
 }
 
@@ -136,14 +151,21 @@ impl ByteImage {
     #[inline(always)]
     pub fn sampled<L: Lanes>(&self, at: [L; 2], level: L) -> [L; 4] {
         let around = self.levels.around(at, Some(level));
-        let words = around.texels.map(|at| words_at::<L>(&self.texels, at, 0));
-        [0, 8, 16, 24].map(|bits| {
-            let byte = |texel: L::Words| {
-                let byte = texel.shr(word::<L>(bits)).and(word::<L>(255));
-                byte.from_signed()
-            };
-            around.between(words.map(byte)).mul(L::splat(1.0 / 255.0))
-        })
+        let words = each4(around.texels, |at| words_at::<L>(&self.texels, at, 0));
+        [
+            Self::channel(&around, words, 0),
+            Self::channel(&around, words, 8),
+            Self::channel(&around, words, 16),
+            Self::channel(&around, words, 24),
+        ]
+    }
+
+    /// The byte so many bits up.
+    #[inline(always)]
+    fn channel<L: Lanes>(around: &Around<L>, words: [L::Words; 4], bits: u32) -> L {
+        let (shift, byte) = (word::<L>(bits), word::<L>(255));
+        let bytes = each4(words, |texel| texel.shr(shift).and(byte).from_signed());
+        around.between(bytes).mul(L::splat(1.0 / 255.0))
     }
 }
 
@@ -173,11 +195,20 @@ impl NumberImage {
     #[inline(always)]
     pub fn sampled<L: Lanes>(&self, at: [L; 2], level: L) -> [L; 4] {
         let around = self.levels.around(at, Some(level));
-        let places = around.texels.map(|at| at.shl(word::<L>(2)));
-        [0, 1, 2, 3].map(|channel| {
-            let of = |at: L::Words| numbers_at::<L>(&self.numbers, at, channel);
-            around.between(places.map(of))
-        })
+        let two = word::<L>(2);
+        let places = each4(around.texels, |at| at.shl(two));
+        [
+            self.channel(&around, places, 0),
+            self.channel(&around, places, 1),
+            self.channel(&around, places, 2),
+            self.channel(&around, places, 3),
+        ]
+    }
+
+    #[inline(always)]
+    fn channel<L: Lanes>(&self, around: &Around<L>, places: [L::Words; 4], channel: u32) -> L {
+        let numbers = each4(places, |at| numbers_at::<L>(&self.numbers, at, channel));
+        around.between(numbers)
     }
 }
 
@@ -206,11 +237,9 @@ impl DepthImage {
     #[inline(always)]
     pub fn compared<L: Lanes>(&self, at: [L; 2], depth: L) -> L {
         let around = self.levels.around(at, None);
-        let passes = |at: L::Words| {
-            let texel = numbers_at::<L>(&self.depths, at, 0);
-            L::select(depth.le(texel), L::splat(1.0), L::splat(0.0))
-        };
-        around.between(around.texels.map(passes))
+        let texels = each4(around.texels, |at| numbers_at::<L>(&self.depths, at, 0));
+        let passes = each4(texels, |texel| number_of(depth.le(texel)));
+        around.between(passes)
     }
 }
 

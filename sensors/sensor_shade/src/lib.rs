@@ -1,8 +1,9 @@
 //! Shading of surfaces on processors: eight pixels at a time, with the same bits on every one.
 //!
-//! WGSL of the cameras is the only description of what a surface looks like. [`shading`] is generated
-//! from it by a test of `sensor_camera`, which fails when the two differ; `./gantry bless` writes it
-//! anew. Everything else here is what the generated code calls.
+//! WGSL of the cameras is the only description of what a pixel keeps of a surface and what it looks
+//! like. [`resolving`] and [`shading`] are generated from it by a test of `sensor_camera`, which fails
+//! when they differ; `./gantry bless` writes them anew. Everything else here is what the generated
+//! code calls.
 //!
 //! - A value of WGSL is one per lane: `f32` is a [`Lanes`], `u32` and `i32` are its words, `bool` its
 //!   mask, a vector is an array of these.
@@ -13,7 +14,7 @@
 //! - Nothing is fused, reordered or taken from a mathematical library: see [`functions`].
 //!
 //! Modules in reading order: [`vectors`], [`functions`], [`packing`], [`memory`], [`images`],
-//! [`shading`].
+//! [`resolving`], [`shading`].
 //!
 //! [`Lanes`]: sensor_core::vector_lanes::Lanes
 
@@ -25,6 +26,15 @@ pub mod images;
 pub mod memory;
 pub mod packing;
 pub mod vectors;
+
+#[rustfmt::skip]
+#[allow(
+    missing_docs,
+    unused,
+    clippy::all,
+    reason = "generated; its names and its order are those of the shaders"
+)]
+pub mod resolving;
 
 #[rustfmt::skip]
 #[allow(

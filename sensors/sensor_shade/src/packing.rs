@@ -22,16 +22,19 @@ pub fn word_of<L: Lanes>(mask: L::Mask) -> L::Words {
     <L::Words>::select(mask, word::<L>(1), word::<L>(0))
 }
 
+/// A number from 0 to 1 as a byte, so many bits up.
+#[inline(always)]
+fn unorm_at<L: Lanes>(x: L, bits: u32) -> L::Words {
+    let scaled = saturate(x).mul(L::splat(255.0)).add(L::splat(0.5));
+    scaled.to_signed().shl(word::<L>(bits))
+}
+
 /// Four numbers from 0 to 1 in the bytes of a word, the first in the lowest.
 #[inline(always)]
 pub fn pack_4x8_unorm<L: Lanes>(x: [L; 4]) -> L::Words {
-    let byte = |x: L| {
-        let scaled = saturate(x).mul(L::splat(255.0)).add(L::splat(0.5));
-        scaled.to_signed()
-    };
-    let at = |x: L, bits: u32| byte(x).shl(word::<L>(bits));
-    let [a, b, c, d] = x;
-    byte(a).or(at(b, 8)).or(at(c, 16)).or(at(d, 24))
+    let low = unorm_at(x[0], 0).or(unorm_at(x[1], 8));
+    let high = unorm_at(x[2], 16).or(unorm_at(x[3], 24));
+    low.or(high)
 }
 
 /// A whole number of one byte over 255 or 127, correctly rounded without a division: `top` is the
@@ -42,29 +45,42 @@ fn quotient<L: Lanes>(whole: L, top: f32, rest: f32) -> L {
     whole.mul(L::splat(top)).add(whole.mul(L::splat(rest)))
 }
 
+/// The byte so many bits up as a number from 0 to 1.
+#[inline(always)]
+fn unorm_of<L: Lanes>(x: L::Words, bits: u32) -> L {
+    let byte = x.shr(word::<L>(bits)).and(word::<L>(255));
+    let rest = (1.0 / 255.0 - 257.0 / 65536.0) as f32;
+    quotient(byte.from_signed(), 257.0 / 65536.0, rest)
+}
+
 /// The bytes of a word as numbers from 0 to 1.
 #[inline(always)]
 pub fn unpack_4x8_unorm<L: Lanes>(x: L::Words) -> [L; 4] {
-    let part = |bits: u32| {
-        let byte = x.shr(word::<L>(bits)).and(word::<L>(255));
-        quotient(
-            byte.from_signed(),
-            257.0 / 65536.0,
-            (1.0 / 255.0 - 257.0 / 65536.0) as f32,
-        )
-    };
-    [part(0), part(8), part(16), part(24)]
+    [
+        unorm_of::<L>(x, 0),
+        unorm_of::<L>(x, 8),
+        unorm_of::<L>(x, 16),
+        unorm_of::<L>(x, 24),
+    ]
+}
+
+/// The byte so many bits up as a number from −1 to 1.
+#[inline(always)]
+fn snorm_of<L: Lanes>(x: L::Words, bits: u32) -> L {
+    let byte = x.shl(word::<L>(24 - bits)).shr_signed(word::<L>(24));
+    let rest = (1.0 / 127.0 - 129.0 / 16384.0) as f32;
+    quotient(byte.from_signed(), 129.0 / 16384.0, rest).max(L::splat(-1.0))
 }
 
 /// The bytes of a word as numbers from −1 to 1.
 #[inline(always)]
 pub fn unpack_4x8_snorm<L: Lanes>(x: L::Words) -> [L; 4] {
-    let part = |bits: u32| {
-        let byte = x.shl(word::<L>(24 - bits)).shr_signed(word::<L>(24));
-        let rest = (1.0 / 127.0 - 129.0 / 16384.0) as f32;
-        quotient(byte.from_signed(), 129.0 / 16384.0, rest).max(L::splat(-1.0))
-    };
-    [part(0), part(8), part(16), part(24)]
+    [
+        snorm_of::<L>(x, 0),
+        snorm_of::<L>(x, 8),
+        snorm_of::<L>(x, 16),
+        snorm_of::<L>(x, 24),
+    ]
 }
 
 /// The number of the lowest bit that is set; all bits if there is none.

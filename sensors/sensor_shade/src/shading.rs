@@ -92,30 +92,6 @@ impl<L: Lanes> Wall<L> {
 }
 
 #[derive(Clone, Copy)]
-pub struct Pixel<L: Lanes> {
-    pub surface: [L::Words; 4],
-    pub depth_m: L,
-    pub class_code: L::Words,
-    pub instance: L::Words,
-    pub flow_px: [L; 2],
-    pub normal: [L; 4],
-}
-
-impl<L: Lanes> Pixel<L> {
-    #[inline(always)]
-    pub fn blend(lanes: L::Mask, a: Self, b: Self) -> Self {
-        Pixel {
-            surface: zip4(a.surface, b.surface, |a, b| <L::Words>::select(lanes, a, b)),
-            depth_m: L::select(lanes, a.depth_m, b.depth_m),
-            class_code: <L::Words>::select(lanes, a.class_code, b.class_code),
-            instance: <L::Words>::select(lanes, a.instance, b.instance),
-            flow_px: zip2(a.flow_px, b.flow_px, |a, b| L::select(lanes, a, b)),
-            normal: zip4(a.normal, b.normal, |a, b| L::select(lanes, a, b)),
-        }
-    }
-}
-
-#[derive(Clone, Copy)]
 pub struct Finish<L: Lanes> {
     pub albedo: [L; 3],
     pub emitted: [L; 3],
@@ -210,16 +186,6 @@ pub fn transform<L: Lanes>(m: [[L; 4]; 3], point: [L; 3]) -> [L; 3] {
 #[inline(always)]
 pub fn rotate_rows<L: Lanes>(m: [[L; 4]; 3], v: [L; 3]) -> [L; 3] {
     return [dot([m[0][0], m[0][1], m[0][2]], v), dot([m[1][0], m[1][1], m[1][2]], v), dot([m[2][0], m[2][1], m[2][2]], v)];
-}
-
-#[inline(always)]
-pub fn rotate<L: Lanes>(q: [L; 4], v: [L; 3]) -> [L; 3] {
-    let t = L::splat(2.0);
-    let t_2 = cross([q[0], q[1], q[2]], v);
-    let t_3 = [q[3].mul(v[0]), q[3].mul(v[1]), q[3].mul(v[2])];
-    let t_4 = cross([q[0], q[1], q[2]], [t_2[0].add(t_3[0]), t_2[1].add(t_3[1]), t_2[2].add(t_3[2])]);
-    let t_5 = [t.mul(t_4[0]), t.mul(t_4[1]), t.mul(t_4[2])];
-    return [v[0].add(t_5[0]), v[1].add(t_5[1]), v[2].add(t_5[2])];
 }
 
 #[inline(always)]
@@ -483,7 +449,7 @@ pub fn lot_of<L: Lanes>(number_2: L::Words) -> [L; 4] {
 #[inline(always)]
 pub fn window_at<L: Lanes>(uv_m: [L; 2], style: [L; 4], pixel_m: L, shop: L::Mask, id: L::Words) -> Window<L> {
     let mut pane: [L; 2] = [L::splat(0.0); 2];
-    let mut out: Window<L> = Window { pane: L::splat(0.0), casing: L::splat(0.0), lot: [L::splat(0.0); 4] };
+    let mut out: Window<L> = Window::<L> { pane: L::splat(0.0), casing: L::splat(0.0), lot: [L::splat(0.0); 4] };
     let t = [L::splat(4.2), L::splat(3.6)];
     let t_2 = [L::splat(2.6).add(L::splat(1.4).mul(style[0])), L::splat(3.1)];
     let pitch_m = [L::select(shop, t[0], t_2[0]), L::select(shop, t[1], t_2[1])];
@@ -568,7 +534,7 @@ pub fn as_switched<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, i
 
 #[inline(always)]
 pub fn wall_at<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, albedo: [L; 3], uv_m: [L; 2], id: L::Words, pixel_m: L, is_shop: L::Mask, is_wall: L) -> Wall<L> {
-    let mut out: Wall<L> = Wall { albedo: [L::splat(0.0); 3], pane: L::splat(0.0), glow: L::splat(0.0), cool: L::splat(0.0) };
+    let mut out: Wall<L> = Wall::<L> { albedo: [L::splat(0.0); 3], pane: L::splat(0.0), glow: L::splat(0.0), cool: L::splat(0.0) };
     let mut v: L::Mask = L::mask(false);
     let style = lot_of::<L>(id);
     let window = window_at::<L>(uv_m, [style[2], style[3], style[0], style[1]], pixel_m, is_shop, id);
@@ -619,73 +585,6 @@ pub fn window_light<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, 
 }
 
 #[inline(always)]
-pub fn labels_of<L: Lanes>(lanes: L::Mask, albedo: L::Words, labels: [L::Words; 4], object_id: L::Words, marks: [L::Words; 4]) -> [L::Words; 3] {
-    let mut v: L::Mask = L::mask(false);
-    let mut v_2: L::Mask = L::mask(false);
-    let id = <L::Words>::select(object_id.eq(word::<L>(0)), marks[0], object_id);
-    let t = labels[1].eq(word::<L>(10));
-    v = L::and(t, L::not(marks[1].shr(word::<L>(24)).eq(word::<L>(0))));
-    let t_2 = v;
-    let rgb = <L::Words>::select(t_2, marks[1], albedo);
-    let by_itself = <L::Words>::select(id.shr(word::<L>(31)).eq(word::<L>(1)), word::<L>(2), word::<L>(0));
-    let t_3 = labels[1].eq(word::<L>(14));
-    v_2 = L::and(t_3, labels[2].lt_unsigned(word::<L>(31)));
-    let t_4 = v_2;
-    let lit = <L::Words>::select(t_4, marks[2].shr(labels[2].and(word::<L>(31))).and(word::<L>(1)).or(by_itself), word::<L>(0));
-    return [id, labels[0].or(labels[1].shl(word::<L>(8))).or(lit.shl(word::<L>(16))), rgb];
-}
-
-#[inline(always)]
-pub fn surface_of<L: Lanes>(normal_in_world: [L; 3], labels: [L::Words; 3], uv_m: [L; 2], pixel_m: L) -> [L::Words; 4] {
-    let t = L::splat(0.5);
-    let t_2 = [normal_in_world[0].mul(t), normal_in_world[1].mul(t), normal_in_world[2].mul(t)];
-    let t_3 = [L::splat(0.5); 3];
-    let t_4 = [t_2[0].add(t_3[0]), t_2[1].add(t_3[1]), t_2[2].add(t_3[2])];
-    let t_5 = [L::splat(0.0); 3];
-    let t_6 = [L::splat(1.0); 3];
-    let t_7 = [t_4[0].max(t_5[0]).min(t_6[0]), t_4[1].max(t_5[1]).min(t_6[1]), t_4[2].max(t_5[2]).min(t_6[2])];
-    let t_8 = [L::splat(2046.0), L::splat(2046.0), L::splat(1022.0)];
-    let t_9 = [t_7[0].mul(t_8[0]), t_7[1].mul(t_8[1]), t_7[2].mul(t_8[2])];
-    let t_10 = [L::splat(0.5); 3];
-    let t_11 = [t_9[0].add(t_10[0]), t_9[1].add(t_10[1]), t_9[2].add(t_10[2])];
-    let n = [t_11[0].to_unsigned(), t_11[1].to_unsigned(), t_11[2].to_unsigned()];
-    let look = labels[2].and(word::<L>(16777215)).or(labels[1].and(word::<L>(7936)).shl(word::<L>(16))).or(labels[1].shr(word::<L>(16)).shl(word::<L>(29)));
-    let t_12 = [uv_m[0].to_words(), uv_m[1].to_words()];
-    return [n[0].or(n[1].shl(word::<L>(11))).or(n[2].shl(word::<L>(22))), look, t_12[0], t_12[1]];
-}
-
-#[inline(always)]
-pub fn surface_pixel<L: Lanes>(depth_m: L, normal_in_world: [L; 3], uv_m: [L; 2], labels: [L::Words; 3], pixel_m: L) -> Pixel<L> {
-    let mut out: Pixel<L> = Pixel { surface: [word::<L>(0); 4], depth_m: L::splat(0.0), class_code: word::<L>(0), instance: word::<L>(0), flow_px: [L::splat(0.0); 2], normal: [L::splat(0.0); 4] };
-    out.depth_m = depth_m;
-    out.class_code = labels[1].and(word::<L>(255));
-    out.instance = labels[0];
-    let t = normalize(normal_in_world);
-    out.normal = [t[0], t[1], t[2], L::splat(0.0)];
-    let t_2 = surface_of::<L>(normal_in_world, labels, uv_m, pixel_m);
-    out.surface = t_2;
-    let t_3 = out;
-    return t_3;
-}
-
-#[inline(always)]
-pub fn sky_pixel<L: Lanes>(far_m: L) -> Pixel<L> {
-    let mut out: Pixel<L> = Pixel { surface: [word::<L>(0); 4], depth_m: L::splat(0.0), class_code: word::<L>(0), instance: word::<L>(0), flow_px: [L::splat(0.0); 2], normal: [L::splat(0.0); 4] };
-    out.surface = [word::<L>(0); 4];
-    out.depth_m = far_m;
-    out.class_code = word::<L>(11);
-    out.instance = word::<L>(0);
-    out.normal = [L::splat(0.0); 4];
-    let t = out;
-    return t;
-}
-
-#[inline(always)]
-pub fn stored_albedo<L: Lanes>(rgb: L::Words) -> L::Words {
-    return rgb;
-}
-
-#[inline(always)]
 pub fn normal_of<L: Lanes>(packed: L::Words) -> [L; 3] {
     let t = [packed.and(word::<L>(2047)), packed.shr(word::<L>(11)).and(word::<L>(2047)), packed.shr(word::<L>(22))];
     let n = [t[0].from_unsigned(), t[1].from_unsigned(), t[2].from_unsigned()];
@@ -717,7 +616,7 @@ pub fn wall_seen<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, alb
 pub fn finish_at<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, world_m: [L; 3], normal: [L; 3], uv_m: [L; 2], labels: [L::Words; 4], pixel_m: L, cosine: L) -> Finish<L> {
     let mut base: [L; 4] = [L::splat(0.0); 4];
     let mut gloss: [L; 4] = [L::splat(0.0); 4];
-    let mut out: Finish<L> = Finish { albedo: [L::splat(0.0); 3], emitted: [L::splat(0.0); 3], mirror: L::splat(0.0), rough: L::splat(0.0), through: L::splat(0.0), puddle: L::splat(0.0), film: L::splat(0.0) };
+    let mut out: Finish<L> = Finish::<L> { albedo: [L::splat(0.0); 3], emitted: [L::splat(0.0); 3], mirror: L::splat(0.0), rough: L::splat(0.0), through: L::splat(0.0), puddle: L::splat(0.0), film: L::splat(0.0) };
     let mut rough_at: [L; 2] = [L::splat(0.0); 2];
     let mut albedo: [L; 3] = [L::splat(0.0); 3];
     let mut v: L::Mask = L::mask(false);
@@ -874,7 +773,7 @@ pub fn finish_at<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, wor
 
 #[inline(always)]
 pub fn lamps_at<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, pixel: [L::Words; 2], point: [L; 3], normal: [L; 3], mirrored: [L; 3], through: L, gloss_power: L) -> LampLight<L> {
-    let mut out: LampLight<L> = LampLight { diffuse: [L::splat(0.0); 3], glint: [L::splat(0.0); 3] };
+    let mut out: LampLight<L> = LampLight::<L> { diffuse: [L::splat(0.0); 3], glint: [L::splat(0.0); 3] };
     let mut words: [L::Words; 2] = [word::<L>(0); 2];
     let tile = [pixel[0].shr(word::<L>(5)), pixel[1].shr(word::<L>(5))];
     let n_across = number::<L>(bound.views[4]).to_unsigned().add(word::<L>(32)).sub(word::<L>(1)).shr(word::<L>(5));
@@ -911,7 +810,7 @@ pub fn lamps_at<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, pixe
                 words[1] = <L::Words>::select(m_5, t_13, words[1]);
             }
             let at_2 = word::<L>(bound.views[60]).add(bit).add(<L::Words>::select(in_first, word::<L>(0), word::<L>(32))).mul(word::<L>(12));
-            let lamp = Lamp { place: [numbers_at::<L>(bound.lamps, at_2, 0), numbers_at::<L>(bound.lamps, at_2, 1), numbers_at::<L>(bound.lamps, at_2, 2), numbers_at::<L>(bound.lamps, at_2, 3)], axis: [numbers_at::<L>(bound.lamps, at_2, 4), numbers_at::<L>(bound.lamps, at_2, 5), numbers_at::<L>(bound.lamps, at_2, 6), numbers_at::<L>(bound.lamps, at_2, 7)], rgb: [numbers_at::<L>(bound.lamps, at_2, 8), numbers_at::<L>(bound.lamps, at_2, 9), numbers_at::<L>(bound.lamps, at_2, 10), numbers_at::<L>(bound.lamps, at_2, 11)] };
+            let lamp = Lamp::<L> { place: [numbers_at::<L>(bound.lamps, at_2, 0), numbers_at::<L>(bound.lamps, at_2, 1), numbers_at::<L>(bound.lamps, at_2, 2), numbers_at::<L>(bound.lamps, at_2, 3)], axis: [numbers_at::<L>(bound.lamps, at_2, 4), numbers_at::<L>(bound.lamps, at_2, 5), numbers_at::<L>(bound.lamps, at_2, 6), numbers_at::<L>(bound.lamps, at_2, 7)], rgb: [numbers_at::<L>(bound.lamps, at_2, 8), numbers_at::<L>(bound.lamps, at_2, 9), numbers_at::<L>(bound.lamps, at_2, 10), numbers_at::<L>(bound.lamps, at_2, 11)] };
             let t_14 = [lamp.place[0], lamp.place[1], lamp.place[2]];
             let away = [t_14[0].sub(point[0]), t_14[1].sub(point[1]), t_14[2].sub(point[2])];
             let squared = dot(away, away);
@@ -1538,7 +1437,7 @@ pub fn open_sky<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, poin
 
 #[inline(always)]
 pub fn surface_radiance<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, at: [L::Words; 2], depth_m: L, ray: [L; 3]) -> [L; 3] {
-    let mut point: Point<L> = Point { pixel: [word::<L>(0); 2], in_camera: [L::splat(0.0); 3], normal: [L::splat(0.0); 3], uv_m: [L::splat(0.0); 2], labels: [word::<L>(0); 4], pixel_m: L::splat(0.0), open: L::splat(0.0) };
+    let mut point: Point<L> = Point::<L> { pixel: [word::<L>(0); 2], in_camera: [L::splat(0.0); 3], normal: [L::splat(0.0); 3], uv_m: [L::splat(0.0); 2], labels: [word::<L>(0); 4], pixel_m: L::splat(0.0), open: L::splat(0.0) };
     let packed = surface_at::<L, M>(bound, at);
     let id = id_at::<L, M>(bound, at);
     point.pixel = at;

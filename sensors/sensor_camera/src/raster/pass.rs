@@ -25,6 +25,21 @@ pub(crate) fn resolve_wgsl() -> String {
         include_str!("../shader/surface_wide.wgsl"),
         include_str!("../shader/surface.wgsl"),
         include_str!("../shader/resolve.wgsl"),
+        include_str!("../shader/resolve_compute.wgsl"),
+    ]
+    .concat()
+}
+
+/// Text of the shader whose functions `sensor_shade` has for processors, for one view.
+pub(crate) fn resolve_lanes_wgsl() -> String {
+    [
+        include_str!("../shader/scene.wgsl"),
+        include_str!("../shader/bound.wgsl"),
+        include_str!("../shader/view_drawn.wgsl"),
+        include_str!("../shader/instance_storage.wgsl"),
+        include_str!("../shader/surface_wide.wgsl"),
+        include_str!("../shader/surface.wgsl"),
+        include_str!("../shader/resolve.wgsl"),
     ]
     .concat()
 }

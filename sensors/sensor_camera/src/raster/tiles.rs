@@ -381,19 +381,74 @@ impl LaneWork for Fill<'_> {
                 let edges = [edge(0, 2), edge(2, 1), edge(1, 0)];
                 let longest = edges.iter().map(|e| e.right.abs().max(e.down.abs())).max();
                 if longest.unwrap_or(0) < LONG_EDGE {
-                    in_eights::<L>(triangle, edges, origin_px, columns, rows, self.out);
+                    by_edges::<L>(triangle, edges, origin_px, columns, rows, self.out);
                     continue;
                 }
             }
             let edges = (0..n).map(|k| edge((k + 1) % n, k));
-            by_pixel(triangle, edges, origin_px, columns, rows, self.out);
+            by_rows::<L>(triangle, edges, origin_px, columns, rows, self.out);
         }
+    }
+}
+
+/// What the lanes of a triangle share.
+struct Shown<L: Lanes> {
+    at_x_px: L,
+    at_y_px: L,
+    value: L,
+    change_x: L,
+    change_y: L,
+    least: L,
+    most: L,
+    number: L::Words,
+}
+
+impl<L: Lanes> Shown<L> {
+    #[inline(always)]
+    fn new(triangle: &Triangle) -> Self {
+        let slope = &triangle.slope;
+        Shown {
+            at_x_px: L::splat(slope.at_px[0]),
+            at_y_px: L::splat(slope.at_px[1]),
+            value: L::splat(slope.value),
+            change_x: L::splat(slope.change[0]),
+            change_y: L::splat(slope.change[1]),
+            least: L::splat(slope.least),
+            most: L::splat(slope.most),
+            number: <L::Words>::splat(triangle.number),
+        }
+    }
+
+    /// Change of 1 / depth from the slope's place to this row of pixels.
+    #[inline(always)]
+    fn along_y(&self, y_px: i32) -> L {
+        let middle = L::splat(y_px as f32).add(L::splat(0.5));
+        self.change_y.mul(middle.sub(self.at_y_px))
+    }
+
+    /// Shows it at eight pixels of a row, from this column of the tile on, in the lanes that lie
+    /// inside.
+    #[inline(always)]
+    fn show(&self, out: &mut Tile, [x, y]: [i32; 2], x_px: i32, along_y: L, inside: L::Mask) {
+        let inverses = eight_of(&mut out.inverse_depth[y as usize], x);
+        let numbers = eight_of(&mut out.number[y as usize], x);
+        let ramp = L::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
+        let middle = L::splat(x_px as f32).add(ramp).add(L::splat(0.5));
+        let along_x = self.change_x.mul(middle.sub(self.at_x_px));
+        let here = self.value.add(along_x.add(along_y));
+        let here = here.max(self.least).min(self.most);
+        let before = L::load(inverses);
+        // Numbers rise, so that the greater one wins where depths are the same.
+        let is_seen = L::and(inside, before.le(here));
+        *inverses = L::select(is_seen, here, before).store();
+        let before = <L::Words>::load(numbers);
+        *numbers = <L::Words>::select(is_seen, self.number, before).store();
     }
 }
 
 /// Fills a triangle whose edges are short enough for 32 bits.
 #[inline(always)]
-fn in_eights<L: Lanes>(
+fn by_edges<L: Lanes>(
     triangle: &Triangle,
     edges: [Edge; 3],
     origin_px: [i32; 2],
@@ -401,39 +456,23 @@ fn in_eights<L: Lanes>(
     (top, bottom): (i32, i32),
     out: &mut Tile,
 ) {
+    let shown = Shown::<L>::new(triangle);
     let word = |x: i32| <L::Words>::splat(x as u32);
     let ramp = <L::Words>::load(&[0, 1, 2, 3, 4, 5, 6, 7]);
     let zero = word(0);
-    let slope = &triangle.slope;
-    let [least, most, value, half] = [slope.least, slope.most, slope.value, 0.5].map(L::splat);
-    let [change_x, change_y] = slope.change.map(L::splat);
-    let number = <L::Words>::splat(triangle.number);
-    let ramp_px = L::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
     let first = left & !7;
     // Far values keep their sign over a tile, which changes them by less than 2³⁰.
     let begin = edges.map(|e| e.begin.clamp(-(1 << 30) - 1, 1 << 30) as i32);
     let steps = edges.map(|e| word(e.right as i32));
     let lanes = steps.map(|step| step.mul(ramp.add(word(first))));
     for y in top..=bottom {
-        let away_y = L::splat((origin_px[1] + y) as f32).add(half);
-        let along_y = change_y.mul(away_y.sub(L::splat(slope.at_px[1])));
+        let along_y = shown.along_y(origin_px[1] + y);
         let row_of = |k: usize| lanes[k].add(word(begin[k] + edges[k].down as i32 * y));
         let mut at = [row_of(0), row_of(1), row_of(2)];
-        let inverses = &mut out.inverse_depth[y as usize];
-        let numbers = &mut out.number[y as usize];
         for x in (first..=right).step_by(8) {
             let outside = at[0].or(at[1]).or(at[2]).lt_signed(zero);
             if L::bits(outside) != 255 {
-                let (inverses, numbers) = (eight_of(inverses, x), eight_of(numbers, x));
-                let middle_x = L::splat((origin_px[0] + x) as f32).add(ramp_px).add(half);
-                let along_x = change_x.mul(middle_x.sub(L::splat(slope.at_px[0])));
-                let here = value.add(along_x.add(along_y)).max(least).min(most);
-                let before = L::load(inverses);
-                // Numbers rise, so that the greater one wins where depths are the same.
-                let is_seen = L::and(L::not(outside), before.le(here));
-                *inverses = L::select(is_seen, here, before).store();
-                let before = <L::Words>::load(numbers);
-                *numbers = <L::Words>::select(is_seen, number, before).store();
+                shown.show(out, [x, y], origin_px[0] + x, along_y, L::not(outside));
             }
             for k in 0..3 {
                 at[k] = at[k].add(steps[k].shl(word(3)));
@@ -450,9 +489,9 @@ fn eight_of<T>(row: &mut [T; TILE_PX], x: i32) -> &mut [T; 8] {
         .expect("columns are multiples of 8 below the side of a tile")
 }
 
-/// Fills any convex polygon, in 64 bits.
-#[cold]
-fn by_pixel(
+/// Fills any convex polygon: from each row's first pixel between all edges to its last, in 64 bits.
+#[inline(always)]
+fn by_rows<L: Lanes>(
     triangle: &Triangle,
     edges: impl Iterator<Item = Edge> + Clone,
     origin_px: [i32; 2],
@@ -460,21 +499,28 @@ fn by_pixel(
     (top, bottom): (i32, i32),
     out: &mut Tile,
 ) {
-    let slope = &triangle.slope;
-    let away = |axis: usize, px: i32| (origin_px[axis] + px) as f32 + 0.5 - slope.at_px[axis];
+    let shown = Shown::<L>::new(triangle);
+    let ramp = <L::Words>::load(&[0, 1, 2, 3, 4, 5, 6, 7]);
     for y in top..=bottom {
-        for x in left..=right {
-            let is_outside = |e: Edge| e.begin + e.right * x as i64 + e.down * (y as i64) < 0;
-            if edges.clone().any(is_outside) {
-                continue;
+        let (mut first, mut last) = (left as i64, right as i64);
+        for edge in edges.clone() {
+            let begin = edge.begin + edge.down * y as i64;
+            match edge.right {
+                0 if begin < 0 => last = -1,
+                0 => {}
+                right if right > 0 => first = first.max(-begin.div_euclid(right)),
+                right => last = last.min(begin.div_euclid(-right)),
             }
-            let along = slope.change[0] * away(0, x) + slope.change[1] * away(1, y);
-            let here = (slope.value + along).max(slope.least).min(slope.most);
-            let inverse = &mut out.inverse_depth[y as usize][x as usize];
-            if *inverse <= here {
-                *inverse = here;
-                out.number[y as usize][x as usize] = triangle.number;
-            }
+        }
+        if first > last {
+            continue;
+        }
+        let along_y = shown.along_y(origin_px[1] + y);
+        let [low, high] = [first, last].map(|x| <L::Words>::splat(x as u32));
+        for x in ((first as i32 & !7)..=last as i32).step_by(8) {
+            let column = <L::Words>::splat(x as u32).add(ramp);
+            let outside = L::or(column.lt_signed(low), high.lt_signed(column));
+            shown.show(out, [x, y], origin_px[0] + x, along_y, L::not(outside));
         }
     }
 }

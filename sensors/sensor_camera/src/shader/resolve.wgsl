@@ -1,5 +1,6 @@
 // Computes from the triangle that a pixel shows what each modality keeps of it; the counterpart of
-// drawing. Mirrors: raster/plan.rs.
+// drawing. GPUs do so in resolve_compute.wgsl; sensor_shade has the same for processors. Mirrors:
+// raster/plan.rs.
 
 // Mirror of RasterDraw, as in raster.wgsl.
 struct Draw {
@@ -15,14 +16,6 @@ struct Draw {
 @group(2) @binding(0) var<storage, read> draws: array<Draw>;
 @group(2) @binding(1) var<storage, read> vertices: array<u32>;
 @group(2) @binding(2) var<storage, read> indices: array<u32>;
-// Per pixel: the triangle's number, bits of 1 / depth (0: sky).
-@group(2) @binding(3) var<storage, read> seen: array<vec2<u32>>;
-@group(3) @binding(0) var surface_out: texture_storage_2d_array<rgba32uint, write>;
-@group(3) @binding(1) var depth_out: texture_storage_2d_array<r32float, write>;
-@group(3) @binding(2) var class_out: texture_storage_2d_array<r8uint, write>;
-@group(3) @binding(3) var instance_out: texture_storage_2d_array<r32uint, write>;
-@group(3) @binding(4) var flow_out: texture_storage_2d_array<rg32float, write>;
-@group(3) @binding(5) var normal_out: texture_storage_2d_array<rgba16float, write>;
 
 // Whether the target of this number (target/kind.rs) is wanted. This is not an override: with a
 // single pipeline, no compiler rounds a target differently depending on other readers.
@@ -93,45 +86,24 @@ fn seen_pixel(at: vec2<f32>, found: vec2<u32>) -> Pixel {
     return out;
 }
 
-@compute @workgroup_size(16, 8)
-fn cs_resolve(@builtin(global_invocation_id) at: vec3<u32>) {
-    which = at.z;
-    let size = vec2<u32>(views[which].size_px);
-    if at.x >= size.x || at.y >= size.y {
-        return;
-    }
-    let found = seen[views[which].first_pixel + at.y * size.x + at.x];
-    let middle = vec2<f32>(at.xy) + 0.5;
-    var pixel: Pixel;
-    if found.y == 0u {
-        pixel = sky_pixel(views[which].sky_depth_m);
-        if wants_flow() && views[which].turned != 0.0 {
-            // Points at infinity move by the rotation alone.
-            let before = rotate_rows(views[which].previous_from_camera, ray_in_camera(middle));
-            if before.z > 0.0 {
-                pixel.flow_px = middle - pixel_of(before);
-            }
+// What is kept of the sky at a pixel.
+fn seen_sky(at: vec2<f32>) -> Pixel {
+    var out = sky_pixel(views[which].sky_depth_m);
+    if wants_flow() && views[which].turned != 0.0 {
+        // Points at infinity move by the rotation alone.
+        let before = rotate_rows(views[which].previous_from_camera, ray_in_camera(at));
+        if before.z > 0.0 {
+            out.flow_px = at - pixel_of(before);
         }
-    } else {
-        pixel = seen_pixel(middle, found);
     }
-    let layer = views[which].layer;
-    if wants(0u) {
-        textureStore(surface_out, at.xy, layer, pixel.surface);
+    return out;
+}
+
+// What is kept of the pixel with its centre here, which shows a triangle of this number at these bits
+// of 1 / depth (0: sky).
+fn pixel_at(at: vec2<f32>, found: vec2<u32>) -> Pixel {
+    if found.y == 0u {
+        return seen_sky(at);
     }
-    if wants(1u) {
-        textureStore(depth_out, at.xy, layer, vec4(pixel.depth_m, 0.0, 0.0, 0.0));
-    }
-    if wants(2u) {
-        textureStore(class_out, at.xy, layer, vec4(pixel.class_code, 0u, 0u, 0u));
-    }
-    if wants(3u) {
-        textureStore(instance_out, at.xy, layer, vec4(pixel.instance, 0u, 0u, 0u));
-    }
-    if wants(4u) {
-        textureStore(flow_out, at.xy, layer, vec4(pixel.flow_px, 0.0, 0.0));
-    }
-    if wants(5u) {
-        textureStore(normal_out, at.xy, layer, pixel.normal);
-    }
+    return seen_pixel(at, found);
 }

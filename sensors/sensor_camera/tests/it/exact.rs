@@ -2,6 +2,7 @@
 //! renderer.
 
 use crate::common;
+use crate::lists::Lists;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use schema_frames::Modality;
@@ -206,24 +207,67 @@ fn two_firings(origin: Vector3<f64>) -> (Scene, Scene, [Isometry3<f64>; 2]) {
     )
 }
 
-fn check_against_rays(origin: Vector3<f64>, rasteriser: Rasteriser) {
+/// Images of the second of two firings.
+struct Images {
+    depth: Vec<f32>,
+    class: Vec<u8>,
+    instance: Vec<u32>,
+    flow: Vec<f32>,
+    normals: Vec<f64>,
+}
+
+fn images_of_renderer(origin: Vector3<f64>, rasteriser: Rasteriser) -> Images {
     let gpu = common::gpu();
     let mut renderer = CameraRenderer::with_rasteriser(&gpu, Quality::Low, rasteriser);
     let mut view = common::view(&gpu, SIZE_PX[0], SIZE_PX[1]);
-    let lens = view.intrinsics();
+    assert_eq!(view.intrinsics(), lens());
     let (before, now, poses) = two_firings(origin);
     common::render(&mut renderer, &before, &mut view, poses[0], &[]);
     let frames = common::render(&mut renderer, &now, &mut view, poses[1], &ALL);
-    let depth = common::floats(&frames[&Modality::Depth].0);
-    let class = &frames[&Modality::Semantic].0;
-    let instance = common::words(&frames[&Modality::Instance].0);
-    let flow = common::floats(&frames[&Modality::Flow].0);
-    let normals: Vec<f64> = frames[&Modality::Normals]
-        .0
-        .chunks_exact(2)
-        .map(|b| half_to_f64(u16::from_le_bytes([b[0], b[1]])))
-        .collect();
     assert!(!frames[&Modality::Flow].1.first);
+    Images {
+        depth: common::floats(&frames[&Modality::Depth].0),
+        class: frames[&Modality::Semantic].0.clone(),
+        instance: common::words(&frames[&Modality::Instance].0),
+        flow: common::floats(&frames[&Modality::Flow].0),
+        normals: frames[&Modality::Normals]
+            .0
+            .chunks_exact(2)
+            .map(|b| half_to_f64(u16::from_le_bytes([b[0], b[1]])))
+            .collect(),
+    }
+}
+
+/// The same by tiles on the processor, from lists that leave nothing out.
+fn images_of_tiles(origin: Vector3<f64>) -> Images {
+    let (before, now, poses) = two_firings(origin);
+    let images = Lists::of([&before, &now], &poses, &lens()).exact_images();
+    let normals = images.normal.iter();
+    Images {
+        depth: images.depth_m,
+        class: images.class_code,
+        instance: images.instance,
+        flow: images.flow_px.into_flattened(),
+        normals: normals
+            .flat_map(|[x, y, z]| [*x, *y, *z, 0.0].map(f64::from))
+            .collect(),
+    }
+}
+
+fn lens() -> Intrinsics {
+    Intrinsics::from_fov(SIZE_PX[0], SIZE_PX[1], 90f64.to_radians())
+}
+
+fn check_against_rays(origin: Vector3<f64>, images: Images) {
+    let lens = lens();
+    let (before, now, poses) = two_firings(origin);
+    let Images {
+        depth,
+        class,
+        instance,
+        flow,
+        normals,
+    } = images;
 
     let rays = cast_all(&now, &lens, &poses[1]);
     let inner: Vec<(usize, Option<Seen>)> = rays
@@ -307,16 +351,55 @@ fn check_against_rays(origin: Vector3<f64>, rasteriser: Rasteriser) {
 
 #[test]
 fn every_modality_agrees_with_a_ray_caster() {
+    let origin = Vector3::zeros();
     for rasteriser in common::rasterisers(&common::gpu()) {
-        check_against_rays(Vector3::zeros(), rasteriser);
+        check_against_rays(origin, images_of_renderer(origin, rasteriser));
     }
+    check_against_rays(origin, images_of_tiles(origin));
 }
 
 #[test]
 fn ten_kilometres_from_the_origin_is_as_sharp_as_at_it() {
+    let origin = Vector3::new(10_000.0, -7_000.0, 120.0);
     for rasteriser in common::rasterisers(&common::gpu()) {
-        check_against_rays(Vector3::new(10_000.0, -7_000.0, 120.0), rasteriser);
+        check_against_rays(origin, images_of_renderer(origin, rasteriser));
     }
+    check_against_rays(origin, images_of_tiles(origin));
+}
+
+/// The computed rasteriser of the adapter is the other description of the same rules.
+#[test]
+fn tiles_on_the_processor_give_the_images_of_the_adapter() {
+    let origin = Vector3::new(50.0, 20.0, -3.0);
+    let (found, expected) = (
+        images_of_tiles(origin),
+        images_of_renderer(origin, Rasteriser::Computed),
+    );
+    let n_pixels = found.depth.len();
+    let near = |a: f64, b: f64, bound: f64| a == b || (a - b).abs() <= bound;
+    let (mut n_seen, mut n_different) = (0, 0);
+    for i in 0..n_pixels {
+        let depth_m = expected.depth[i] as f64;
+        let pair = |of: &dyn Fn(&Images) -> f64| (of(&found), of(&expected));
+        let is_near = |of: &dyn Fn(&Images) -> f64, bound: f64| {
+            let (a, b) = pair(of);
+            near(a, b, bound)
+        };
+        let is_same = found.class[i] == expected.class[i]
+            && found.instance[i] == expected.instance[i]
+            && is_near(&|images| images.depth[i] as f64, 1e-5 * depth_m)
+            && (0..2).all(|k| is_near(&|images| images.flow[2 * i + k] as f64, 1e-2))
+            // The adapter keeps them in 16 bits.
+            && (0..3).all(|k| is_near(&|images| images.normals[4 * i + k], 1e-3));
+        n_different += usize::from(!is_same);
+        n_seen += usize::from(depth_m.is_finite());
+    }
+    // Matrices are rounded in another order, which may move an edge over a pixel's centre.
+    assert!(
+        n_different * 2000 <= n_pixels,
+        "{n_different} of {n_pixels} pixels differ"
+    );
+    assert!(n_seen * 2 > n_pixels, "only {n_seen} pixels show anything");
 }
 
 #[test]

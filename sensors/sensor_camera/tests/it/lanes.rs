@@ -11,11 +11,15 @@ mod constructs;
 #[rustfmt::skip]
 #[allow(dead_code, unused, clippy::all, reason = "generated")]
 mod constructs_calls;
+mod eight;
 mod expressions;
 mod generator;
 mod images;
 mod inputs;
 mod lavapipe;
+#[rustfmt::skip]
+#[allow(dead_code, unused, clippy::all, reason = "generated")]
+mod resolving_calls;
 mod statements;
 mod unit;
 
@@ -24,26 +28,87 @@ use std::path::Path;
 
 use naga::{Module, ScalarKind, TypeInner};
 use sensor_camera::{
-    AmbientData, FogData, LampData, LightData, SceneryLampsData, SunData, ViewData, WaterData,
-    shader_sources,
+    AmbientData, FogData, InstanceData, LampData, LightData, RasterDraw, SceneryLampsData, SunData,
+    ViewData, WaterData, shader_sources,
 };
-use sensor_core::vector_lanes::{LaneWork, Lanes, WordLanes, in_arrays, in_lanes};
+use sensor_core::Vertex;
+use sensor_core::vector_lanes::Lanes;
 use sensor_gpu::Gpu;
-use sensor_shade::packing::word;
-use sensor_shade::shading;
+use sensor_shade::{resolving, shading};
 
 use crate::common;
-use images::{Images, VIEW_PX};
+use eight::Eight;
+use images::{FOCAL_PX, Images, VIEW_PX};
+use inputs::{N_INSTANCES, N_TRIANGLES, N_VERTICES};
 use unit::Unit;
 
-const CONSTRUCTS: &str = include_str!("lanes/constructs.wgsl");
+/// What is generated: a shader, the functions that are called from outside, and where they go.
+struct Generated {
+    text: String,
+    roots: &'static [&'static str],
+    /// The path of `sensor_shade` in the generated code.
+    shade: &'static str,
+    /// The path of the generated module, its file, and that of its calls.
+    module: &'static str,
+    /// The path of the maps that its calls are given.
+    maps: &'static str,
+    files: [&'static str; 2],
+}
 
-fn shade_text() -> String {
+fn text_of(wanted: &str) -> String {
     let mut sources = shader_sources().into_iter();
-    let (_, text) = sources
-        .find(|(name, _)| *name == "shade, in lanes")
-        .expect("the shader has a name");
+    let found = sources.find(|(name, _)| *name == wanted);
+    let (_, text) = found.expect("the shader has this name");
     text
+}
+
+fn shade() -> Generated {
+    Generated {
+        text: text_of("shade, in lanes"),
+        roots: &["surface_radiance", "sky_at", "packed_color", "luminance_of"],
+        shade: "crate",
+        module: "sensor_shade::shading",
+        maps: "super::images::Images",
+        files: ["../sensor_shade/src/shading.rs", "tests/it/lanes/calls.rs"],
+    }
+}
+
+fn resolve() -> Generated {
+    Generated {
+        text: text_of("resolve, in lanes"),
+        roots: &["pixel_at"],
+        shade: "crate",
+        module: "sensor_shade::resolving",
+        maps: "super::NoMaps",
+        files: [
+            "../sensor_shade/src/resolving.rs",
+            "tests/it/lanes/resolving_calls.rs",
+        ],
+    }
+}
+
+fn constructs() -> Generated {
+    Generated {
+        text: include_str!("lanes/constructs.wgsl").to_owned(),
+        roots: &[
+            "rounds",
+            "halved",
+            "sorted",
+            "called_in_branches",
+            "whole_numbers",
+            "numbers_and_words",
+            "functions",
+            "vectors",
+            "packed",
+        ],
+        shade: "sensor_shade",
+        module: "super::constructs",
+        maps: "super::NoMaps",
+        files: [
+            "tests/it/lanes/constructs.rs",
+            "tests/it/lanes/constructs_calls.rs",
+        ],
+    }
 }
 
 fn with_unit<T>(text: &str, f: impl FnOnce(&mut Unit<'_>) -> T) -> T {
@@ -58,40 +123,34 @@ fn with_unit<T>(text: &str, f: impl FnOnce(&mut Unit<'_>) -> T) -> T {
     f(&mut Unit::new(&module, &info))
 }
 
-/// The generated module, and the one that calls its functions by number.
-fn generated(text: &str, shade: &str, module: &str) -> Result<[String; 2], String> {
-    with_unit(text, |unit| {
-        let code = generator::generated(unit, shade)?;
-        Ok([code, calls_writer::calls(unit, module)?])
-    })
+impl Generated {
+    /// The generated module, and the one that calls its functions by number.
+    fn code(&self) -> Result<[String; 2], String> {
+        with_unit(&self.text, |unit| {
+            let code = generator::generated(unit, self.roots, self.shade)?;
+            Ok([code, calls_writer::calls(unit, self.module, self.maps)?])
+        })
+    }
 }
 
 #[test]
 fn generated_code_is_that_of_the_shaders() {
-    let crate_of_lanes = "sensor_shade";
-    let shade = generated(&shade_text(), "crate", "sensor_shade::shading");
-    let constructs = generated(CONSTRUCTS, crate_of_lanes, "super::constructs");
-    let [shade, constructs] =
-        [shade, constructs].map(|text| text.unwrap_or_else(|error| panic!("{error}")));
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let files = [
-        (&shade[0], "../sensor_shade/src/shading.rs"),
-        (&shade[1], "tests/it/lanes/calls.rs"),
-        (&constructs[0], "tests/it/lanes/constructs.rs"),
-        (&constructs[1], "tests/it/lanes/constructs_calls.rs"),
-    ];
-    for (text, file) in files {
-        let path = here.join(file);
-        if std::env::var_os("GANTRY_BLESS").is_some() {
-            std::fs::write(&path, text).expect("generated code can be written");
-            continue;
+    for of in [shade(), resolve(), constructs()] {
+        let code = of.code().unwrap_or_else(|error| panic!("{error}"));
+        for (text, file) in code.iter().zip(of.files) {
+            let path = here.join(file);
+            if std::env::var_os("GANTRY_BLESS").is_some() {
+                std::fs::write(&path, text).expect("generated code can be written");
+                continue;
+            }
+            let written = std::fs::read_to_string(&path).unwrap_or_default();
+            assert!(
+                written == *text,
+                "{} is not what the shaders give: run ./gantry bless",
+                path.display()
+            );
         }
-        let written = std::fs::read_to_string(&path).unwrap_or_default();
-        assert!(
-            written == *text,
-            "{} is not what the shaders give: run ./gantry bless",
-            path.display()
-        );
     }
 }
 
@@ -113,7 +172,15 @@ fn a_shader_beyond_the_generator_is_refused_with_a_sentence() {
         ),
     ];
     for (text, expected) in cases {
-        let error = generated(text, "crate", "m").expect_err(text);
+        let of = Generated {
+            text: text.to_owned(),
+            roots: &["f"],
+            shade: "crate",
+            module: "m",
+            maps: "m",
+            files: [""; 2],
+        };
+        let error = of.code().expect_err(text);
         assert!(
             error.contains(expected),
             "{error:?} instead of {expected:?}"
@@ -186,7 +253,7 @@ impl Evening {
             looks: std::array::from_fn(|_| std::array::from_fn(|_| rng.u32(..))),
         };
         let view = ViewData {
-            lens_px: [50.0, 50.0, 32.0, 24.0],
+            lens_px: [FOCAL_PX, FOCAL_PX, 32.0, 24.0],
             size_px: VIEW_PX.map(|x| x as f32),
             near_m: 0.1,
             sky_depth_m: 2e9,
@@ -217,6 +284,9 @@ impl Evening {
             far_shadow_texel_depth: 0.006,
             first_lamp: 2,
             first_lamp_tile: 1,
+            // Flow.
+            wanted: 1 << 4,
+            n_draws: N_DRAWS,
             ..bytemuck::Zeroable::zeroed()
         };
         let lamp = |rng: &mut fastrand::Rng| {
@@ -234,7 +304,9 @@ impl Evening {
             views: vec![view; 32],
             lamps: (0..66).map(|_| lamp(rng)).collect(),
             lamp_tiles: (0..5)
-                .map(|_| std::array::from_fn(|_| 1 << rng.u32(0..32) | 1 << rng.u32(0..32)))
+                .map(|i| {
+                    std::array::from_fn(|_| (0..i).fold(0, |all, _| all | 1 << rng.u32(0..32)))
+                })
                 .collect(),
             switched: (0..16)
                 .map(|_| [rng.u32(..), (0.5 + rng.f32()).to_bits()])
@@ -266,51 +338,12 @@ impl Evening {
     }
 }
 
-/// Eight calls of a function at once.
-struct Eight<'a> {
-    number: usize,
-    bound: &'a shading::Bound<'a, Images>,
-    words: &'a [[u32; 8]],
-    running: [u32; 8],
-}
+/// Resolving and the constructs read no image.
+pub struct NoMaps;
 
-impl LaneWork for Eight<'_> {
-    type Out = Vec<[u32; 8]>;
+impl<L: Lanes> resolving::Maps<L> for NoMaps {}
 
-    #[inline(always)]
-    fn run<L: Lanes>(self) -> Self::Out {
-        let words: Vec<L::Words> = self.words.iter().map(|x| <L::Words>::load(x)).collect();
-        let lanes = L::not(<L::Words>::load(&self.running).eq(word::<L>(0)));
-        let found = calls::call::<L, Images>(self.number, self.bound, lanes, &words);
-        found.into_iter().map(WordLanes::store).collect()
-    }
-}
-
-/// The same for the constructs, which read no image.
-struct EightConstructs<'a> {
-    number: usize,
-    overrides: constructs::Overrides,
-    words: &'a [[u32; 8]],
-    running: [u32; 8],
-}
-
-impl<L: Lanes> constructs::Maps<L> for () {}
-
-impl LaneWork for EightConstructs<'_> {
-    type Out = Vec<[u32; 8]>;
-
-    #[inline(always)]
-    fn run<L: Lanes>(self) -> Self::Out {
-        let words: Vec<L::Words> = self.words.iter().map(|x| <L::Words>::load(x)).collect();
-        let lanes = L::not(<L::Words>::load(&self.running).eq(word::<L>(0)));
-        let bound = constructs::Bound {
-            overrides: self.overrides,
-            maps: &(),
-        };
-        let found = constructs_calls::call::<L, ()>(self.number, &bound, lanes, &words);
-        found.into_iter().map(WordLanes::store).collect()
-    }
-}
+impl<L: Lanes> constructs::Maps<L> for NoMaps {}
 
 /// Rows of eight as columns, and back.
 fn columns(rows: &[Vec<u32>]) -> Vec<[u32; 8]> {
@@ -323,43 +356,24 @@ fn rows_of(columns: &[[u32; 8]]) -> impl Iterator<Item = Vec<u32>> {
     (0..8).map(|lane| columns.iter().map(|column| column[lane]).collect())
 }
 
-/// Calls of a function that reads nothing, of the shading or of the constructs.
-struct EightPure<'a> {
-    is_shading: bool,
-    number: usize,
-    words: &'a [[u32; 8]],
-}
-
-impl LaneWork for EightPure<'_> {
-    type Out = Option<Vec<[u32; 8]>>;
-
-    #[inline(always)]
-    fn run<L: Lanes>(self) -> Self::Out {
-        let words: Vec<L::Words> = self.words.iter().map(|x| <L::Words>::load(x)).collect();
-        let lanes = L::mask(true);
-        let found = if self.is_shading {
-            calls::call_pure::<L>(self.number, lanes, &words)
-        } else {
-            constructs_calls::call_pure::<L>(self.number, lanes, &words)
-        };
-        Some(found?.into_iter().map(WordLanes::store).collect())
-    }
-}
-
 /// What calls of a function give in vectors: the bits of arrays, if it reads nothing, and unchanged
 /// by what lanes hold that do not run.
 fn in_eights(
     rows: &[Vec<u32>],
     rng: &mut fastrand::Rng,
-    call: impl Fn(&[[u32; 8]], [u32; 8]) -> Vec<[u32; 8]>,
-    in_arrays: impl Fn(&[[u32; 8]]) -> Option<Vec<[u32; 8]>>,
+    call: impl Fn(&Eight<'_>) -> Vec<[u32; 8]>,
+    call_in_arrays: impl Fn(&Eight<'_>) -> Option<Vec<[u32; 8]>>,
 ) -> Vec<Vec<u32>> {
     let mut found = Vec::new();
     for (i, eight) in rows.chunks_exact(8).enumerate() {
         let words = columns(eight);
-        let all = call(&words, [1; 8]);
+        let eight_calls = Eight {
+            words: &words,
+            running: [1; 8],
+        };
+        let all = call(&eight_calls);
         if i % 8 == 0 {
-            if let Some(again) = in_arrays(&words) {
+            if let Some(again) = call_in_arrays(&eight_calls) {
                 assert_eq!(all, again, "vectors and arrays differ");
             }
             let running: [u32; 8] = std::array::from_fn(|_| rng.u32(0..2));
@@ -372,7 +386,10 @@ fn in_eights(
                     })
                 })
                 .collect();
-            let some = call(&mixed, running);
+            let some = call(&Eight {
+                words: &mixed,
+                running,
+            });
             for (all, some) in all.iter().zip(&some) {
                 for lane in (0..8).filter(|lane| running[*lane] != 0) {
                     assert_eq!(all[lane], some[lane], "a lane changed another");
@@ -421,6 +438,9 @@ fn agree(is_number: bool, is_packed: bool, bound: f32, a: u32, b: u32) -> bool {
                 .all(is_near)
 }
 
+/// Draw calls of the lists that resolving reads.
+const N_DRAWS: u32 = 5;
+
 const N_ROWS: usize = 2048;
 
 /// Numbers agree to this. The coarsest is noise at places that are ten thousands of texels away, whose
@@ -437,26 +457,36 @@ fn compare(
     module: &Module,
     function: &naga::Function,
     rows: &[Vec<u32>],
-    found: &[Vec<u32>],
-    expected: &[u32],
+    [found, expected]: [&[Vec<u32>]; 2],
+    inputs_matter: bool,
 ) -> Option<String> {
     let result = function.result.as_ref().expect("there is a result");
     let mut numbers = Vec::new();
     is_number(module, &module.types[result.ty].inner, &mut numbers);
-    let is_packed = matches!(name, "packed_color" | "surface_of" | "surface_pixel");
+    let is_packed = matches!(
+        name,
+        "packed_color" | "surface_of" | "surface_pixel" | "seen_pixel" | "pixel_at"
+    );
     let mut wrong = Vec::new();
     for (i, found) in found.iter().enumerate() {
-        let expected = &expected[i * numbers.len()..(i + 1) * numbers.len()];
         let agrees = numbers
             .iter()
-            .zip(found.iter().zip(expected))
+            .zip(found.iter().zip(&expected[i]))
             .all(|(number, (a, b))| agree(*number, is_packed, BOUND, *a, *b));
         if !agrees {
             wrong.push(i);
         }
     }
     let different: BTreeSet<&Vec<u32>> = found.iter().collect();
-    if name != "sky_pixel" && different.len() < LEAST_DIFFERENT {
+    let n_least = match name {
+        _ if !inputs_matter => 1,
+        // Bits, and numbers of list entries.
+        "wants" => 2,
+        "draw_with" => N_DRAWS as usize,
+        "marks_of" => N_INSTANCES as usize,
+        _ => LEAST_DIFFERENT,
+    };
+    if different.len() < n_least {
         return Some(format!("{name} has only {} results", different.len()));
     }
     let first = *wrong.first()?;
@@ -468,29 +498,32 @@ fn compare(
         })
         .collect()
     };
-    let expected = &expected[first * numbers.len()..(first + 1) * numbers.len()];
     let text = format!(
         "{name}: {} of {} rows differ, first\n  of {:?}\n  found    {:?}\n  expected {:?}",
         wrong.len(),
         found.len(),
         texts(&rows[first], &[]),
         texts(&found[first], &numbers),
-        texts(expected, &numbers)
+        texts(&expected[first], &numbers)
     );
     (wrong.len() > OUTLIERS).then_some(text)
 }
 
-/// The adapter's results for every function of a shader, compared with those of lanes.
+/// The adapter's results for every function of a shader, compared with those of lanes. With
+/// `inputs_matter`, no override makes a function give always the same.
 fn compare_all(
     gpu: &Gpu,
-    text: &str,
+    of: &Generated,
     overrides: &[(&str, f64)],
+    inputs_matter: bool,
     resources: &lavapipe::Resources<'_>,
     mut in_lanes: impl FnMut(usize, &[Vec<u32>], &mut fastrand::Rng) -> Vec<Vec<u32>>,
 ) -> Vec<String> {
+    let text = &of.text;
     with_unit(text, |unit| {
-        // Which functions need overrides is known after they were generated.
-        generator::generated(unit, "crate").unwrap_or_else(|error| panic!("{error}"));
+        // Which functions there are, and what they need, is known after they were generated.
+        let code = generator::generated(unit, of.roots, of.shade);
+        code.unwrap_or_else(|error| panic!("{error}"));
         let module = unit.module;
         let mut rng = fastrand::Rng::with_seed(11);
         let mut wrong = Vec::new();
@@ -509,8 +542,9 @@ fn compare_all(
                 &rows.concat(),
                 [N_ROWS, n_out],
             );
-            let found = in_lanes(number, &rows, &mut rng);
-            wrong.extend(compare(&name, module, function, &rows, &found, &expected));
+            let expected: Vec<Vec<u32>> = expected.chunks(n_out).map(<[u32]>::to_vec).collect();
+            let both = [&in_lanes(number, &rows, &mut rng)[..], &expected];
+            wrong.extend(compare(&name, module, function, &rows, both, inputs_matter));
         }
         wrong
     })
@@ -520,7 +554,7 @@ fn compare_all(
 #[test]
 fn every_shading_function_does_in_lanes_what_it_does_on_the_adapter() {
     let gpu = common::gpu();
-    let text = shade_text();
+    let shade = shade();
     let mut rng = fastrand::Rng::with_seed(4);
     let evening = Evening::random(&mut rng);
     let images = Images::random(&mut rng);
@@ -547,27 +581,21 @@ fn every_shading_function_does_in_lanes_what_it_does_on_the_adapter() {
             ("WITH_SWITCHED", number(all)),
         ];
         let bound = evening.bound(&images, overrides);
-        let wrong = compare_all(&gpu, &text, &constants, &resources, |number, rows, rng| {
-            in_eights(
-                rows,
-                rng,
-                |words, running| {
-                    in_lanes(Eight {
-                        number,
-                        bound: &bound,
-                        words,
-                        running,
-                    })
-                },
-                |words| {
-                    in_arrays(EightPure {
-                        is_shading: true,
-                        number,
-                        words,
-                    })
-                },
-            )
-        });
+        let wrong = compare_all(
+            &gpu,
+            &shade,
+            &constants,
+            !simple,
+            &resources,
+            |number, rows, rng| {
+                in_eights(
+                    rows,
+                    rng,
+                    |eight| calls::call(number, &bound, eight),
+                    |eight| calls::call_in_arrays(number, &bound, eight),
+                )
+            },
+        );
         assert!(wrong.is_empty(), "{overrides:?}\n{}", wrong.join("\n"));
     }
 }
@@ -576,6 +604,7 @@ fn every_shading_function_does_in_lanes_what_it_does_on_the_adapter() {
 #[test]
 fn every_construct_does_in_lanes_what_it_does_on_the_adapter() {
     let gpu = common::gpu();
+    let constructs = constructs();
     let resources = lavapipe::Resources {
         buffers: BTreeMap::new(),
         texture: &|name| panic!("there is no image {name}"),
@@ -585,34 +614,133 @@ fn every_construct_does_in_lanes_what_it_does_on_the_adapter() {
             ("CHOSEN", chosen as u32 as f64),
             ("OTHER", other as u32 as f64),
         ];
-        let overrides = constructs::Overrides { chosen, other };
+        let overrides = self::constructs::Overrides { chosen, other };
+        let bound = self::constructs::Bound {
+            overrides,
+            maps: &NoMaps,
+        };
         let wrong = compare_all(
             &gpu,
-            CONSTRUCTS,
+            &constructs,
             &constants,
+            chosen && !other,
             &resources,
             |number, rows, rng| {
                 in_eights(
                     rows,
                     rng,
-                    |words, running| {
-                        in_lanes(EightConstructs {
-                            number,
-                            overrides,
-                            words,
-                            running,
-                        })
-                    },
-                    |words| {
-                        in_arrays(EightPure {
-                            is_shading: false,
-                            number,
-                            words,
-                        })
-                    },
+                    |eight| constructs_calls::call(number, &bound, eight),
+                    |eight| constructs_calls::call_in_arrays(number, &bound, eight),
                 )
             },
         );
         assert!(wrong.is_empty(), "{overrides:?}\n{}", wrong.join("\n"));
     }
+}
+
+/// Lists of random triangles for resolving.
+struct RandomLists {
+    views: Vec<ViewData>,
+    instances: Vec<InstanceData>,
+    draws: Vec<RasterDraw>,
+    vertices: Vec<Vertex>,
+    indices: Vec<u32>,
+}
+
+impl RandomLists {
+    fn new(rng: &mut fastrand::Rng) -> RandomLists {
+        let matrix = |rng: &mut fastrand::Rng| -> [[f32; 4]; 3] {
+            std::array::from_fn(|_| std::array::from_fn(|_| rng.f32() * 2.0 - 1.0))
+        };
+        let instance = |rng: &mut fastrand::Rng| {
+            let mut camera_from_mesh = matrix(rng);
+            camera_from_mesh[2][3] = 8.0;
+            let mut previous_from_camera = matrix(rng);
+            previous_from_camera[2][2] = 1.0;
+            InstanceData {
+                camera_from_mesh,
+                previous_from_camera,
+                world_from_mesh_xyzw: [0.5, -0.5, 0.1, 0.7],
+                object_id: rng.u32(..),
+                tint: [rng.u8(..), rng.u8(..), rng.u8(..), rng.u8(0..2)],
+                lamps: rng.u32(..),
+                moved: rng.u32(0..2),
+            }
+        };
+        let vertex = |rng: &mut fastrand::Rng| Vertex {
+            position_m: std::array::from_fn(|_| rng.f32() * 8.0 - 4.0),
+            normal: std::array::from_fn(|_| rng.i8(-127..=127)),
+            color: std::array::from_fn(|_| rng.u8(..)),
+            class: rng.u8(0..29),
+            material: [10, 14, rng.u8(0..17)][rng.usize(0..3)],
+            lamp: rng.u8(0..40),
+            reserved: 0,
+            object_id: [0, rng.u32(..)][rng.usize(0..2)],
+            uv_m: [rng.f32() * 20.0, rng.f32() * 20.0],
+        };
+        let n_triangles = N_TRIANGLES / N_DRAWS;
+        RandomLists {
+            views: Evening::random(rng).views,
+            instances: (0..N_INSTANCES).map(|_| instance(rng)).collect(),
+            draws: (0..N_DRAWS)
+                .map(|i| RasterDraw {
+                    first_triangle: i * n_triangles,
+                    n_triangles,
+                    first_idx: 3 * i * n_triangles,
+                    base_vertex: rng.u32(0..5),
+                    instance: rng.u32(0..N_INSTANCES),
+                    view: 0,
+                    rest: [0; 2],
+                })
+                .collect(),
+            vertices: (0..N_VERTICES).map(|_| vertex(rng)).collect(),
+            indices: (0..3 * N_TRIANGLES)
+                .map(|_| rng.u32(0..N_VERTICES - 5))
+                .collect(),
+        }
+    }
+}
+
+/// Oracle: the same WGSL on the adapter.
+#[test]
+fn every_resolving_function_does_in_lanes_what_it_does_on_the_adapter() {
+    let gpu = common::gpu();
+    let lists = RandomLists::new(&mut fastrand::Rng::with_seed(6));
+    let buffers = BTreeMap::from([
+        ("views", bytemuck::cast_slice(&lists.views)),
+        ("instances", bytemuck::cast_slice(&lists.instances)),
+        ("draws", bytemuck::cast_slice(&lists.draws)),
+        ("vertices", bytemuck::cast_slice(&lists.vertices)),
+        ("indices", bytemuck::cast_slice(&lists.indices)),
+    ]);
+    let views: &[u32] = bytemuck::cast_slice(&lists.views);
+    let bound = resolving::Bound {
+        overrides: resolving::Overrides {},
+        views: views.first_chunk().expect("there are 32 views"),
+        instances: bytemuck::cast_slice(&lists.instances),
+        draws: bytemuck::cast_slice(&lists.draws),
+        vertices: bytemuck::cast_slice(&lists.vertices),
+        indices: &lists.indices,
+        maps: &NoMaps,
+    };
+    let resources = lavapipe::Resources {
+        buffers,
+        texture: &|name| panic!("there is no image {name}"),
+    };
+    let wrong = compare_all(
+        &gpu,
+        &resolve(),
+        &[],
+        true,
+        &resources,
+        |number, rows, rng| {
+            in_eights(
+                rows,
+                rng,
+                |eight| resolving_calls::call(number, &bound, eight),
+                |eight| resolving_calls::call_in_arrays(number, &bound, eight),
+            )
+        },
+    );
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }

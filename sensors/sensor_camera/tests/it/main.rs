@@ -13,6 +13,7 @@ mod hiding;
 mod lanes;
 mod layout;
 mod lens;
+mod lists;
 mod optics;
 mod rasteriser;
 mod shadow_memory;

@@ -238,6 +238,49 @@ fn common_edges_leave_no_gap_and_greater_numbers_win() {
     }
 }
 
+/// Oracle: counting. Corners and edges lie on centres of pixels, where only the rule for edges decides.
+#[test]
+fn pixels_on_common_edges_belong_to_one_triangle() {
+    let view = view();
+    let at = |x_px: f32, y_px: f32| -> [f32; 3] {
+        let place = |px: f32, axis: usize| (px - view.lens_px[axis + 2]) / view.lens_px[axis] * 2.0;
+        [place(x_px, 0), place(y_px, 1), 2.0]
+    };
+    let mut triangles = Vec::new();
+    for row in 0..4 {
+        for column in 0..6 {
+            let (x, y) = (10.5 + 30.0 * column as f32, 12.5 + 30.0 * row as f32);
+            let [a, b, c, d] = [
+                at(x, y),
+                at(x, y + 30.0),
+                at(x + 30.0, y + 30.0),
+                at(x + 30.0, y),
+            ];
+            let halves = if (row + column) % 2 == 0 {
+                [[a, b, c], [a, c, d]]
+            } else {
+                [[a, b, d], [b, c, d]]
+            };
+            triangles.extend(halves);
+        }
+    }
+    let mut n_covers = vec![0; (SIZE_PX[0] * SIZE_PX[1]) as usize];
+    for triangle in &triangles {
+        let shown = seen(std::slice::from_ref(triangle));
+        for (n, [inverse, _]) in n_covers.iter_mut().zip(shown) {
+            *n += usize::from(inverse != 0);
+        }
+    }
+    for (i, n) in n_covers.iter().enumerate() {
+        let (x, y) = (i as u32 % SIZE_PX[0], i as u32 / SIZE_PX[0]);
+        let is_inside = (11..190).contains(&x) && (13..132).contains(&y);
+        let is_rim = [10, 190].contains(&x) || [12, 132].contains(&y);
+        assert!(*n <= 1, "{n} triangles cover {x}, {y}");
+        assert!(*n == 1 || !is_inside, "nothing covers {x}, {y}");
+        assert!(*n == 0 || is_inside || is_rim, "{x}, {y} is covered");
+    }
+}
+
 #[test]
 fn any_numbers_are_survived() {
     let mut rng = fastrand::Rng::with_seed(3);

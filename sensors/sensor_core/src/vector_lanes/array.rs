@@ -282,6 +282,10 @@ impl WordLanes for Words {
         Array(self.0.map(|x| x as f32))
     }
     #[inline(always)]
+    fn first(self) -> u32 {
+        self.0[0]
+    }
+    #[inline(always)]
     fn gather(memory: &[u32], places: Self) -> Self {
         assert!(memory.len() < 1 << 31, "too many words: {}", memory.len());
         let Some(last) = memory.len().checked_sub(1) else {

@@ -422,6 +422,11 @@ impl WordLanes for AvxWords {
         })
     }
     #[inline(always)]
+    fn first(self) -> u32 {
+        // SAFETY: see the head of this impl.
+        unsafe { _mm_cvtsi128_si32(_mm256_castsi256_si128(self.0)) as u32 }
+    }
+    #[inline(always)]
     fn gather(memory: &[u32], places: Self) -> Self {
         assert!(memory.len() < 1 << 31, "too many words: {}", memory.len());
         let Some(last) = memory.len().checked_sub(1) else {

@@ -131,9 +131,19 @@ pub trait WordLanes: Copy {
     /// The numbers that have these bits.
     fn to_numbers(self) -> Self::Numbers;
     /// Signed words as the nearest numbers.
+    #[expect(
+        clippy::wrong_self_convention,
+        reason = "the words are what is converted"
+    )]
     fn from_signed(self) -> Self::Numbers;
     /// Unsigned words as the nearest numbers.
+    #[expect(
+        clippy::wrong_self_convention,
+        reason = "the words are what is converted"
+    )]
     fn from_unsigned(self) -> Self::Numbers;
+    /// The word of the first lane.
+    fn first(self) -> u32;
     /// The words of `memory` at these places. A place beyond is that of the last word; of empty
     /// memory every word is 0.
     ///

@@ -66,7 +66,7 @@ impl<L: Lanes> Pair<L> {
             number: L::select(lanes, a.number, b.number),
             word: <L::Words>::select(lanes, a.word, b.word),
             flags: zip2(a.flags, b.flags, |a, b| L::or(L::and(lanes, a), L::and(L::not(lanes), b))),
-            inside: Inside::blend(lanes, a.inside, b.inside),
+            inside: Inside::<L>::blend(lanes, a.inside, b.inside),
         }
     }
 }
@@ -255,7 +255,7 @@ pub fn sorted<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, x: L, 
 
 #[inline(always)]
 pub fn changed<L: Lanes>(lanes: L::Mask, given: Pair<L>, by: L) -> Pair<L> {
-    let mut out: Pair<L> = Pair { number: L::splat(0.0), word: word::<L>(0), flags: [L::mask(false); 2], inside: Inside { row: [L::splat(0.0); 3], signed: [word::<L>(0); 2] } };
+    let mut out: Pair<L> = Pair::<L> { number: L::splat(0.0), word: word::<L>(0), flags: [L::mask(false); 2], inside: Inside::<L> { row: [L::splat(0.0); 3], signed: [word::<L>(0); 2] } };
     let mut v: L::Mask = L::mask(false);
     out = given;
     let t = L::splat(0.0).lt(by);

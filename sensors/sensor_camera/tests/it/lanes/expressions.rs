@@ -414,7 +414,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
                     fields.push(format!("{name}: {value}"));
                 }
                 let name = self.unit.struct_name(inner)?;
-                Ok(format!("{name} {{ {} }}", fields.join(", ")))
+                Ok(format!("{name}::<L> {{ {} }}", fields.join(", ")))
             }
             _ => Err(format!("{inner:?} in memory")),
         }
@@ -645,7 +645,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
                     fields.push(format!("{name}: {}", self.value(*component)?));
                 }
                 let name = self.unit.struct_name(inner)?;
-                Ok(format!("{name} {{ {} }}", fields.join(", ")))
+                Ok(format!("{name}::<L> {{ {} }}", fields.join(", ")))
             }
             TypeInner::Vector { .. } => {
                 let mut parts = Vec::new();

@@ -1,6 +1,8 @@
 //! Rust over lanes from the WGSL of a shader: structs, what is bound, and every function.
 
-use naga::{AddressSpace, TypeInner};
+use std::collections::BTreeSet;
+
+use naga::{AddressSpace, Block, Module, Statement, TypeInner};
 
 use super::statements::function_text;
 use super::unit::{Unit, name_of};
@@ -19,11 +21,56 @@ use $::packing::{divided, first_trailing_bit, number_of, pack_4x8_unorm, remaind
 use $::vectors::{cross, dot, length, normalize, reflect, zip2, zip3, zip4};
 ";
 
-/// Generates the module, for which `shade` is the path of `sensor_shade`.
-pub fn generated(unit: &mut Unit<'_>, shade: &str) -> Result<String, String> {
+/// These functions and all that they call.
+fn reached(module: &Module, roots: &[&str]) -> Result<BTreeSet<usize>, String> {
+    let mut found = BTreeSet::new();
+    for root in roots {
+        let mut functions = module.functions.iter();
+        let of_name = functions.find(|(_, function)| function.name.as_deref() == Some(*root));
+        let (handle, _) = of_name.ok_or(format!("there is no function {root}"))?;
+        found.insert(handle.index());
+    }
+    // Who calls stands behind what it calls.
+    for (handle, function) in module.functions.iter().rev() {
+        if found.contains(&handle.index()) {
+            callees(&function.body, &mut found);
+        }
+    }
+    Ok(found)
+}
+
+fn callees(block: &Block, found: &mut BTreeSet<usize>) {
+    for statement in block.iter() {
+        match statement {
+            Statement::Call { function, .. } => {
+                found.insert(function.index());
+            }
+            Statement::Block(block) => callees(block, found),
+            Statement::If { accept, reject, .. } => {
+                callees(accept, found);
+                callees(reject, found);
+            }
+            Statement::Loop {
+                body, continuing, ..
+            } => {
+                callees(body, found);
+                callees(continuing, found);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Generates the module of these functions and all that they call, for which `shade` is the path of
+/// `sensor_shade`.
+pub fn generated(unit: &mut Unit<'_>, roots: &[&str], shade: &str) -> Result<String, String> {
     let module = unit.module;
+    let reached = reached(module, roots)?;
     let mut functions = String::new();
     for (handle, _) in module.functions.iter() {
+        if !reached.contains(&handle.index()) {
+            continue;
+        }
         functions += "\n";
         functions += &function_text(unit, handle)?;
     }

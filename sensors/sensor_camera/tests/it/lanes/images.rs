@@ -6,6 +6,8 @@ use sensor_shade::shading::Maps;
 
 /// Size of the view, and so of the images that have a texel per pixel.
 pub const VIEW_PX: [u32; 2] = [64, 48];
+/// Focal length of the view; its principal point is the middle.
+pub const FOCAL_PX: f32 = 50.0;
 /// Side of the images that are filtered.
 const SIDE: u32 = 16;
 
@@ -88,7 +90,10 @@ impl Images {
             sky,
             shadows,
             surfaces: (0..n_pixels).map(|_| surface(rng)).collect(),
-            depths: (0..n_pixels).map(|_| 1.0 + 60.0 * rng.f32()).collect(),
+            // A rough wall, so that points have neighbours.
+            depths: (0..n_pixels)
+                .map(|i| 3.0 + 0.03 * (i % VIEW_PX[0] as usize) as f32 + 0.4 * rng.f32())
+                .collect(),
             instances: (0..n_pixels).map(|_| rng.u32(..)).collect(),
         }
     }

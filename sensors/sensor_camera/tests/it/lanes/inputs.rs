@@ -2,9 +2,14 @@
 
 use naga::{Function, Handle, Module, ScalarKind, Type, TypeInner};
 
-use super::images::VIEW_PX;
+use super::images::{FOCAL_PX, VIEW_PX};
 
 type Rng = fastrand::Rng;
+
+/// Sizes of the lists that resolving reads.
+pub const N_TRIANGLES: u32 = 60;
+pub const N_VERTICES: u32 = 90;
+pub const N_INSTANCES: u32 = 7;
 
 fn between(rng: &mut Rng, low: f32, high: f32) -> f32 {
     low + rng.f32() * (high - low)
@@ -39,6 +44,7 @@ fn numbers(rng: &mut Rng, function: &str, name: &str, n: usize) -> Vec<f32> {
         (_, "uv_m", 2) => vec![between(rng, 0.0, 60.0), between(rng, 0.0, 30.0)],
         (_, "pixel_m", 1) => vec![10f32.powf(between(rng, -2.5, -0.5))],
         (_, "depth_m" | "distance_m", 1) => vec![between(rng, 0.5, 150.0)],
+        ("halved", _, 1) => vec![10f32.powf(between(rng, -2.0, 9.0))],
         (_, "gloss_power", 1) => vec![between(rng, 8.0, 180.0)],
         (_, "depth", 1) => vec![between(rng, 0.2, 0.8)],
         (_, "cosine", 1) => vec![between(rng, 0.05, 1.0)],
@@ -63,6 +69,17 @@ fn words(rng: &mut Rng, function: &str, name: &str, n: usize) -> Vec<u32> {
             let mut all = vec![rng.u32(..), labels(rng), rng.u32(..), rng.u32(..)];
             all.truncate(n);
             all
+        }
+        ("triangle", 1) => vec![rng.u32(0..N_TRIANGLES)],
+        ("vertex", 1) => vec![rng.u32(0..N_VERTICES)],
+        ("instance", 1) => vec![rng.u32(0..N_INSTANCES)],
+        ("number", 1) if function == "wants" => vec![rng.u32(0..9)],
+        ("found", 2) => {
+            let inverse = between(rng, 0.02, 0.5);
+            vec![
+                rng.u32(0..N_TRIANGLES),
+                [inverse.to_bits(), 0][usize::from(rng.u8(0..4) == 0)],
+            ]
         }
         ("object_id", 1) => vec![[0, rng.u32(..)][rng.usize(0..2)]],
         ("packed", 4) => {
@@ -118,13 +135,31 @@ fn of_type(
     }
 }
 
+/// Puts a point, whose first words are its pixel and its place, where its pixel sees it; half of them
+/// near what the image of depths shows.
+fn place_at_pixel(rng: &mut Rng, words: &mut [u32]) {
+    let depth_m = match rng.bool() {
+        true => between(rng, 3.0, 5.0),
+        false => between(rng, 1.0, 60.0),
+    };
+    for axis in 0..2 {
+        let px = words[axis] as f32 + 0.5 - 0.5 * VIEW_PX[axis] as f32;
+        words[2 + axis] = (px / FOCAL_PX * depth_m).to_bits();
+    }
+    words[4] = depth_m.to_bits();
+}
+
 /// The words of one call.
 pub fn row(rng: &mut Rng, module: &Module, function: &Function) -> Vec<u32> {
     let mut out = Vec::new();
     let name = function.name.as_deref().unwrap_or_default();
     for argument in &function.arguments {
         let of = argument.name.as_deref().unwrap_or_default();
+        let first = out.len();
         of_type(rng, module, argument.ty, name, of, &mut out);
+        if module.types[argument.ty].name.as_deref() == Some("Point") {
+            place_at_pixel(rng, &mut out[first..]);
+        }
     }
     out
 }

@@ -152,7 +152,7 @@ impl<'m> Unit<'m> {
                     fields.push(format!("{name}: {zero}"));
                 }
                 let name = self.struct_name(inner)?;
-                Ok(format!("{name} {{ {} }}", fields.join(", ")))
+                Ok(format!("{name}::<L> {{ {} }}", fields.join(", ")))
             }
             _ => Err(format!("a value of type {inner:?} has no zero")),
         }
@@ -191,7 +191,7 @@ impl<'m> Unit<'m> {
             }
             TypeInner::Struct { .. } => {
                 let name = self.struct_name(inner)?;
-                Ok(format!("{name}::blend({mask}, {a}, {b})"))
+                Ok(format!("{name}::<L>::blend({mask}, {a}, {b})"))
             }
             _ => Err(format!("a value of type {inner:?} cannot be blended")),
         }
