@@ -247,14 +247,7 @@ def check_custom(world, stander, driver):
 
 def check_obstacles(world):
     """Two antennas on either side of a building, and of a car."""
-    building = max(world.get_environment_objects(carla.CityObjectLabel.Buildings), key=lambda one: one.bounding_box.extent.z)
-    box = building.bounding_box
-    turned = carla.Transform(box.location, box.rotation)
-    places = []
-    for side in (-1.0, 1.0):
-        point = carla.Location(side * (box.extent.x + 0.5), 0.0, 0.0)
-        turned.transform(point)
-        places.append(carla.Transform(point))
+    places = building_ends(world)
     a, b = (Radio(world, "v2x_custom", place=place) for place in places)
     world.tick()
     a.sensor.send("through")
@@ -288,6 +281,62 @@ def check_obstacles(world):
     car.destroy()
     a.end()
     b.end()
+
+
+def check_budget(world):
+    """What the receiver's and the sender's attributes make of 65 m of free air, and of the way through a building."""
+    free_air = [carla.Transform(carla.Location(x, 0.0, 300.0)) for x in (-40.0, 25.0)]
+    urban = {"path_loss_model": "winner", "scenario": "urban"}
+    log_m, log_ghz = math.log10(65.0), math.log10(5.9)
+    on_motorways = 32.4 + 20.0 * log_m + 20.0 * log_ghz
+    for sending, receiving, wanted in (
+        ({}, {"path_loss_model": "winner"}, received_dbm(on_motorways)),
+        ({}, urban, received_dbm(38.77 + 16.7 * log_m + 18.2 * log_ghz)),
+        ({}, {"path_loss_model": "winner", "frequency_ghz": "2.4"}, received_dbm(32.4 + 20.0 * log_m + 20.0 * math.log10(2.4))),
+        ({"transmit_power": "10"}, {"path_loss_model": "winner"}, received_dbm(on_motorways) - 11.5),
+        # The receiver's gain is that of both ends.
+        ({"combined_antenna_gain": "30"}, {"path_loss_model": "winner", "combined_antenna_gain": "3"}, received_dbm(on_motorways) - 7.0),
+    ):
+        power = heard_dbm(world, free_air, sending, receiving, 1)[0]
+        assert abs(power - wanted) < 0.01, (sending, receiving, power, wanted)
+    powers = heard_dbm(world, free_air, {}, {"path_loss_model": "winner", "custom_fading_stddev": "6"}, 60)
+    mean = sum(powers) / len(powers)
+    deviation = math.sqrt(sum((power - mean) ** 2 for power in powers) / (len(powers) - 1))
+    # The spread of 60 draws is itself known to a part in eleven: five of those.
+    assert abs(deviation / 6.0 - 1.0) < 5.0 / math.sqrt(120.0), deviation
+    through = building_ends(world)
+    distance = through[0].location.distance(through[1].location)
+    power = heard_dbm(world, through, {}, {"path_loss_exponent": "3.5", "d_ref": "2"}, 1)[0]
+    wanted = received_dbm(free_space_db(2.0) + 35.0 * math.log10(distance / 2.0))
+    assert abs(power - wanted) < 0.01, (power, wanted)
+
+
+def heard_dbm(world, places, sending, receiving, n):
+    """How strongly n messages arrive between two places."""
+    a, b = (Radio(world, "v2x_custom", place=place, **attributes) for place, attributes in zip(places, (sending, receiving)))
+    world.tick()
+    powers = []
+    for _ in range(n):
+        a.sensor.send("how far")
+        world.tick()
+        powers.append(b.next()[0].power)
+    a.end()
+    b.end()
+    world.tick()
+    return powers
+
+
+def building_ends(world):
+    """Places on either side of the highest building."""
+    building = max(world.get_environment_objects(carla.CityObjectLabel.Buildings), key=lambda one: one.bounding_box.extent.z)
+    box = building.bounding_box
+    turned = carla.Transform(box.location, box.rotation)
+    places = []
+    for side in (-1.0, 1.0):
+        point = carla.Location(side * (box.extent.x + 0.5), 0.0, 0.0)
+        turned.transform(point)
+        places.append(carla.Transform(point))
+    return places
 
 
 def check_roadside(world):
@@ -384,6 +433,8 @@ def main():
     passed("custom")
     check_obstacles(world)
     passed("obstacles")
+    check_budget(world)
+    passed("budget")
     check_roadside(world)
     passed("roadside")
     check_sentences(world)

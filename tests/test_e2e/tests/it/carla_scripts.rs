@@ -67,10 +67,18 @@ scripts! {
         "carla_blueprints.py" in "Town10HD",
         |_| vec![repository().join("docs/reference/carla-compatibility.md").display().to_string()],
         ["sensors", "vehicles", "walkers", "props", "recommended"];
+    /// Attributes of sensors by what they do to messages.
+    attributes_of_sensors_act_as_their_names_say:
+        "carla_attributes.py" in "Town10HD", nothing,
+        ["film", "lidar fans", "lidar losses", "radar", "imu", "gnss", "obstacle", "events"];
     cars_follow_their_lanes_at_the_gains_of_carlas_agents:
         "carla_controller.py" in "Town10HD",
         |_| ["Town10HD", "Town01", "Town04"].map(String::from).to_vec(),
         ["Town10HD", "Town01", "Town04"];
+    /// Commands of batches, and rare calls, by what they do.
+    every_command_of_a_batch_does_what_newton_says:
+        "carla_commands.py" in "Town06", nothing,
+        ["places", "pushes", "ackermann", "lamps", "collisions", "files", "ros"];
     /// Every method of the client's main classes, by introspection.
     every_method_answers_in_time_and_without_errors:
         "carla_every_method.py" in "Town10HD", nothing,
@@ -125,7 +133,7 @@ scripts! {
     /// Vehicle-to-everything radio.
     stations_hear_each_other_as_the_formulas_say:
         "carla_v2x.py" in "Town10HD", nothing,
-        ["awareness", "range", "custom", "obstacles", "roadside", "sentences"],
+        ["awareness", "range", "custom", "obstacles", "budget", "roadside", "sentences"],
         gateway says "a custom message has 100 bytes; at most 99 are sent";
     /// The catalogue, friction areas, collision impulses, doors.
     vehicles_are_those_of_the_list_and_obey_newton:
