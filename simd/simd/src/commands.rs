@@ -1,5 +1,5 @@
 //! Commands from `control/world`. Those that concern the world alone are passed on to it; the others
-//! are carried out here.
+//! are carried out here. A request that names files runs when [`Files`] has read them.
 
 mod checkpoints;
 mod counters;
@@ -8,8 +8,8 @@ mod rays;
 mod sensors;
 mod stepping;
 
-use anyhow::{Context as _, bail};
-use schema_bus::Origin;
+use anyhow::{Context as _, anyhow, bail, ensure};
+use schema_bus::{Origin, Request};
 use schema_frames::journal::JOURNAL_ANSWER_BYTES;
 use schema_frames::limits;
 use schema_frames::query::MAX_HITS;
@@ -18,6 +18,7 @@ use schema_types::{ActorId, Pose};
 
 use crate::clock::Clock;
 use crate::faults::Faults;
+use crate::files::{Files, Given, MAX_FILE_REQUESTS, Needs, Ready, Returned};
 use crate::history::History;
 use crate::participants::Participants;
 use crate::ports::Ports;
@@ -35,71 +36,132 @@ pub struct Context<'a> {
     pub clock: &'a mut Clock,
     pub participants: &'a mut Participants,
     pub history: &'a mut History,
+    pub files: &'a mut Files,
     pub faults: &'a mut Faults,
 }
 
-/// Runs the requests that have their turn, by (client, seq), and answers. Returns whether there were
-/// any: then documents may have changed.
+/// Runs the requests whose files are read, and those that have their turn by (client, seq), and
+/// answers. Returns whether there were any: then documents may have changed.
 pub fn serve(context: &mut Context<'_>) -> bool {
-    let requests = context.ports.take_requests(context.faults);
-    if requests.is_empty() {
-        return false;
+    let mut is_any = false;
+    while let Some(returned) = context.files.take_returned() {
+        is_any = true;
+        match returned {
+            Returned::Read { request, given } => run_request(context, request, given),
+            Returned::Written { request, answer } => context.ports.reply(request, &answer),
+        }
     }
-    for request in requests {
-        let replies = match &request.batch {
-            Ok(batch) => {
-                let mut n_bytes = 0;
-                let mut reply_to = |command: &Command| {
-                    // What acts on the world acts again when a journal is run, so it is never
-                    // refused for the answers before it.
-                    let reply = match n_bytes > limits::MAX_ANSWER_BYTES && !command.acts_on_world()
-                    {
-                        true => refused(format!(
-                            "the answers to this request are longer than {} MiB already; ask for fewer things at once",
-                            limits::MAX_ANSWER_BYTES >> 20
-                        )),
-                        false => answer(context, command, &request.origin),
-                    };
-                    n_bytes += answer_bytes(&reply);
-                    reply
+    for mut request in context.ports.take_requests(context.files, context.faults) {
+        is_any = true;
+        if context.files.is_busy(request.client_port()) {
+            // It came together with the one that its client waits for.
+            context.ports.hold(request);
+            continue;
+        }
+        let needs = needs_of(context, &mut request);
+        match needs.nothing() {
+            true => run_request(context, request, Given::refusals(needs.refused)),
+            false => context.files.read(request, needs),
+        }
+    }
+    context.files.go_on(context.world.world());
+    if is_any {
+        context.history.end_round(context.clock.tick());
+    }
+    is_any
+}
+
+/// What a request needs of files. Commands that are refused whatever a file holds need none.
+fn needs_of(context: &Context<'_>, request: &mut Request) -> Needs {
+    let origin = request.origin.clone();
+    let Ok(batch) = &mut request.batch else {
+        return Needs::default();
+    };
+    let mut needs = context.files.needs(&mut batch.commands);
+    let is_full = context.files.is_full();
+    for idx in needs.with_files() {
+        let admitted = admit(context, &batch.commands[idx], &origin).and_then(|()| {
+            ensure!(
+                !is_full,
+                "{MAX_FILE_REQUESTS} requests wait for files of the simulator already, which is the most; ask again when some are answered"
+            );
+            Ok(())
+        });
+        if let Err(error) = admitted {
+            needs.refuse(idx, &error);
+        }
+    }
+    needs
+}
+
+/// Runs the commands of a request, and answers it, if nothing has to be written for it.
+fn run_request(context: &mut Context<'_>, request: Request, mut given: Given) {
+    let replies = match &request.batch {
+        Ok(batch) => {
+            let mut n_bytes = 0;
+            let mut reply_to = |(idx, command): (usize, &Command)| {
+                // What acts on the world acts again when a journal is run, so it is never
+                // refused for the answers before it.
+                let reply = match n_bytes > limits::MAX_ANSWER_BYTES && !command.acts_on_world() {
+                    true => refused(format!(
+                        "the answers to this request are longer than {} MiB already; ask for fewer things at once",
+                        limits::MAX_ANSWER_BYTES >> 20
+                    )),
+                    false => answer(context, command, &request.origin, &mut given, idx),
                 };
-                let replies: Vec<CommandReply> = batch.commands.iter().map(&mut reply_to).collect();
-                let outcomes = outcomes(&batch.commands, &replies);
-                if !outcomes.is_empty() && !context.history.is_played() {
-                    context.history.note_commands(
-                        &request.client,
-                        request.seq,
-                        request.text(),
-                        outcomes,
-                    );
-                }
-                replies
+                n_bytes += answer_bytes(&reply);
+                reply
+            };
+            let commands = batch.commands.iter().enumerate();
+            let replies: Vec<CommandReply> = commands.map(&mut reply_to).collect();
+            let outcomes = outcomes(&batch.commands, &replies);
+            if !outcomes.is_empty() && !context.history.is_played() {
+                context.history.note_commands(
+                    &request.client,
+                    request.seq,
+                    request.text(),
+                    outcomes,
+                );
             }
-            Err(error) => vec![refused(error.to_string())],
-        };
-        let answer = ReplyBatch {
-            v: schema_frames::command::COMMAND_VERSION,
-            epoch: context.world.episode().stamp().epoch.to_string(),
-            tick: context.clock.tick().0,
-            replies,
-        };
-        context.ports.reply(request, &answer);
+            replies
+        }
+        Err(error) => vec![refused(error.to_string())],
+    };
+    let answer = ReplyBatch {
+        v: schema_frames::command::COMMAND_VERSION,
+        epoch: context.world.episode().stamp().epoch.to_string(),
+        tick: context.clock.tick().0,
+        replies,
+    };
+    match given.savings.is_empty() {
+        true => context.ports.reply(request, &answer),
+        false => context.files.write(request, answer, given.savings),
     }
-    context.history.end_round(context.clock.tick());
-    true
 }
 
 /// Runs those commands of a journal's request again that act on the world; returns their outcomes.
+/// `noted` are those of the run that is run again, if they are known.
 pub fn run_again(
     context: &mut Context<'_>,
     client: &str,
     seq: u64,
     text: &str,
+    noted: &[String],
 ) -> anyhow::Result<Vec<String>> {
     let batch: CommandBatch =
         serde_json::from_str(text).context("a request in the journal cannot be read")?;
+    let commands = batch.commands.into_iter().filter(Command::acts_on_world);
+    let mut commands: Vec<Command> = commands.collect();
+    let mut needs = context.files.needs(&mut commands);
+    for idx in needs.with_files() {
+        // Its file may be there by now, or there was no time for it then.
+        if noted.get(idx).is_some_and(|outcome| outcome == "refused") {
+            needs.refuse(idx, &anyhow!("it was refused in the run that is run again"));
+        }
+    }
+    let mut given = context.files.read_now(needs, context.world.world());
     let mut outcomes = Vec::new();
-    for command in batch.commands.iter().filter(|c| c.acts_on_world()) {
+    for (idx, command) in commands.iter().enumerate() {
         let reply = match command {
             // The mode decides when ticks come, and here the journal does.
             Command::Configure {
@@ -114,10 +176,11 @@ pub fn run_again(
                 };
                 configure(context, &wish)
             }
-            command => run(context, command),
+            command => run(context, command, &mut given, idx),
         };
         outcomes.push(short(reply).outcome());
     }
+    context.files.write_now(given.savings);
     context
         .history
         .note_commands(client, seq, text, outcomes.clone());
@@ -134,29 +197,40 @@ fn outcomes(commands: &[Command], replies: &[CommandReply]) -> Vec<String> {
         .collect()
 }
 
-/// Runs a client's command, or says why not.
-fn answer(context: &mut Context<'_>, command: &Command, asker: &Origin) -> CommandReply {
+/// Runs command number `idx` of a client's request, or says why not.
+fn answer(
+    context: &mut Context<'_>,
+    command: &Command,
+    asker: &Origin,
+    given: &mut Given,
+    idx: usize,
+) -> CommandReply {
+    if let Err(error) = admit(context, command, asker) {
+        return refused(error.to_string());
+    }
+    let reply = match command {
+        Command::JoinLockstep { name } => join(context, name, asker),
+        command => run(context, command, given, idx),
+    };
+    short(reply)
+}
+
+/// Whether a client may run a command now.
+fn admit(context: &Context<'_>, command: &Command, asker: &Origin) -> anyhow::Result<()> {
     if let Some(seal) = context.ports.seal() {
         let participants = &context.participants;
-        let admitted = seal.admit(command, asker.pid, |number| participants.name_of(number));
-        if let Err(error) = admitted {
-            return refused(error.to_string());
-        }
+        seal.admit(command, asker.pid, |number| participants.name_of(number))?;
     }
     let decides_ticks = matches!(
         command,
         Command::Step { .. } | Command::Configure { .. } | Command::SetSpeed { .. }
     );
     if context.history.is_played() && (decides_ticks || command.acts_on_world()) {
-        return refused(
-            "a run is run again from its journal here, and until that ends nobody else may change it; ask what you like, and change it then".into(),
+        bail!(
+            "a run is run again from its journal here, and until that ends nobody else may change it; ask what you like, and change it then"
         );
     }
-    let reply = match command {
-        Command::JoinLockstep { name } => join(context, name, asker),
-        command => run(context, command),
-    };
-    short(reply)
+    Ok(())
 }
 
 /// The reply, or the refusal with a sentence that is not too long: what a client sent may stand in
@@ -215,8 +289,20 @@ fn configure(context: &mut Context<'_>, wish: &Configuration) -> anyhow::Result<
     stepping::configure(context, wish)
 }
 
-/// Runs one command. Every command is named here, so that a new one cannot go to the wrong place.
-fn run(context: &mut Context<'_>, command: &Command) -> anyhow::Result<CommandReply> {
+/// Why a command that names a file finds nothing of it, which no request brings about.
+fn nothing_was_read() -> anyhow::Error {
+    anyhow!("nothing was read for this command; this is an error of the simulator")
+}
+
+/// Runs command number `idx` of a request, which is given what was read for it. Every command is
+/// named here, so that a new one cannot go to the wrong place.
+fn run(
+    context: &mut Context<'_>,
+    command: &Command,
+    given: &mut Given,
+    idx: usize,
+) -> anyhow::Result<CommandReply> {
+    let ready = given.take(idx)?;
     let Context {
         world,
         sensing,
@@ -224,6 +310,7 @@ fn run(context: &mut Context<'_>, command: &Command) -> anyhow::Result<CommandRe
         clock,
         participants,
         history,
+        files,
         faults,
     } = context;
     match command {
@@ -258,14 +345,18 @@ fn run(context: &mut Context<'_>, command: &Command) -> anyhow::Result<CommandRe
             ports.touch_info();
             Ok(CommandReply::Done)
         }
-        Command::ListMaps => Ok(CommandReply::Maps {
-            names: world.maps().names(),
-        }),
-        Command::StoreMap(map) => {
-            world.maps_mut().store(map.clone())?;
-            Ok(CommandReply::Done)
-        }
+        Command::ListMaps => match ready {
+            Some(Ready::Names(names)) => Ok(CommandReply::Maps { names }),
+            _ => Err(nothing_was_read()),
+        },
+        Command::StoreMap(_) => match ready {
+            Some(Ready::Stored) => Ok(CommandReply::Done),
+            _ => Err(nothing_was_read()),
+        },
         Command::LoadMap { map } => {
+            let Some(Ready::Map(read)) = ready else {
+                return Err(nothing_was_read());
+            };
             let context = maps::Context {
                 world,
                 sensing,
@@ -274,9 +365,9 @@ fn run(context: &mut Context<'_>, command: &Command) -> anyhow::Result<CommandRe
                 participants,
                 history,
             };
-            maps::load(context, map)
+            maps::load(context, map, read)
         }
-        Command::Counters => Ok(counters::counters(sensing, ports, clock, faults)),
+        Command::Counters => Ok(counters::counters(sensing, ports, clock, files, faults)),
         Command::Journal { after } => Ok(history.answer(*after)),
         // Passive sensors have no frames: CARLA's clients compute lane invasions themselves, and the
         // gateway computes what the V2X radio receives.
@@ -320,7 +411,7 @@ fn run(context: &mut Context<'_>, command: &Command) -> anyhow::Result<CommandRe
             let is_owed = participants.are_there();
             sensors::destroy(world, sensing, ports, ActorId(*actor_id), is_owed)
         }
-        Command::SaveCheckpoint { to } => checkpoints::save(world, clock, to),
+        Command::SaveCheckpoint { to } => checkpoints::save(world, clock, files, to, given, idx),
         Command::RestoreCheckpoint { from } => {
             let context = checkpoints::Context {
                 world,
@@ -329,7 +420,7 @@ fn run(context: &mut Context<'_>, command: &Command) -> anyhow::Result<CommandRe
                 clock,
                 participants,
             };
-            checkpoints::restore(context, history, from)
+            checkpoints::restore(context, history, files, from, ready, given)
         }
         Command::Reset => {
             let context = checkpoints::Context {

@@ -12,6 +12,7 @@ use simd_frames::hash::BytesHash;
 use crate::clock::Clock;
 use crate::commands;
 use crate::faults::Faults;
+use crate::files::Files;
 use crate::history::{Act, History, Played};
 use crate::participants::Participants;
 use crate::ports::{Ports, State};
@@ -21,12 +22,13 @@ use crate::world::LiveWorld;
 
 /// The parts of the daemon.
 ///
-/// The order of the first two fields matters, because fields are dropped in theirs: frames in flight
-/// and the topics of sensors go before the services of the daemon, its claim and its bus. What the
-/// GPU writes into must outlive its work, and while the claim is held no other daemon opens services
+/// The order of the first three fields matters, because fields are dropped in theirs: frames in flight,
+/// the topics of sensors, and the thread that reads files and its port go before the services of the
+/// daemon, its claim and its bus. What the GPU writes into must outlive its work, and while the claim is held no other daemon opens services
 /// of the same names.
 pub struct Daemon {
     sensing: Sensing,
+    files: Files,
     ports: Ports,
     world: LiveWorld,
     clock: Clock,
@@ -43,6 +45,7 @@ impl Daemon {
     /// If the scenery cannot be shown.
     pub fn new(
         sensing: Sensing,
+        files: Files,
         ports: Ports,
         world: LiveWorld,
         clock: Clock,
@@ -51,6 +54,7 @@ impl Daemon {
     ) -> anyhow::Result<Daemon> {
         let mut daemon = Daemon {
             sensing,
+            files,
             ports,
             world,
             clock,
@@ -116,7 +120,7 @@ impl Daemon {
                 outcomes,
                 is_last_of_round,
             } => {
-                let now = commands::run_again(&mut self.context(), &client, seq, &text)?;
+                let now = commands::run_again(&mut self.context(), &client, seq, &text, &outcomes)?;
                 self.history.compare(edge, &client, &now, &outcomes);
                 if is_last_of_round {
                     self.history.end_round(edge);
@@ -138,13 +142,13 @@ impl Daemon {
                 name,
                 title,
                 bytes,
-            } => self.world.maps_mut().provide(name, title, &bytes),
+            } => self.files.provide_map(name, title, bytes),
             Act::File {
                 of: JournalFile::Checkpoint,
                 name,
                 bytes,
                 ..
-            } => self.world.provide_checkpoint(name, bytes),
+            } => self.files.provide_checkpoint(name, bytes),
         }
         Ok(())
     }
@@ -355,6 +359,9 @@ impl Daemon {
     /// everything back.
     pub fn end(mut self, result: anyhow::Result<()>) -> anyhow::Result<()> {
         let finished = self.sensing.finish_all();
+        for (request, answer) in self.files.finish() {
+            self.ports.reply(request, &answer);
+        }
         self.report();
         let ended = result
             .and(finished)
@@ -402,6 +409,7 @@ impl Daemon {
             clock: &mut self.clock,
             participants: &mut self.participants,
             history: &mut self.history,
+            files: &mut self.files,
             faults: &mut self.faults,
         }
     }

@@ -5,13 +5,15 @@
 //! the `tick_loop` says in which order the daemon's steps are made. The daemon has no state but its
 //! parts, each with fields of its own: the `world` with its map and episode; `sensing`, what sensors
 //! see and which process makes their frames; the `ports` for all that is no frame; the `clock`; the
-//! `participants` that ticks wait for; the `history` of what acted; and the `faults` that it met.
-//! `commands` are handed the parts that they touch.
+//! `participants` that ticks wait for; the `history` of what acted; the `files` that commands name, on
+//! a thread beside the ticks; and the `faults` that it met. `commands` are handed the parts that they
+//! touch.
 
 mod clock;
 mod commands;
 mod daemon;
 mod faults;
+mod files;
 mod history;
 mod participants;
 mod ports;

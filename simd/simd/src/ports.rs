@@ -14,6 +14,7 @@ use schema_frames::{ActorRecord, ReplyBatch, Seal, SnapshotHeader};
 use simd_world::World;
 
 use crate::faults::Faults;
+use crate::files::Files;
 use documents::Documents;
 pub use documents::State;
 
@@ -127,12 +128,20 @@ impl Ports {
         self.services.commands.n_clients()
     }
 
-    /// The requests that have their turn, by (client, seq).
-    pub fn take_requests(&mut self, faults: &mut Faults) -> Vec<Request> {
-        self.services.commands.take_all().unwrap_or_else(|error| {
+    /// The requests that have their turn, by (client, seq), without those of clients of which one
+    /// waits for files.
+    pub fn take_requests(&mut self, files: &Files, faults: &mut Faults) -> Vec<Request> {
+        let is_busy = |client_port| files.is_busy(client_port);
+        let taken = self.services.commands.take_all_but(is_busy);
+        taken.unwrap_or_else(|error| {
             faults.unreadable(&error);
             Vec::new()
         })
+    }
+
+    /// Lets a request wait until its client's earlier one is answered.
+    pub fn hold(&mut self, request: Request) {
+        self.services.commands.hold(request);
     }
 
     /// What is shown of the world, and whom it obeys, if it is sealed.

@@ -2,7 +2,7 @@
 
 use launch_cli::wrong_usage;
 use launch_spec::Launch;
-use schema_bus::{Bus, FrameTopic, mono_now};
+use schema_bus::{Bus, FrameTopic, mono_now, names};
 use schema_frames::JournalFile;
 use schema_frames::document::BATCH_RIG;
 use schema_types::{SimTime, Tick};
@@ -12,6 +12,7 @@ use simd_world::{Scenario, World, WorldOptions};
 
 use crate::clock::Clock;
 use crate::daemon::Daemon;
+use crate::files::Files;
 use crate::history::{self, Act, History, Journal, Player};
 use crate::participants::Participants;
 use crate::ports::{Ports, Services};
@@ -145,11 +146,14 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     let now_nanos = mono_now().0;
     let clock = Clock::new(period_nanos, &settings.run, now_nanos);
     let participants = Participants::new(&settings, now_nanos);
-    let checkpoints = Checkpoints::new(&settings.data_folder);
+    let wake = bus.notifier(names::CONTROL_WAKE)?;
+    let files = Files::start(maps, &settings.data_folder, launch.scenario.seed, wake)?;
+    let checkpoints = Checkpoints::default();
     Daemon::new(
         Sensing::new(sensors, workers, settings.lose_gpu_when),
+        files,
         Ports::new(services, gpu_server, claim, bus),
-        LiveWorld::new(world, maps, episode, checkpoints, settings.launch),
+        LiveWorld::new(world, episode, checkpoints, settings.launch),
         clock,
         participants,
         History::new(journal, player),

@@ -7,13 +7,9 @@ pub mod episode;
 pub mod maps;
 mod scenery_stream;
 
-use std::path::PathBuf;
-use std::sync::Arc;
-
 use anyhow::bail;
 use launch_spec::Launch;
 use nalgebra::{Point3, Vector3};
-use schema_frames::command::CheckpointPlace;
 use schema_frames::{
     ActorRecord, CollisionEvent, Command, CommandReply, SnapshotHeader, VehicleControlRecord,
 };
@@ -28,12 +24,11 @@ use crate::clock::Clock;
 pub use carrier::carrier_of;
 use checkpoints::Checkpoints;
 use episode::{Episode, EpisodeId};
-use maps::{LoadedMap, Maps};
+use maps::LoadedMap;
 
 /// The world of the daemon, and all that it is begun anew or restored from.
 pub struct LiveWorld {
     world: World,
-    maps: Maps,
     episode: Episode,
     checkpoints: Checkpoints,
     /// Whether the next snapshot is the first after going back to a checkpoint.
@@ -61,14 +56,12 @@ impl LiveWorld {
     /// A world whose first episode has begun, with its sensors' actors.
     pub fn new(
         world: World,
-        maps: Maps,
         episode: Episode,
         checkpoints: Checkpoints,
         launch: Launch,
     ) -> LiveWorld {
         let mut live = LiveWorld {
             world,
-            maps,
             episode,
             checkpoints,
             is_just_restored: false,
@@ -96,16 +89,6 @@ impl LiveWorld {
     /// The launch file.
     pub fn launch(&self) -> &Launch {
         &self.launch
-    }
-
-    /// Maps by name.
-    pub fn maps(&self) -> &Maps {
-        &self.maps
-    }
-
-    /// Maps by name, to be added to.
-    pub fn maps_mut(&mut self) -> &mut Maps {
-        &mut self.maps
     }
 
     /// Moves everything by one tick.
@@ -239,25 +222,26 @@ impl LiveWorld {
         self.is_just_restored = false;
     }
 
-    /// Saves a checkpoint; returns the file it went to, if it went to one.
+    /// A copy of the world as it is now.
+    pub fn checkpoint(&self, now: SimTime) -> Checkpoint {
+        let elapsed_nanos = now.0.saturating_sub(self.episode.start().0);
+        self.world.checkpoint(elapsed_nanos)
+    }
+
+    /// Keeps a checkpoint in memory.
     ///
     /// # Errors
     /// If it cannot be kept.
-    pub fn save(&mut self, to: &CheckpointPlace, now: SimTime) -> anyhow::Result<Option<PathBuf>> {
-        let elapsed_nanos = now.0.saturating_sub(self.episode.start().0);
-        let checkpoint = self.world.checkpoint(elapsed_nanos);
-        self.checkpoints.save(to, checkpoint)
+    pub fn save(&mut self, name: &str, now: SimTime) -> anyhow::Result<()> {
+        self.checkpoints.save(name, self.checkpoint(now))
     }
 
-    /// A checkpoint that was saved, and its file's bytes if it was in one.
+    /// A checkpoint in memory.
     ///
     /// # Errors
-    /// If there is none, or it cannot be read.
-    pub fn saved(
-        &mut self,
-        from: &CheckpointPlace,
-    ) -> anyhow::Result<(Checkpoint, Option<Vec<u8>>)> {
-        self.checkpoints.find(from, &self.world)
+    /// If there is none.
+    pub fn saved(&self, name: &str) -> anyhow::Result<&Checkpoint> {
+        self.checkpoints.find(name)
     }
 
     /// The start of the episode.
@@ -266,11 +250,6 @@ impl LiveWorld {
     /// If there is none.
     pub fn start(&self) -> anyhow::Result<Checkpoint> {
         self.checkpoints.start()
-    }
-
-    /// Takes a checkpoint file of a journal.
-    pub fn provide_checkpoint(&mut self, name: String, bytes: Vec<u8>) {
-        self.checkpoints.provide(name, bytes);
     }
 
     /// Restores a checkpoint; returns the actors that are gone with it. [`LiveWorld::restart_at`] says
@@ -286,16 +265,6 @@ impl LiveWorld {
     pub fn restart_at(&mut self, start: SimTime) {
         self.episode.start_at(start);
         self.is_just_restored = true;
-    }
-
-    /// Loads a map. Returns it, and the text of its file if it is of one.
-    ///
-    /// # Errors
-    /// If there is no such map, or it cannot be used.
-    pub fn load_map(&mut self, map: &str) -> anyhow::Result<(Arc<LoadedMap>, Option<String>)> {
-        let loaded = self.maps.load(map, self.launch.scenario.seed)?;
-        let text = self.maps.file_text(map)?;
-        Ok((loaded, text))
     }
 
     /// Builds an episode on another map beside the one that runs, with actors for those of

@@ -193,8 +193,10 @@ pub struct CommandServer {
     port: RequestServer<Commands>,
     gaps: Gaps,
     complaints: Complaints,
-    /// Requests that were too many for one turn.
+    /// Requests that were too many for one turn, or whose client has to wait.
     waiting: Vec<Waiting>,
+    /// How many of them wait because their client has to.
+    n_held: usize,
     /// Client whose turn it is when not all have one.
     next_client: String,
 }
@@ -268,6 +270,11 @@ impl Request {
     pub fn text(&self) -> &str {
         std::str::from_utf8(self.asked.bytes().unwrap_or_default()).unwrap_or_default()
     }
+
+    /// Number of the client's port. Several clients may have one name.
+    pub fn client_port(&self) -> u128 {
+        self.asked.client_port()
+    }
 }
 
 impl CommandServer {
@@ -277,6 +284,7 @@ impl CommandServer {
             gaps: Gaps::default(),
             complaints: Complaints::default(),
             waiting: Vec::new(),
+            n_held: 0,
             next_client: String::new(),
         })
     }
@@ -287,6 +295,7 @@ impl CommandServer {
     /// [`BusError::Service`].
     pub fn take(&mut self) -> Result<Option<Request>, BusError> {
         if !self.waiting.is_empty() {
+            self.n_held = self.n_held.saturating_sub(1);
             return Ok(Some(self.waiting.remove(0).read()));
         }
         Ok(self.receive()?.map(Waiting::read))
@@ -323,6 +332,18 @@ impl CommandServer {
     /// # Errors
     /// As [`CommandServer::take`].
     pub fn take_all(&mut self) -> Result<Vec<Request>, BusError> {
+        self.take_all_but(|_| false)
+    }
+
+    /// As [`CommandServer::take_all`], but leaves the requests of those clients where they are of
+    /// whose ports `is_busy` is true: an earlier one of theirs is still being carried out.
+    ///
+    /// # Errors
+    /// As [`CommandServer::take`].
+    pub fn take_all_but(
+        &mut self,
+        is_busy: impl Fn(u128) -> bool,
+    ) -> Result<Vec<Request>, BusError> {
         match round(|| self.receive()) {
             Ok(arrived) => self.waiting.extend(arrived),
             // All that can be held of those who ask is held already.
@@ -331,8 +352,11 @@ impl CommandServer {
         }
         self.waiting
             .sort_by(|a, b| (&a.client, a.seq).cmp(&(&b.client, b.seq)));
-        let sizes: Vec<(&str, u128, usize)> = self
-            .waiting
+        let (held, free): (Vec<Waiting>, Vec<Waiting>) = std::mem::take(&mut self.waiting)
+            .into_iter()
+            .partition(|it| is_busy(it.asked.client_port()));
+        self.n_held = held.len();
+        let sizes: Vec<(&str, u128, usize)> = free
             .iter()
             .map(|it| {
                 (
@@ -344,8 +368,8 @@ impl CommandServer {
             .collect();
         let (is_taken, left_out) = turn(&sizes, &self.next_client);
         self.next_client = left_out.unwrap_or_default().to_owned();
-        let (mut taken, mut left) = (Vec::new(), Vec::new());
-        for (request, is_taken) in std::mem::take(&mut self.waiting).into_iter().zip(is_taken) {
+        let (mut taken, mut left) = (Vec::new(), held);
+        for (request, is_taken) in free.into_iter().zip(is_taken) {
             match is_taken {
                 true => taken.push(request),
                 false => left.push(request),
@@ -367,10 +391,20 @@ impl CommandServer {
         Ok(requests)
     }
 
+    /// Puts a request back that was taken together with one that its client has to wait for.
+    pub fn hold(&mut self, request: Request) {
+        self.waiting.push(Waiting {
+            client: request.client,
+            seq: request.seq,
+            asked: request.asked,
+        });
+        self.n_held += 1;
+    }
+
     /// Whether requests wait that were too many for the last [`CommandServer::take_all`]; nobody
-    /// wakes the server for them again.
+    /// wakes the server for them again. Those of clients that have to wait do not count.
     pub fn is_behind(&self) -> bool {
-        !self.waiting.is_empty()
+        self.waiting.len() > self.n_held
     }
 
     /// Answers a request. It is no error if the client has gone. If the answer cannot be sent, a

@@ -561,6 +561,40 @@ fn a_command_goes_there_and_back_and_nobody_home_is_said_at_once() {
     assert_eq!(thread.join().unwrap().unwrap(), answer);
 }
 
+/// A server that is busy with a client's request takes no further ones of that client, and is not
+/// behind for them.
+#[test]
+fn requests_of_a_busy_client_wait_and_keep_their_order() {
+    let place = Place::new("busy");
+    let (bus, clients) = (place.bus("simd"), place.bus("cli"));
+    let mut server = bus.command_server().unwrap();
+    let batch = |n| CommandBatch::new(vec![Order::Step { n }]);
+    let mut slow = clients.command_client("slow").unwrap();
+    let mut quick = clients.command_client("quick").unwrap();
+    let send = |client: &mut schema_bus::CommandClient, n| {
+        let sent = client.request(&batch(n), Duration::from_millis(1));
+        assert!(matches!(sent, Err(CommandError::Timeout { .. })));
+    };
+    (1..=2).for_each(|n| send(&mut slow, n));
+    let mut taken = server.take_all().unwrap();
+    assert_eq!(taken.len(), 2);
+    let later = taken.pop().unwrap();
+    let port = later.client_port();
+    server.hold(later);
+    assert!(!server.is_behind());
+    send(&mut slow, 3);
+    send(&mut quick, 4);
+    let asked = |requests: Vec<schema_bus::Request>| {
+        let of = |request: schema_bus::Request| request.batch.unwrap();
+        requests.into_iter().map(of).collect::<Vec<_>>()
+    };
+    let others = server.take_all_but(|other| other == port).unwrap();
+    assert_eq!(asked(others), [batch(4)]);
+    assert!(!server.is_behind());
+    let held = server.take_all().unwrap();
+    assert_eq!(asked(held), [batch(2), batch(3)]);
+}
+
 /// Answers that a client did not wait for may lie where the next client of its process looks.
 #[test]
 fn an_answer_never_reaches_the_client_after_its_own() {

@@ -2,6 +2,7 @@
 
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
+use anyhow::Context as _;
 use schema_bus::mono_now;
 use schema_frames::command::CheckpointPlace;
 use schema_frames::{CommandReply, JournalFile, StepMode};
@@ -9,6 +10,7 @@ use schema_types::SimTime;
 use simd_world::Checkpoint;
 
 use crate::clock::Clock;
+use crate::files::{Files, Given, ReadCheckpoint, Ready, Saving};
 use crate::history::History;
 use crate::participants::Participants;
 use crate::ports::Ports;
@@ -24,26 +26,71 @@ pub struct Context<'a> {
     pub participants: &'a Participants,
 }
 
+/// Saves the world as it is now. Where it goes to a file, that is written after all commands of the
+/// request have run.
 pub fn save(
     world: &mut LiveWorld,
     clock: &Clock,
+    files: &Files,
     to: &CheckpointPlace,
+    given: &mut Given,
+    idx: usize,
 ) -> anyhow::Result<CommandReply> {
-    let file = world.save(to, clock.now())?;
-    let path = file.map_or(String::new(), |path| path.display().to_string());
-    Ok(CommandReply::Saved { path })
+    match to {
+        CheckpointPlace::Name(name) => {
+            world.save(name, clock.now())?;
+            Ok(CommandReply::Saved {
+                path: String::new(),
+            })
+        }
+        CheckpointPlace::File(name) => {
+            let path = files.checkpoint(name)?;
+            let reply = CommandReply::Saved {
+                path: path.display().to_string(),
+            };
+            given.savings.push(Saving {
+                idx,
+                path,
+                checkpoint: world.checkpoint(clock.now()),
+            });
+            Ok(reply)
+        }
+    }
 }
 
 pub fn restore(
     context: Context<'_>,
     history: &mut History,
+    files: &Files,
     from: &CheckpointPlace,
+    ready: Option<Ready>,
+    given: &Given,
 ) -> anyhow::Result<CommandReply> {
-    let (checkpoint, file) = context.world.saved(from)?;
-    if let (Some(bytes), CheckpointPlace::File(name)) = (file, from) {
-        history.note_file(JournalFile::Checkpoint, name, "", &bytes);
+    match from {
+        CheckpointPlace::Name(name) => {
+            let checkpoint = context.world.saved(name)?.clone();
+            go_back(context, &checkpoint)
+        }
+        CheckpointPlace::File(name) => match ready {
+            Some(Ready::Checkpoint(ReadCheckpoint { checkpoint, bytes })) => {
+                history.note_file(JournalFile::Checkpoint, name, "", &bytes);
+                go_back(context, &checkpoint)
+            }
+            _ => {
+                // The request itself saves it, so the file holds something else yet.
+                let saving = given
+                    .saved_here(&files.checkpoint(name)?)
+                    .with_context(|| format!("the command that saves {name:?} was refused"))?;
+                history.note_file(
+                    JournalFile::Checkpoint,
+                    name,
+                    "",
+                    &saving.checkpoint.to_bytes()?,
+                );
+                go_back(context, &saving.checkpoint)
+            }
+        },
     }
-    go_back(context, &checkpoint)
 }
 
 pub fn reset(context: Context<'_>) -> anyhow::Result<CommandReply> {

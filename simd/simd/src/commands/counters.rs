@@ -6,10 +6,17 @@ use schema_frames::CommandReply;
 
 use crate::clock::Clock;
 use crate::faults::Faults;
+use crate::files::Files;
 use crate::ports::Ports;
 use crate::sensing::Sensing;
 
-pub fn counters(sensing: &Sensing, ports: &Ports, clock: &Clock, faults: &Faults) -> CommandReply {
+pub fn counters(
+    sensing: &Sensing,
+    ports: &Ports,
+    clock: &Clock,
+    files: &Files,
+    faults: &Faults,
+) -> CommandReply {
     let sensors = sensing.sensors();
     let gpu = sensors.gpu();
     let gpu = gpu.map(|gpu| gpu.counters().counts()).unwrap_or_default();
@@ -27,6 +34,7 @@ pub fn counters(sensing: &Sensing, ports: &Ports, clock: &Clock, faults: &Faults
         ),
         ("acks_refused".to_owned(), faults.n_refused_acks()),
         ("requests_refused".to_owned(), intake.n_requests_refused),
+        ("file_requests".to_owned(), files.n_waiting() as u64),
         ("unsent".to_owned(), faults.n_unsent()),
         ("gpu_passes".to_owned(), gpu.passes),
         ("render_workers".to_owned(), sensing.n_workers() as u64),

@@ -3,6 +3,7 @@
 use schema_frames::{CommandReply, JournalFile};
 
 use crate::clock::Clock;
+use crate::files::ReadMap;
 use crate::history::History;
 use crate::participants::Participants;
 use crate::ports::Ports;
@@ -24,7 +25,7 @@ pub struct Context<'a> {
 ///
 /// The new world is built beside the old one and takes its place when nothing can fail any more, so
 /// that a map that cannot be used leaves the old world as it is.
-pub fn load(context: Context<'_>, map: &str) -> anyhow::Result<CommandReply> {
+pub fn load(context: Context<'_>, map: &str, read: ReadMap) -> anyhow::Result<CommandReply> {
     let Context {
         world,
         sensing,
@@ -33,10 +34,9 @@ pub fn load(context: Context<'_>, map: &str) -> anyhow::Result<CommandReply> {
         participants,
         history,
     } = context;
-    world.maps().check_asked(map)?;
     sensing.finish_all()?;
     let (start, is_owed) = (clock.now(), participants.are_there());
-    let (loaded, text) = world.load_map(map)?;
+    let ReadMap { loaded, text } = read;
     if let Some(text) = text {
         history.note_file(JournalFile::Map, map, &loaded.data.name, text.as_bytes());
     }

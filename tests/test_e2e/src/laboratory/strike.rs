@@ -46,6 +46,36 @@ pub fn at_call(pid: u32, mark: Mark, passed: u32, pick: usize, blow: Blow) -> bo
     caught.unwrap_or(false)
 }
 
+/// A thread of another process that stands still until this is dropped, by the thread that held it.
+#[derive(Debug)]
+pub struct HeldThread {
+    process: Pid,
+    thread: Pid,
+}
+
+/// Stops one thread of a process, whatever it does, and lets the others run; `None` where the
+/// kernel forbids tracing.
+///
+/// # Panics
+/// If the process has no thread of this name.
+pub fn hold(pid: u32, name: &str) -> Option<HeldThread> {
+    let thread = thread_of(pid, name, 0).unwrap_or_else(|| panic!("no thread {name:?} in {pid}"));
+    ptrace::seize(thread, ptrace::Options::empty()).ok()?;
+    let held = HeldThread {
+        process: Pid::from_raw(pid as i32),
+        thread,
+    };
+    ptrace::interrupt(thread).ok()?;
+    let stopped = waitpid(thread, Some(WaitPidFlag::__WALL));
+    stopped.is_ok().then_some(held)
+}
+
+impl Drop for HeldThread {
+    fn drop(&mut self) {
+        let_go(self.process, self.thread);
+    }
+}
+
 /// Lets a thread that stands at the entry of a call return from it with EINTR; the call is not made.
 #[cfg(target_arch = "x86_64")]
 fn interrupt(thread: Pid) -> Result<(), Errno> {

@@ -18,6 +18,7 @@ mod export;
 mod export_events;
 mod faults;
 mod faults_of_users;
+mod file_requests;
 mod flow;
 mod foreign_files;
 mod full_memory;
