@@ -2,13 +2,15 @@
 //! watches what the processes keep.
 //!
 //! `cargo run --release -p test_e2e --example soak -- [--minutes M] [--json FILE]` (default 60;
-//! `./gantry soak` runs it). The simulator, its gateway, the driver and two viewers (one into a file,
-//! one into a web page) stay for the whole time. Beside them visitors of a stock client make weather,
-//! cars and sensors, and every third is killed where it stands; now and then one loads another map.
-//! Recordings and readers begin and end. Between two visits the long-lived processes are counted:
-//! memory of their own, descriptors, threads, and files in shared memory. It fails if the last
-//! quarter keeps more than the second did, beyond an allowance for memory; descriptors, threads and
-//! files are compared at their least, since guests of a moment ago have some, too.
+//! `./gantry soak` runs it). The simulator, its gateway, the driver, a render worker, a bridge, another
+//! one on a machine of its own, and two viewers (one into a file, one into a web page) stay for the
+//! whole time. Beside them visitors of a stock client make weather, cars and sensors, and every third
+//! is killed where it stands; now and then one loads another map. Recordings, readers here and on the
+//! other machine, and a second worker begin and end with each visit, and are killed with every third.
+//! Between two visits the long-lived processes are counted: memory of their own, descriptors, threads,
+//! and files in shared memory. It fails if the last quarter keeps more than the second did, beyond an
+//! allowance for memory; descriptors, threads and files are compared at their least, since guests of a
+//! moment ago have some, too.
 
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::ExitCode;
@@ -17,10 +19,10 @@ use std::time::{Duration, Instant};
 use launch_cli::bench::{self, BenchResult, clap};
 use launch_cli::values::number;
 use nix::libc::{SIGABRT, SIGSEGV};
-use test_e2e::carla::{start_gateway, start_script};
+use test_e2e::carla::{free_port, start_gateway, start_script};
 use test_e2e::kept::Kept;
 use test_e2e::recording::sequences;
-use test_e2e::{assert_nothing_left, spawn_consumer, start_daemon};
+use test_e2e::{assert_nothing_left, join_bus, spawn_consumer, start_daemon};
 use test_kit::{PATIENCE, Process, Sandbox, eventually};
 
 const LAUNCH: &str = r#"version = 1
@@ -48,6 +50,8 @@ rate_hz = 10
 "#;
 /// Between visits the world is always this one, so that equal worlds are compared.
 const HOME: &str = "Town10HD";
+/// What is read on the other machine: images, so that they are rendered, and sent there.
+const FAR_TOPIC: &str = "ego/front/rgb";
 const ELSEWHERE: [&str; 3] = ["Town01", "Town02", "Town03"];
 /// Visits between two journeys to another map.
 const VISITS_AT_HOME: u64 = 4;
@@ -84,7 +88,7 @@ fn main() -> ExitCode {
 }
 
 fn soak(minutes: f64, result: &mut BenchResult) {
-    let sandbox = Sandbox::new("soak");
+    let (sandbox, far) = (Sandbox::new("soak"), Sandbox::new("soak-far"));
     let daemon = start_daemon(&sandbox, LAUNCH, &[]);
     let (gateway, port, _) = start_gateway(&sandbox);
     let driver = spawn_consumer(&sandbox, "gantry-drive", &[]);
@@ -99,18 +103,35 @@ fn soak(minutes: f64, result: &mut BenchResult) {
         &["--web", "--max-hz", "4", "--memory-limit", WEB_MEMORY],
     );
     web.wait_line("open http");
+    let mut worker = spawn_consumer(&sandbox, "gantry-render", &["--name", "staying"]);
+    worker.wait_line("joined");
+    let link = format!("tcp/127.0.0.1:{}", free_port());
+    let mut bridge = spawn_consumer(&sandbox, "gantry-bridge", &["--listen", &link]);
+    bridge.wait_line("ready");
+    let mut far_bridge = spawn_consumer(&far, "gantry-bridge", &["--connect", &link]);
+    far_bridge.wait_line("its world appears here");
+    let bus = join_bus(&far, "soak");
+    eventually("topics cross the bridges", || {
+        let topics = bus.topics().ok()?;
+        let is_there = topics.iter().any(|topic| topic.name == FAR_TOPIC);
+        is_there.then_some(())
+    });
+    drop(bus);
     let mut staying = vec![
         ("simd", daemon),
         ("gantry-carla", gateway),
         ("gantry-drive", driver),
         ("gantry-view --save", saving),
         ("gantry-view --web", web),
+        ("gantry-render", worker),
+        ("gantry-bridge", bridge),
+        ("gantry-bridge --connect", far_bridge),
     ];
     let (started, mut looks, mut visits, mut crashes) = (Instant::now(), Vec::new(), 0, 0);
     let port = port.to_string();
     while started.elapsed().as_secs_f64() < minutes * 60.0 {
         visits += 1;
-        crashes += u64::from(!visit(&sandbox, &port, visits));
+        crashes += u64::from(!visit(&sandbox, &far, &port, visits));
         assert!(
             crashes <= 1 + visits / CRASHES_ONE_IN,
             "{crashes} of {visits} clients crashed"
@@ -140,7 +161,7 @@ fn soak(minutes: f64, result: &mut BenchResult) {
             minutes: started.elapsed().as_secs_f64() / 60.0,
             visits,
             kept: kept.collect(),
-            files: sandbox.leftovers().len(),
+            files: sandbox.leftovers().len() + far.leftovers().len(),
         };
         println!(
             "{:.1} min, {} visits, {} files in shared memory: {:?}",
@@ -155,6 +176,7 @@ fn soak(minutes: f64, result: &mut BenchResult) {
         assert_eq!(ended.status.code(), Some(0), "{name}: {:#?}", ended.lines);
     }
     assert_nothing_left(&sandbox);
+    assert_nothing_left(&far);
     assert!(grown.is_empty(), "{}", grown.join("\n"));
     println!(
         "{visits} visits in {minutes} minutes, {crashes} of which ended in a crash of the stock client: nothing grew"
@@ -163,10 +185,18 @@ fn soak(minutes: f64, result: &mut BenchResult) {
 
 /// A client comes with a recorder and a reader beside it, and goes or is killed. Returns whether it
 /// did; the stock client's own library sometimes ends in a segmentation fault.
-fn visit(sandbox: &Sandbox, port: &str, number: u64) -> bool {
+fn visit(sandbox: &Sandbox, far: &Sandbox, port: &str, number: u64) -> bool {
     let file = format!("visit{number}.mcap");
     let recorder = spawn_consumer(sandbox, "gantry-record", &["--out", &file]);
-    let mut reader = spawn_consumer(sandbox, "gantry", &["topic", "hz", "ego/imu/imu"]);
+    let reader = spawn_consumer(sandbox, "gantry", &["topic", "hz", "ego/imu/imu"]);
+    let mut far_reader = spawn_consumer(far, "gantry", &["topic", "hz", FAR_TOPIC]);
+    let mut second = spawn_consumer(sandbox, "gantry-render", &["--name", "second"]);
+    second.wait_line("joined");
+    let crossed = far_reader.lines().len();
+    eventually("frames cross the bridges", || {
+        assert!(far_reader.is_running(), "{:#?}", far_reader.lines());
+        (far_reader.lines().len() > crossed).then_some(())
+    });
     let seed = number.to_string();
     let is_killed = number.is_multiple_of(3);
     let more: &[&str] = if is_killed { &["hang"] } else { &[] };
@@ -181,15 +211,21 @@ fn visit(sandbox: &Sandbox, port: &str, number: u64) -> bool {
         println!("visit {number}: the client {}", ended.status);
         let is_own = matches!(ended.status.signal(), Some(SIGSEGV | SIGABRT));
         assert!(is_own, "{}: {:#?}", ended.status, ended.lines);
-        reader.stop();
+        for guest in [reader, far_reader, second] {
+            guest.stop().expect_code(0);
+        }
     } else if is_killed {
         client.kill9();
-        assert!(reader.is_running());
-        reader.kill9();
+        for mut guest in [reader, far_reader, second] {
+            assert!(guest.is_running());
+            guest.kill9();
+        }
     } else {
         let ended = client.wait_longer(PATIENCE).expect_code(0);
         assert!(ended.says("visit passed"), "{:#?}", ended.lines);
-        reader.stop();
+        for guest in [reader, far_reader, second] {
+            guest.stop().expect_code(0);
+        }
     }
     // A recorder on a busy machine may lose frames and say so.
     let code = recorder.stop().code();

@@ -7,11 +7,12 @@
 //! its threads ([`strike`]). After every fault the laboratory asks what must hold whoever dies
 //! ([`episode`]); what does not hold is a [`Violation`], which names the seed and the step.
 //!
-//! In reading order: [`table`], [`strike`], [`cast`], [`episode`], [`repeatable`].
+//! In reading order: [`table`], [`strike`], [`cast`], [`episode`], [`repeatable`], [`shared`].
 
 pub mod cast;
 pub mod episode;
 pub mod repeatable;
+pub mod shared;
 pub mod strike;
 pub mod table;
 
@@ -53,12 +54,10 @@ impl fmt::Display for Violation {
 /// With what did not hold.
 pub fn run_episode(seed: u64, n_steps: usize, tally: &mut Tally) -> Result<(), Violation> {
     let mut story = Vec::new();
-    let outcome = catch_unwind(AssertUnwindSafe(|| {
-        if seed % 8 == 7 {
-            repeatable::run(seed, n_steps, &mut story, tally);
-        } else {
-            episode::run(seed, n_steps, &mut story, tally);
-        }
+    let outcome = catch_unwind(AssertUnwindSafe(|| match seed % 8 {
+        7 => repeatable::run(seed, n_steps, &mut story, tally),
+        6 => shared::run(seed, n_steps, &mut story, tally),
+        _ => episode::run(seed, n_steps, &mut story, tally),
     }));
     tally.n_episodes += 1;
     outcome.map_err(|panic| {

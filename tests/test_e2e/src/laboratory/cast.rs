@@ -7,7 +7,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use nix::sys::signal::Signal;
-use schema_bus::{Bus, CommandClient};
+use schema_bus::{Bus, BusOptions, CommandClient};
 use schema_frames::{Command, CommandReply};
 use test_kit::client::{ask, counter, join_bus};
 use test_kit::sandbox::binary_path;
@@ -31,13 +31,21 @@ rate_hz = 20
 width_px = 32
 height_px = 24
 mount.position_m = [0.6, 0.0, 1.6]
+[sensor.rear]
+kind = "camera"
+modalities = ["rgb"]
+rate_hz = 20
+width_px = 32
+height_px = 24
+mount.position_m = [-1.5, 0.0, 1.6]
+mount.rpy_deg = [0.0, 0.0, 180.0]
 [sensor.imu]
 kind = "imu"
 rate_hz = 20
 "#;
 
 /// Those that stay for a whole episode, in the order in which they begin.
-pub const COMPANY: [Role; 8] = [
+pub const COMPANY: [Role; 12] = [
     Role::Daemon,
     Role::Gateway,
     Role::Driver,
@@ -46,6 +54,10 @@ pub const COMPANY: [Role; 8] = [
     Role::Reader,
     Role::Node,
     Role::Participant,
+    Role::Worker,
+    Role::Bridge,
+    Role::FarBridge,
+    Role::FarReader,
 ];
 
 /// How far a process had got.
@@ -67,6 +79,7 @@ pub struct Cast {
     /// Where they run.
     pub sandbox: Sandbox,
     port: u16,
+    bridge_port: u16,
     loader: Option<(CommandClient, Bus)>,
     n_files: u32,
     n_maps: usize,
@@ -95,6 +108,7 @@ impl Cast {
             processes: BTreeMap::new(),
             sandbox,
             port: steady_port(),
+            bridge_port: steady_port(),
             loader: None,
             n_files: 0,
             n_maps: 0,
@@ -111,7 +125,14 @@ impl Cast {
             all.into_iter().map(str::to_owned).collect()
         };
         let binary = |name: &str| binary_path(name);
+        let far = |words: &[&str]| -> Vec<String> {
+            let words = words.iter().map(|word| (*word).to_owned());
+            words
+                .chain(["--domain".into(), format!("{domain}b")])
+                .collect()
+        };
         let port = self.port.to_string();
+        let link = format!("tcp/127.0.0.1:{}", self.bridge_port);
         let (program, args) = match role {
             Role::Daemon => (binary("simd"), own(&["--launch", "launch.toml"])),
             Role::Gateway => (
@@ -128,6 +149,10 @@ impl Cast {
                 own(&["--out", &format!("record{number}.mcap")]),
             ),
             Role::Reader => (binary("gantry"), own(&["topic", "hz", "ego/imu/imu"])),
+            Role::Worker => (binary("gantry-render"), own(&["--name", "worker"])),
+            Role::Bridge => (binary("gantry-bridge"), own(&["--listen", &link])),
+            Role::FarBridge => (binary("gantry-bridge"), far(&["--connect", &link])),
+            Role::FarReader => (binary("gantry"), far(&["topic", "hz", "ego/imu/imu"])),
             Role::Participant => (
                 binary("examples/misbehave"),
                 vec![domain.clone(), "lockstep".into()],
@@ -172,12 +197,17 @@ impl Cast {
 
     /// Starts one of the company and waits until it is at work.
     pub fn begin(&mut self, role: Role) {
+        if role == Role::FarReader {
+            self.topics_cross();
+        }
         let mut process = self.spawn(role);
         match role {
             Role::Daemon => drop(process.wait_line("ready")),
             Role::Gateway => drop(process.wait_line("listening on")),
             Role::Driver => drop(process.wait_line("driving vehicles=")),
             Role::Participant => drop(process.wait_line("at work")),
+            Role::Worker => drop(process.wait_line("joined")),
+            Role::Bridge | Role::FarBridge => drop(process.wait_line("ready")),
             _ => {}
         }
         self.processes.insert(role, process);
@@ -217,9 +247,19 @@ impl Cast {
         match role {
             Role::Viewer => Mark::Bytes(self.bytes_of("view")),
             Role::Recorder => Mark::Bytes(self.bytes_of("record")),
-            Role::Daemon | Role::Participant | Role::Gateway | Role::Driver => Mark::Asked,
-            _ => Mark::Lines(self.processes[&role].lines().len()),
+            Role::Daemon | Role::Participant | Role::Gateway | Role::Driver | Role::Worker => {
+                Mark::Asked
+            }
+            // What crosses is read there.
+            Role::Bridge | Role::FarBridge => self.lines_of(Role::FarReader),
+            _ => self.lines_of(role),
         }
+    }
+
+    /// Lines that a process has printed; nothing to be compared if it has not begun.
+    fn lines_of(&self, role: Role) -> Mark {
+        let process = self.processes.get(&role);
+        process.map_or(Mark::Asked, |process| Mark::Lines(process.lines().len()))
     }
 
     /// Waits until a process has got on with its work since it was marked.
@@ -232,6 +272,11 @@ impl Cast {
             (Role::Daemon | Role::Participant, _) => self.ticks_go_on(),
             (Role::Gateway, _) => self.gateway_answers(),
             (Role::Driver, _) => self.vehicles_are_driven(),
+            (Role::Worker, _) => self.worker_renders(),
+            (Role::Bridge | Role::FarBridge, Mark::Lines(before)) => {
+                let reader = &self.processes[&Role::FarReader];
+                eventually(&what, || (reader.lines().len() > before).then_some(()));
+            }
             (_, Mark::Bytes(before)) => {
                 let stem = if role == Role::Viewer {
                     "view"
@@ -259,20 +304,44 @@ impl Cast {
         }
     }
 
+    /// Waits until the topic of the reader behind the bridges is there.
+    fn topics_cross(&self) {
+        let options = BusOptions {
+            iceoryx_root: Some(self.sandbox.iceoryx_root()),
+            prefix: Some(self.sandbox.prefix().to_owned()),
+        };
+        let domain = format!("{}b", self.sandbox.domain());
+        let bus = Bus::open_with(&domain, "laboratory", &options);
+        let bus = bus.unwrap_or_else(|error| panic!("{error}"));
+        eventually("topics cross the bridges", || {
+            let topics = bus.topics().ok()?;
+            let is_there = topics.iter().any(|topic| topic.name == "ego/imu/imu");
+            is_there.then_some(())
+        });
+    }
+
+    fn ticks_go_on(&mut self) {
+        self.counter_rises("ticks");
+    }
+
+    fn worker_renders(&mut self) {
+        self.counter_rises("sent_by_workers");
+    }
+
     /// Asks with a client of its own each time: one that was opened while a killed daemon was cleaned
     /// up may be the last of that daemon's.
-    fn ticks_go_on(&mut self) {
+    fn counter_rises(&mut self, name: &str) {
         let bus = join_bus(&self.sandbox, "laboratory");
         let mut first = None;
-        eventually("ticks go on", || {
+        eventually(&format!("{name} rises"), || {
             let mut client = bus.command_client("laboratory").ok()?;
             let batch = schema_frames::CommandBatch::new(vec![Command::Counters]);
             let answer = client.request(&batch, Duration::from_secs(10)).ok()?;
             let CommandReply::Counters { counters } = answer.replies.first()? else {
                 panic!("{answer:?}")
             };
-            let ticks = counters["ticks"];
-            (ticks > *first.get_or_insert(ticks) + 2).then_some(())
+            let now = counters[name];
+            (now > *first.get_or_insert(now) + 2).then_some(())
         });
     }
 

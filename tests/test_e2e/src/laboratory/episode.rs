@@ -75,6 +75,7 @@ impl Episode {
                 // comparison of what the daemon keeps; the first client makes the gateway open ports.
                 self.cast.load_map();
                 self.kept.remove(&Role::Daemon);
+                self.kept.remove(&Role::Worker);
                 self.kept.remove(&Role::Gateway);
             }
             return is_at_moment;
@@ -89,6 +90,8 @@ impl Episode {
         if moment == Moment::MapLoad {
             self.cast.load_map();
             self.kept.remove(&Role::Daemon);
+            // It has the scenery, too.
+            self.kept.remove(&Role::Worker);
         }
         if moment == Moment::LockstepWait {
             self.cast.signal(Role::Participant, Signal::SIGSTOP);

@@ -25,6 +25,14 @@ pub enum Role {
     Node,
     /// A program in lockstep, for which the world waits.
     Participant,
+    /// `gantry-render`, which makes the images of a share of the cameras.
+    Worker,
+    /// `gantry-bridge` beside the simulator.
+    Bridge,
+    /// The same on a domain of its own, as on another machine.
+    FarBridge,
+    /// `gantry topic hz` there.
+    FarReader,
     /// CARLA's own client with a car and sensors; a guest that comes for one fault.
     Client,
     /// A program that publishes results and dies with two loans in hand; a guest.
@@ -122,7 +130,9 @@ impl Moment {
         };
         match (self, role) {
             (Moment::Start, _) => Some(mark(FIRST, &[], 3000)),
-            (Moment::Loan, Role::Daemon) => Some(mark(FIRST, &[libc::SYS_futex], 20)),
+            (Moment::Loan, Role::Daemon | Role::Worker) => {
+                Some(mark(FIRST, &[libc::SYS_futex], 20))
+            }
             (Moment::Wake, _) => Some(mark(FIRST, &[libc::SYS_sendto], 20)),
             (Moment::Flush, _) => Some(mark(
                 "writer",
@@ -149,7 +159,7 @@ pub const SIGNALS: [Signal; 4] = [
 pub type Row = (Role, u32, &'static [Moment]);
 
 /// Who is struck, and when.
-pub const TABLE: [Row; 11] = [
+pub const TABLE: [Row; 14] = [
     (
         Role::Daemon,
         5,
@@ -216,6 +226,40 @@ pub const TABLE: [Row; 11] = [
             Moment::Start,
             Moment::Any,
             Moment::LockstepWait,
+            Moment::Call,
+        ],
+    ),
+    (
+        Role::Worker,
+        4,
+        &[
+            Moment::Start,
+            Moment::Any,
+            Moment::Loan,
+            Moment::MapLoad,
+            Moment::Shutdown,
+            Moment::Call,
+        ],
+    ),
+    (
+        Role::Bridge,
+        3,
+        &[
+            Moment::Start,
+            Moment::Any,
+            Moment::MapLoad,
+            Moment::Shutdown,
+            Moment::Call,
+        ],
+    ),
+    (
+        Role::FarBridge,
+        3,
+        &[
+            Moment::Start,
+            Moment::Any,
+            Moment::MapLoad,
+            Moment::Shutdown,
             Moment::Call,
         ],
     ),
