@@ -3,6 +3,7 @@
 mod batches;
 mod book;
 mod bridge;
+mod bridge_losses;
 mod carla;
 mod carla_manager;
 mod carla_queries;
