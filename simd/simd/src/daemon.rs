@@ -23,10 +23,10 @@ use crate::world::LiveWorld;
 
 /// The parts of the daemon.
 ///
-/// The order of the first three fields matters, because fields are dropped in theirs: frames in flight,
-/// the topics of sensors, and the thread that reads files and its port go before the services of the
-/// daemon, its claim and its bus. What the GPU writes into must outlive its work, and while the claim is held no other daemon opens services
-/// of the same names.
+/// The order of the first three fields matters, because fields are dropped in theirs: frames in
+/// flight, the topics of sensors, and the thread that reads files and its port go before the services
+/// of the daemon, its claim and its bus. What the GPU writes into must outlive its work, and while the
+/// claim is held no other daemon opens services of the same names.
 pub struct Daemon {
     sensing: Sensing,
     files: Files,
