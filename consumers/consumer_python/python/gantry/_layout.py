@@ -273,6 +273,11 @@ STRUCTS: dict[str, tuple[str | None, int, list[tuple[str, str, tuple[int, ...], 
         ("tick", "<u8", (), 16),
         ("reserved1", "<u8", (), 24),
     ]),
+    "CompleteRecord": ("GantryComplete", 32, [
+        ("epoch", "<u8", (), 0),
+        ("tick", "<u8", (), 8),
+        ("reserved", "<u8", (2,), 16),
+    ]),
     "RequestHeader": ("GantryRequestHeader", 64, [
         ("magic", "<u4", (), 0),
         ("codec_version", "<u4", (), 4),
