@@ -2,6 +2,7 @@
 //! environment.
 
 use std::net::TcpListener;
+use std::sync::atomic::{AtomicU16, Ordering};
 use std::time::Duration;
 
 use test_kit::client::assert_nothing_left;
@@ -18,6 +19,12 @@ pub const SCRIPT_LIMIT: Duration = Duration::from_secs(3600);
 pub fn empty_town(map: &str) -> String {
     format!("version = 1\n[scenario]\nmap = {map:?}\nseed = 7\ntick_hz = 20\nvehicles = 0\n")
 }
+
+/// Ports for Traffic Managers: the first, how many follow one another, and how many such places
+/// there are.
+const FIRST_PORT: u16 = 20_000;
+const PORTS_APART: u16 = 4;
+const N_PLACES: u16 = 3000;
 
 /// A daemon and a gateway in a sandbox of their own, for scripts with the stock client.
 #[derive(Debug)]
@@ -81,16 +88,23 @@ impl Stage {
     }
 }
 
-/// A port that is free now, for a client's own Traffic Manager.
+/// A port that is free now, and so are the [`PORTS_APART`] − 1 above it: for a client's own Traffic
+/// Managers. They lie below those that systems give to outgoing connections, one of which would
+/// otherwise take the port before its program binds it.
 ///
 /// # Panics
 /// If the machine has none.
 pub fn free_port() -> u16 {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
-    listener
-        .local_addr()
-        .expect("a bound listener has an address")
-        .port()
+    static NEXT: AtomicU16 = AtomicU16::new(0);
+    let begin = std::process::id() as u16 % N_PLACES;
+    let is_free = |port: &u16| {
+        (*port..port + PORTS_APART).all(|port| TcpListener::bind(("0.0.0.0", port)).is_ok())
+    };
+    (0..N_PLACES)
+        .map(|_| begin.wrapping_add(NEXT.fetch_add(1, Ordering::Relaxed)) % N_PLACES)
+        .map(|place| FIRST_PORT + PORTS_APART * place)
+        .find(is_free)
+        .expect("a free port")
 }
 
 /// Starts the gateway on free ports, and also returns the RPC port and the streaming port. Its data

@@ -16,6 +16,7 @@ use schema_frames::{
     Box2d, Command, CommandBatch, CommandReply, FrameHeader, InputRecord, ResultHeader, ResultType,
     VehicleControl, VehicleControlRecord, WorldInfo,
 };
+use test_e2e::carla::free_port;
 use test_e2e::{
     SMALL_RIG, SMALL_RIG_TOPICS, ask, assert_nothing_left, document, join_bus, reader,
     spawn_consumer, spawn_daemon, start_daemon, step, venv_program, wait_readers,
@@ -41,12 +42,6 @@ rate_hz = 20
 width_px = 64
 height_px = 48
 "#;
-
-/// A port of the loopback that is free now.
-fn free_port() -> u16 {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a port of the loopback");
-    listener.local_addr().expect("it has an address").port()
-}
 
 /// Two machines: the one with the simulator, and the one that is far from it.
 struct Machines {
