@@ -275,14 +275,14 @@ impl Daemon {
     /// Looks after those that the world waits for: participants, workers and clients.
     pub fn look_after_all(&mut self) {
         let (bus, acks) = (self.ports.bus(), self.ports.acks());
-        if self.participants.look_after(&self.clock, bus, acks) {
+        let now_nanos = mono_now().0;
+        if (self.participants).look_after(&self.clock, bus, acks, now_nanos) {
             self.ports.touch_info();
             // While the world stands still, no tick says who is left.
             self.publish_documents();
         }
         self.sensing
             .look_after_workers(&self.clock, &self.participants);
-        let now_nanos = mono_now().0;
         self.clean(now_nanos, true);
         let (n_clients, tick) = (self.ports.n_clients(), self.clock.tick());
         if self
