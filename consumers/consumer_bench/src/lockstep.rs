@@ -1,6 +1,6 @@
 //! `gantry-bench lockstep`: ticks per second with programs in lockstep. It starts a `simd` of its
 //! own with a car and no sensors, so that nothing but waiting for the participants is measured;
-//! each participant acknowledges a tick as soon as it has its snapshot.
+//! each participant acknowledges a tick as soon as it is told that it is complete.
 
 use std::io::{BufRead as _, BufReader};
 use std::path::PathBuf;
