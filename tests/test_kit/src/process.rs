@@ -12,7 +12,7 @@ use nix::unistd::Pid;
 
 use crate::patience::PATIENCE;
 
-/// How long is waited for the last lines of a process that has ended.
+/// How long is waited for the last lines of a process that has failed a test.
 const LAST_WORDS: Duration = Duration::from_secs(5);
 
 /// A running child; killed when dropped.
@@ -118,7 +118,7 @@ impl Process {
             }
             let ended = !self.is_running();
             if ended || start.elapsed() > PATIENCE {
-                self.hear_out();
+                self.hear_out(LAST_WORDS);
                 let lines = self.lines();
                 if let Some(line) = lines.iter().find(|line| line.contains(text)) {
                     return line.clone();
@@ -137,14 +137,17 @@ impl Process {
         }
     }
 
-    /// Waits until its output is read to the end, which another process may hold open.
-    fn hear_out(&self) {
+    /// Waits until its output is read to the end, which a process that it started may hold open;
+    /// whether that happened within `limit`.
+    fn hear_out(&self, limit: Duration) -> bool {
         let start = Instant::now();
-        while !self.readers.iter().all(|reader| reader.is_finished())
-            && start.elapsed() < LAST_WORDS
-        {
+        while !self.readers.iter().all(|reader| reader.is_finished()) {
+            if start.elapsed() > limit {
+                return false;
+            }
             std::thread::sleep(Duration::from_millis(5));
         }
+        true
     }
 
     /// Whether it still runs.
@@ -210,9 +213,13 @@ impl Process {
             );
             std::thread::sleep(Duration::from_millis(10));
         };
-        for reader in self.readers.drain(..) {
-            let _ = reader.join();
-        }
+        assert!(
+            self.hear_out(PATIENCE),
+            "{} ended ({status}), but a process that it started still holds its output open after \
+             {PATIENCE:?}; output:\n{}",
+            self.name,
+            self.lines().join("\n")
+        );
         Ended {
             status,
             lines: self.lines(),
@@ -222,9 +229,15 @@ impl Process {
 
 impl Drop for Process {
     fn drop(&mut self) {
-        if matches!(self.child.try_wait(), Ok(None)) {
-            let _ = self.child.kill();
-            let _ = self.child.wait();
+        let _ = self.child.kill();
+        let start = Instant::now();
+        while matches!(self.child.try_wait(), Ok(None)) {
+            // A test that failed is to say so, and not to wait for a process that cannot end.
+            if start.elapsed() > PATIENCE {
+                eprintln!("{} did not end {PATIENCE:?} after SIGKILL", self.name);
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(1));
         }
     }
 }
@@ -233,12 +246,17 @@ fn collect(
     pipe: impl Read + Send + 'static,
     lines: Arc<Mutex<Vec<String>>>,
 ) -> std::thread::JoinHandle<()> {
-    std::thread::spawn(move || {
+    let read = move || {
         for line in BufReader::new(pipe).split(b'\n').map_while(Result::ok) {
             lines
                 .lock()
                 .expect("reader threads do not panic")
                 .push(String::from_utf8_lossy(&line).into_owned());
         }
-    })
+    };
+    // Without a name it would have its test's, which it outlives while somebody holds the pipe.
+    std::thread::Builder::new()
+        .name("output".into())
+        .spawn(read)
+        .expect("a thread can be started")
 }

@@ -1,5 +1,6 @@
 //! Tests of `test_e2e`: one program for all of them, so that it is linked once.
 
+mod a_watchdog;
 mod batches;
 mod book;
 mod bridge;
