@@ -21,6 +21,7 @@ BRAKING_MPS2, ROOM_M = 3.0, 4.0
 FRONT_M, HALF_WIDTH_M = 2.6, 1.15  # of the car, from its origin, with some room
 WHEELBASE_M, MAX_STEER_RAD = 2.9, 1.0
 NEAR_M, FAR_M = 3.5, 14.0  # where lines are looked for
+BESIDE_M = 0.3  # from a line's middle to the asphalt beside it
 CURVATURES = np.linspace(-0.19, 0.19, 39)  # arcs that the car may take, 1/m, positive to the left
 ARC_M = np.arange(1.0, 9.1, 1.0)  # where arcs are judged, metres along them
 
@@ -31,9 +32,12 @@ def lane_marks(bgra: np.ndarray, focal_px: float, centre_px: np.ndarray) -> tupl
     ahead_m = CAMERA_HEIGHT_M * focal_px / (rows + 0.5 - centre_px[1])
     rows, ahead_m = rows[(ahead_m > NEAR_M) & (ahead_m < FAR_M)], ahead_m[(ahead_m > NEAR_M) & (ahead_m < FAR_M)]
     blue, green, red = (bgra[rows, :, i].astype(int) for i in range(3))
-    # Paint is brighter than the asphalt of its own row; yellow paint lacks blue.
-    road = np.median(green, axis=1, keepdims=True)
-    paint = (np.minimum(blue, green) > road + 55) | ((green > road + 30) & (green - blue > 60))
+    # Paint is brighter than the asphalt on both sides of it, in the sun as in the shade; yellow paint lacks blue.
+    columns = np.arange(bgra.shape[1])
+    apart_px = np.round(BESIDE_M * focal_px / ahead_m).astype(int)[:, None]
+    beside = [np.take_along_axis(green, np.clip(columns + side * apart_px, 0, columns[-1]), 1) for side in (-1, 1)]
+    road = np.maximum(*beside)
+    paint = (np.minimum(blue, green) > 1.35 * road + 8) | ((green > 1.15 * road + 5) & (green - blue > 0.3 * green))
     step = np.diff(np.pad(paint.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     (row, begin), (_, end) = np.nonzero(step == 1), np.nonzero(step == -1)
     metres_per_px = ahead_m[row] / focal_px

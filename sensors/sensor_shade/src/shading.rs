@@ -54,9 +54,58 @@ pub trait Maps<L: Lanes> {
 }
 
 #[derive(Clone, Copy)]
+pub struct Style<L: Lanes> {
+    pub pitch_m: [L; 2],
+    pub share: [L; 2],
+    pub n_parts: [L; 2],
+    pub brick: L,
+    pub panels: L,
+    pub courses: L,
+    pub pipes: L,
+    pub pale: L,
+    pub board: [L; 3],
+}
+
+impl<L: Lanes> Style<L> {
+    #[inline(always)]
+    pub fn blend(lanes: L::Mask, a: Self, b: Self) -> Self {
+        Style {
+            pitch_m: zip2(a.pitch_m, b.pitch_m, |a, b| L::select(lanes, a, b)),
+            share: zip2(a.share, b.share, |a, b| L::select(lanes, a, b)),
+            n_parts: zip2(a.n_parts, b.n_parts, |a, b| L::select(lanes, a, b)),
+            brick: L::select(lanes, a.brick, b.brick),
+            panels: L::select(lanes, a.panels, b.panels),
+            courses: L::select(lanes, a.courses, b.courses),
+            pipes: L::select(lanes, a.pipes, b.pipes),
+            pale: L::select(lanes, a.pale, b.pale),
+            board: zip3(a.board, b.board, |a, b| L::select(lanes, a, b)),
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+pub struct Grain<L: Lanes> {
+    pub px_per_m: L,
+    pub sharp_per_m: L,
+}
+
+impl<L: Lanes> Grain<L> {
+    #[inline(always)]
+    pub fn blend(lanes: L::Mask, a: Self, b: Self) -> Self {
+        Grain {
+            px_per_m: L::select(lanes, a.px_per_m, b.px_per_m),
+            sharp_per_m: L::select(lanes, a.sharp_per_m, b.sharp_per_m),
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
 pub struct Window<L: Lanes> {
     pub pane: L,
-    pub casing: L,
+    pub frame: L,
+    pub shade: L,
+    pub place: [L; 2],
+    pub in_cell: [L; 2],
     pub lot: [L; 4],
 }
 
@@ -65,7 +114,10 @@ impl<L: Lanes> Window<L> {
     pub fn blend(lanes: L::Mask, a: Self, b: Self) -> Self {
         Window {
             pane: L::select(lanes, a.pane, b.pane),
-            casing: L::select(lanes, a.casing, b.casing),
+            frame: L::select(lanes, a.frame, b.frame),
+            shade: L::select(lanes, a.shade, b.shade),
+            place: zip2(a.place, b.place, |a, b| L::select(lanes, a, b)),
+            in_cell: zip2(a.in_cell, b.in_cell, |a, b| L::select(lanes, a, b)),
             lot: zip4(a.lot, b.lot, |a, b| L::select(lanes, a, b)),
         }
     }
@@ -447,56 +499,157 @@ pub fn lot_of<L: Lanes>(number_2: L::Words) -> [L; 4] {
 }
 
 #[inline(always)]
-pub fn window_at<L: Lanes>(uv_m: [L; 2], style: [L; 4], pixel_m: L, shop: L::Mask, id: L::Words) -> Window<L> {
-    let mut pane: [L; 2] = [L::splat(0.0); 2];
-    let mut out: Window<L> = Window::<L> { pane: L::splat(0.0), casing: L::splat(0.0), lot: [L::splat(0.0); 4] };
-    let t = [L::splat(4.2), L::splat(3.6)];
-    let t_2 = [L::splat(2.6).add(L::splat(1.4).mul(style[0])), L::splat(3.1)];
-    let pitch_m = [L::select(shop, t[0], t_2[0]), L::select(shop, t[1], t_2[1])];
-    let t_3 = [L::splat(0.86), L::splat(0.72)];
-    let t_4 = [L::splat(0.42).add(L::splat(0.3).mul(style[1])), L::splat(0.52)];
-    let share = [L::select(shop, t_3[0], t_4[0]), L::select(shop, t_3[1], t_4[1])];
-    let grid = [uv_m[0].div(pitch_m[0]), uv_m[1].div(pitch_m[1])];
+pub fn style_of<L: Lanes>(id: L::Words, shop: L::Mask) -> Style<L> {
+    let mut out: Style<L> = Style::<L> { pitch_m: [L::splat(0.0); 2], share: [L::splat(0.0); 2], n_parts: [L::splat(0.0); 2], brick: L::splat(0.0), panels: L::splat(0.0), courses: L::splat(0.0), pipes: L::splat(0.0), pale: L::splat(0.0), board: [L::splat(0.0); 3] };
+    let lot = lot_of::<L>(id);
+    let t = L::splat(21.25);
+    let t_2 = [lot[0].mul(t), lot[1].mul(t), lot[2].mul(t), lot[3].mul(t)];
+    let more = [fract(t_2[0]), fract(t_2[1]), fract(t_2[2]), fract(t_2[3])];
+    let house = number_of::<L>(L::not(shop));
+    let t_3 = [L::splat(4.2), L::splat(3.6)];
+    let t_4 = [L::splat(2.6).add(L::splat(1.4).mul(lot[2])), L::splat(3.1)];
+    out.pitch_m = [L::select(shop, t_3[0], t_4[0]), L::select(shop, t_3[1], t_4[1])];
+    let t_5 = [L::splat(0.88), L::splat(0.74)];
+    let t_6 = [L::splat(0.36).add(L::splat(0.3).mul(lot[3])), L::splat(0.46).add(L::splat(0.14).mul(more[2]))];
+    out.share = [L::select(shop, t_5[0], t_6[0]), L::select(shop, t_5[1], t_6[1])];
+    let t_7 = [L::splat(3.0), L::splat(1.0)];
+    let t_8 = [L::splat(1.0).add(more[0].mul(L::splat(2.99)).floor()), L::splat(1.0).add(more[1].mul(L::splat(2.4)).floor())];
+    out.n_parts = [L::select(shop, t_7[0], t_8[0]), L::select(shop, t_7[1], t_8[1])];
+    out.brick = number_of::<L>(lot[0].lt(L::splat(0.5))).mul(house);
+    out.panels = number_of::<L>(L::splat(0.82).lt(lot[0])).mul(house);
+    out.courses = number_of::<L>(more[3].lt(L::splat(0.6))).mul(house);
+    out.pipes = number_of::<L>(L::splat(0.4).lt(more[2])).mul(house);
+    out.pale = L::splat(0.3).add(L::splat(0.6).mul(lot[1]).mul(lot[1]));
+    let t_9 = [L::splat(0.04); 3];
+    let t_10 = L::splat(0.3);
+    let t_11 = [more[0], more[1], more[2]];
+    let t_12 = [t_10.mul(t_11[0]), t_10.mul(t_11[1]), t_10.mul(t_11[2])];
+    out.board = [t_9[0].add(t_12[0]), t_9[1].add(t_12[1]), t_9[2].add(t_12[2])];
+    let t_13 = out;
+    return t_13;
+}
+
+#[inline(always)]
+pub fn grain_of<L: Lanes>(pixel_m: L) -> Grain<L> {
+    let px_per_m = L::splat(1.0).div(pixel_m.add(L::splat(0.004)));
+    return Grain::<L> { px_per_m: px_per_m, sharp_per_m: L::splat(1.4).mul(px_per_m) };
+}
+
+#[inline(always)]
+pub fn band<L: Lanes>(at_m: L, low_m: L, high_m: L, sharp_per_m: L) -> L {
+    let half_m = L::splat(0.5).mul(high_m.sub(low_m));
+    return half_m.sub(at_m.sub(low_m).sub(half_m).abs()).mul(sharp_per_m).add(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0));
+}
+
+#[inline(always)]
+pub fn window_at<L: Lanes>(uv_m: [L; 2], style: Style<L>, grain: Grain<L>, shop: L::Mask, id: L::Words) -> Window<L> {
+    let mut out: Window<L> = Window::<L> { pane: L::splat(0.0), frame: L::splat(0.0), shade: L::splat(0.0), place: [L::splat(0.0); 2], in_cell: [L::splat(0.0); 2], lot: [L::splat(0.0); 4] };
+    let sharp = grain.sharp_per_m;
+    let fine = L::splat(0.5).mul(grain.px_per_m).sub(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0));
+    let size_m = [style.share[0].mul(style.pitch_m[0]), style.share[1].mul(style.pitch_m[1])];
+    let grid = [uv_m[0].div(style.pitch_m[0]), uv_m[1].div(style.pitch_m[1])];
     let cell = [grid[0].floor(), grid[1].floor()];
-    let t_5 = [grid[0].sub(cell[0]), grid[1].sub(cell[1])];
-    let t_6 = [L::splat(0.5), L::select(shop, L::splat(0.44), L::splat(0.52))];
-    let t_7 = [t_5[0].sub(t_6[0]), t_5[1].sub(t_6[1])];
-    let t_8 = [t_7[0].abs(), t_7[1].abs()];
-    let t_9 = L::splat(0.5);
-    let t_10 = [t_9.mul(share[0]), t_9.mul(share[1])];
-    let centred = [t_8[0].sub(t_10[0]), t_8[1].sub(t_10[1])];
-    let t_11 = [L::splat(0.7).mul(pixel_m); 2];
-    let t_12 = [t_11[0].div(pitch_m[0]), t_11[1].div(pitch_m[1])];
-    let t_13 = [L::splat(0.002); 2];
-    let soft = [t_12[0].add(t_13[0]), t_12[1].add(t_13[1])];
-    let t_14 = [L::splat(0.5); 2];
-    let t_15 = [centred[0].div(soft[0]), centred[1].div(soft[1])];
-    let t_16 = [t_14[0].sub(t_15[0]), t_14[1].sub(t_15[1])];
-    let t_17 = [L::splat(0.0); 2];
-    let t_18 = [L::splat(1.0); 2];
-    pane = [t_16[0].max(t_17[0]).min(t_18[0]), t_16[1].max(t_17[1]).min(t_18[1])];
-    let t_19 = pane[0];
-    pane[0] = t_19.mul(L::splat(0.5).add(centred[0].add(L::splat(0.5).mul(share[0])).sub(L::splat(0.035).div(pitch_m[0])).div(soft[0])).max(L::splat(0.0)).min(L::splat(1.0)));
-    let t_20 = [L::splat(0.5); 2];
-    let t_21 = [L::splat(0.03); 2];
-    let t_22 = [centred[0].sub(t_21[0]), centred[1].sub(t_21[1])];
-    let t_23 = [t_22[0].div(soft[0]), t_22[1].div(soft[1])];
-    let t_24 = [t_20[0].sub(t_23[0]), t_20[1].sub(t_23[1])];
-    let t_25 = [L::splat(0.0); 2];
-    let t_26 = [L::splat(1.0); 2];
-    let casing = [t_24[0].max(t_25[0]).min(t_26[0]), t_24[1].max(t_25[1]).min(t_26[1])];
-    let fine = L::splat(0.5).div(pixel_m).sub(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0));
-    let t_27 = pane[0];
-    let t_28 = pane[1];
-    out.pane = mix(share[0].mul(share[1]), t_27.mul(t_28), fine);
-    let t_29 = out.pane;
-    out.casing = casing[0].mul(casing[1]).sub(t_29).max(L::splat(0.0)).mul(fine);
-    let t_30 = [cell[0].to_signed(), cell[1].to_signed()];
-    let column_row = [t_30[0], t_30[1]];
-    let t_31 = lot_of::<L>(id.mul(word::<L>(64)).add(column_row[0]).add(column_row[1].mul(word::<L>(1597))));
-    out.lot = t_31;
-    let t_32 = out;
-    return t_32;
+    out.in_cell = [grid[0].sub(cell[0]), grid[1].sub(cell[1])];
+    let t = out.in_cell;
+    let t_2 = [L::splat(0.5), L::select(shop, L::splat(0.45), L::splat(0.52))];
+    let t_3 = [t[0].sub(t_2[0]), t[1].sub(t_2[1])];
+    let off_m = [t_3[0].mul(style.pitch_m[0]), t_3[1].mul(style.pitch_m[1])];
+    let t_4 = L::splat(0.5);
+    let t_5 = [t_4.mul(size_m[0]), t_4.mul(size_m[1])];
+    let t_6 = [off_m[0].abs(), off_m[1].abs()];
+    let within_m = [t_5[0].sub(t_6[0]), t_5[1].sub(t_6[1])];
+    let t_7 = [off_m[0].div(size_m[0]), off_m[1].div(size_m[1])];
+    let t_8 = [L::splat(0.5); 2];
+    out.place = [t_7[0].add(t_8[0]), t_7[1].add(t_8[1])];
+    let t_9 = [within_m[0].mul(sharp), within_m[1].mul(sharp)];
+    let t_10 = [L::splat(0.5); 2];
+    let t_11 = [t_9[0].add(t_10[0]), t_9[1].add(t_10[1])];
+    let t_12 = [L::splat(0.0); 2];
+    let t_13 = [L::splat(1.0); 2];
+    let opened = [t_11[0].max(t_12[0]).min(t_13[0]), t_11[1].max(t_12[1]).min(t_13[1])];
+    let open = opened[0].mul(opened[1]);
+    let t_14 = out.place;
+    let t_15 = [L::splat(0.5); 2];
+    let t_16 = [t_14[0].mul(style.n_parts[0]), t_14[1].mul(style.n_parts[1])];
+    let t_17 = [fract(t_16[0]), fract(t_16[1])];
+    let t_18 = [L::splat(0.5); 2];
+    let t_19 = [t_17[0].sub(t_18[0]), t_17[1].sub(t_18[1])];
+    let t_20 = [t_19[0].abs(), t_19[1].abs()];
+    let t_21 = [t_15[0].sub(t_20[0]), t_15[1].sub(t_20[1])];
+    let t_22 = [size_m[0].div(style.n_parts[0]), size_m[1].div(style.n_parts[1])];
+    let parts = [t_21[0].mul(t_22[0]), t_21[1].mul(t_22[1])];
+    let t_23 = [L::splat(0.04), L::splat(0.035)];
+    let t_24 = [parts[0].sub(t_23[0]), parts[1].sub(t_23[1])];
+    let t_25 = [t_24[0].mul(sharp), t_24[1].mul(sharp)];
+    let t_26 = [L::splat(0.5); 2];
+    let t_27 = [t_25[0].add(t_26[0]), t_25[1].add(t_26[1])];
+    let t_28 = [L::splat(0.0); 2];
+    let t_29 = [L::splat(1.0); 2];
+    let glass = [t_27[0].max(t_28[0]).min(t_29[0]), t_27[1].max(t_28[1]).min(t_29[1])];
+    let below_m = L::splat(-0.5).mul(size_m[1]).sub(off_m[1]);
+    let beside = within_m[0].add(L::splat(0.07)).mul(sharp).add(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0));
+    let pane = open.mul(glass[0]).mul(glass[1]);
+    out.pane = mix(L::splat(0.8).mul(style.share[0]).mul(style.share[1]), pane, fine);
+    let t_30 = band::<L>(below_m, L::splat(0.0), L::splat(0.08), sharp);
+    out.frame = open.sub(pane).max(t_30.mul(beside)).mul(fine);
+    let recess = L::splat(1.0).sub(L::splat(0.6).mul(L::splat(1.4).sub(L::splat(0.5).mul(size_m[1]).sub(off_m[1]).mul(L::splat(6.25))).max(L::splat(0.0)).min(L::splat(1.0)))).mul(L::splat(1.0).sub(L::splat(0.45).mul(L::splat(1.3).sub(L::splat(0.5).mul(size_m[0]).add(off_m[0]).mul(L::splat(11.0))).max(L::splat(0.0)).min(L::splat(1.0)))));
+    let t_31 = band::<L>(below_m, L::splat(0.08), L::splat(0.17), sharp);
+    let t_32 = band::<L>(below_m, L::splat(0.08), L::splat(0.75), sharp);
+    let under = L::splat(1.0).sub(L::splat(0.36).mul(t_31).add(L::splat(0.1).mul(t_32)).mul(beside));
+    out.shade = mix(L::splat(1.0), mix(under, recess, open), fine);
+    let t_33 = [cell[0].to_signed(), cell[1].to_signed()];
+    let column_row = [t_33[0], t_33[1]];
+    let t_34 = lot_of::<L>(id.mul(word::<L>(64)).add(column_row[0]).add(column_row[1].mul(word::<L>(1597))));
+    out.lot = t_34;
+    let t_35 = out;
+    return t_35;
+}
+
+#[inline(always)]
+pub fn masonry<L: Lanes>(uv_m: [L; 2], style: Style<L>, window: Window<L>, grain: Grain<L>, shop: L::Mask) -> L {
+    let mut out: L = L::splat(0.0);
+    let sharp = grain.sharp_per_m;
+    let coarse = L::splat(0.4).mul(grain.px_per_m).sub(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0));
+    let course = uv_m[1].mul(L::splat(13.333333));
+    let row = course.floor();
+    let along = uv_m[0].mul(L::splat(4.444444)).add(row.mul(L::splat(0.5)));
+    let t = [along, course];
+    let brick = [fract(t[0]), fract(t[1])];
+    let t_2 = [L::splat(0.5); 2];
+    let t_3 = [L::splat(0.5); 2];
+    let t_4 = [brick[0].sub(t_3[0]), brick[1].sub(t_3[1])];
+    let t_5 = [t_4[0].abs(), t_4[1].abs()];
+    let t_6 = [t_2[0].sub(t_5[0]), t_2[1].sub(t_5[1])];
+    let t_7 = [L::splat(0.225), L::splat(0.075)];
+    let brick_m = [t_6[0].mul(t_7[0]), t_6[1].mul(t_7[1])];
+    let joint = L::splat(1.0).sub(brick_m[0].min(brick_m[1]).sub(L::splat(0.006)).mul(sharp).add(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0)));
+    let shade_2 = fract(along.sub(brick[0]).mul(L::splat(0.7548777)).add(row.mul(L::splat(0.5698403))).add(L::splat(0.37).mul(fract(row.mul(L::splat(0.1371))))));
+    let near = style.brick.mul(L::splat(0.05).mul(grain.px_per_m).sub(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0)));
+    out = L::splat(1.0).add(near.mul(L::splat(0.5).mul(shade_2.sub(L::splat(0.5))).add(joint.mul(L::splat(0.35)))));
+    let t_8 = [L::splat(0.5); 2];
+    let t_9 = [L::splat(0.5); 2];
+    let t_10 = [window.in_cell[0].sub(t_9[0]), window.in_cell[1].sub(t_9[1])];
+    let t_11 = [t_10[0].abs(), t_10[1].abs()];
+    let t_12 = [t_8[0].sub(t_11[0]), t_8[1].sub(t_11[1])];
+    let rim_m = [t_12[0].mul(style.pitch_m[0]), t_12[1].mul(style.pitch_m[1])];
+    let t_13 = out;
+    out = t_13.mul(L::splat(1.0).sub(L::splat(0.5).mul(style.panels).mul(coarse).mul(L::splat(1.0).sub(rim_m[0].min(rim_m[1]).sub(L::splat(0.012)).mul(sharp).add(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0))))));
+    let storey_m = window.in_cell[1].mul(style.pitch_m[1]);
+    let t_14 = out;
+    let t_15 = band::<L>(storey_m, L::splat(0.07), L::splat(0.24), sharp);
+    let t_16 = band::<L>(storey_m, L::splat(0.0), L::splat(0.07), sharp);
+    out = t_14.mul(L::splat(1.0).add(style.courses.mul(coarse).mul(L::splat(0.16).mul(t_15).sub(L::splat(0.45).mul(t_16)))));
+    let t_17 = out;
+    let t_18 = band::<L>(uv_m[1], L::splat(0.55), L::splat(0.6), sharp);
+    out = t_17.mul(L::splat(1.0).sub(L::select(shop, L::splat(0.0), L::splat(0.3)).mul(L::splat(0.55).sub(uv_m[1]).mul(sharp).add(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0)))).sub(L::splat(0.3).mul(coarse).mul(t_18)));
+    let pipe_m = fract(uv_m[0].mul(L::splat(0.083)).add(style.pale)).mul(L::splat(12.05));
+    let pipe = style.pipes.mul(coarse);
+    let t_19 = out;
+    let t_20 = band::<L>(pipe_m, L::splat(0.02), L::splat(0.13), sharp);
+    let t_21 = band::<L>(pipe_m, L::splat(0.13), L::splat(0.19), sharp);
+    out = mix(t_19, L::splat(0.5).add(L::splat(5.0).mul(pipe_m)), pipe.mul(t_20)).mul(L::splat(1.0).sub(L::splat(0.35).mul(pipe).mul(t_21)));
+    let t_22 = out;
+    return t_22.max(L::splat(0.0));
 }
 
 #[inline(always)]
@@ -535,42 +688,81 @@ pub fn as_switched<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, i
 #[inline(always)]
 pub fn wall_at<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, albedo: [L; 3], uv_m: [L; 2], id: L::Words, pixel_m: L, is_shop: L::Mask, is_wall: L) -> Wall<L> {
     let mut out: Wall<L> = Wall::<L> { albedo: [L::splat(0.0); 3], pane: L::splat(0.0), glow: L::splat(0.0), cool: L::splat(0.0) };
+    let mut seen: [L; 3] = [L::splat(0.0); 3];
     let mut v: L::Mask = L::mask(false);
-    let style = lot_of::<L>(id);
-    let window = window_at::<L>(uv_m, [style[2], style[3], style[0], style[1]], pixel_m, is_shop, id);
+    let mut v_2: L::Mask = L::mask(false);
+    let mut room: [L; 3] = [L::splat(0.0); 3];
+    let style = style_of::<L>(id, is_shop);
+    let grain = grain_of::<L>(pixel_m);
+    let window = window_at::<L>(uv_m, style, grain, is_shop, id);
     out.pane = window.pane.mul(is_wall);
-    let t = mix(L::splat(1.0), L::splat(0.72).add(L::splat(0.28).mul(uv_m[1].mul(L::splat(0.4)).max(L::splat(0.0)).min(L::splat(1.0)))), is_wall);
-    out.albedo = [albedo[0].mul(t), albedo[1].mul(t), albedo[2].mul(t)];
-    let t_2 = out.albedo;
-    let t_3 = [L::splat(0.62), L::splat(0.6), L::splat(0.56)];
-    let t_4 = L::splat(0.35).add(L::splat(0.65).mul(style[2]));
-    let t_5 = [t_3[0].mul(t_4), t_3[1].mul(t_4), t_3[2].mul(t_4)];
-    let t_6 = window.casing.mul(is_wall);
-    out.albedo = [mix(t_2[0], t_5[0], t_6), mix(t_2[1], t_5[1], t_6), mix(t_2[2], t_5[2], t_6)];
-    let t_7 = L::splat(0.72).lt(window.lot[2]);
-    v = L::and(t_7, L::not(is_shop));
-    let t_8 = v;
-    let has_blind = number_of::<L>(t_8);
-    let t_9 = [L::splat(0.11), L::splat(0.095), L::splat(0.075)];
-    let t_10 = L::splat(0.3).add(window.lot[0]);
-    let t_11 = [t_9[0].mul(t_10), t_9[1].mul(t_10), t_9[2].mul(t_10)];
-    let t_12 = [L::splat(0.02), L::splat(0.024), L::splat(0.03)];
-    let room = [L::select(is_shop, t_11[0], t_12[0]), L::select(is_shop, t_11[1], t_12[1]), L::select(is_shop, t_11[2], t_12[2])];
-    let t_13 = out.albedo;
-    let t_14 = out.pane;
-    let t_15 = [L::splat(0.32), L::splat(0.3), L::splat(0.26)];
-    let t_16 = L::splat(0.5).add(L::splat(0.5).mul(window.lot[0]));
-    let t_17 = [t_15[0].mul(t_16), t_15[1].mul(t_16), t_15[2].mul(t_16)];
-    let t_18 = [mix(room[0], t_17[0], has_blind), mix(room[1], t_17[1], has_blind), mix(room[2], t_17[2], has_blind)];
-    out.albedo = [mix(t_13[0], t_18[0], t_14), mix(t_13[1], t_18[1], t_14), mix(t_13[2], t_18[2], t_14)];
-    out.cool = number_of::<L>(L::splat(0.8).lt(window.lot[3]));
-    let t_19 = as_switched::<L, M>(bound, lanes, id, [L::splat(1.0); 3], number::<L>(bound.light[45]));
-    let share = t_19[3].mul(L::select(is_shop, L::splat(0.8), L::splat(0.34)));
+    let foot = L::splat(0.72).add(L::splat(0.28).mul(uv_m[1].mul(L::splat(0.4)).max(L::splat(0.0)).min(L::splat(1.0))));
+    let t = masonry::<L>(uv_m, style, window, grain, is_shop);
+    let t_2 = foot.mul(t);
+    seen = [albedo[0].mul(t_2), albedo[1].mul(t_2), albedo[2].mul(t_2)];
+    let shop = number_of::<L>(is_shop);
+    let t_3 = seen;
+    let t_4 = band::<L>(uv_m[1], L::splat(2.98), L::splat(3.5), grain.sharp_per_m);
+    let t_5 = shop.mul(t_4);
+    seen = [mix(t_3[0], style.board[0], t_5), mix(t_3[1], style.board[1], t_5), mix(t_3[2], style.board[2], t_5)];
+    let t_6 = seen;
+    let t_7 = [L::splat(0.62), L::splat(0.6), L::splat(0.56)];
+    let t_8 = [t_7[0].mul(style.pale), t_7[1].mul(style.pale), t_7[2].mul(style.pale)];
+    seen = [mix(t_6[0], t_8[0], window.frame), mix(t_6[1], t_8[1], window.frame), mix(t_6[2], t_8[2], window.frame)];
+    let lot = window.lot;
+    let t_9 = L::splat(0.4).lt(lot[0]);
+    v = L::and(t_9, L::splat(0.2).add(L::splat(0.25).mul(lot[1])).lt(window.place[0].sub(L::splat(0.5)).abs()));
+    let t_10 = v;
+    let curtain = L::splat(1.0).sub(shop).mul(number_of::<L>(t_10));
+    let t_11 = L::splat(0.72).lt(lot[2]);
+    v_2 = L::and(t_11, lot[1].lt(window.place[1]));
+    let t_12 = v_2;
+    let blind = L::splat(1.0).sub(shop).mul(number_of::<L>(t_12));
+    let t_13 = [L::splat(2.6), L::splat(2.2)];
+    let t_14 = [uv_m[0].mul(t_13[0]), uv_m[1].mul(t_13[1])];
+    let shelf = [t_14[0].floor(), t_14[1].floor()];
+    let t_15 = [L::splat(0.7548777), L::splat(0.381966), L::splat(0.2548777)];
+    let t_16 = [shelf[0].mul(t_15[0]), shelf[0].mul(t_15[1]), shelf[0].mul(t_15[2])];
+    let t_17 = [L::splat(0.5698403), L::splat(0.443044), L::splat(0.8191725)];
+    let t_18 = [shelf[1].mul(t_17[0]), shelf[1].mul(t_17[1]), shelf[1].mul(t_17[2])];
+    let t_19 = [t_16[0].add(t_18[0]), t_16[1].add(t_18[1]), t_16[2].add(t_18[2])];
+    let t_20 = [lot[0], lot[1], lot[2]];
+    let t_21 = [t_19[0].add(t_20[0]), t_19[1].add(t_20[1]), t_19[2].add(t_20[2])];
+    let pack = [fract(t_21[0]), fract(t_21[1]), fract(t_21[2])];
+    let t_22 = [pack[1]; 3];
+    let t_23 = L::splat(0.35);
+    let goods = [mix(t_22[0], pack[0], t_23), mix(t_22[1], pack[1], t_23), mix(t_22[2], pack[2], t_23)];
+    let shown = shop.mul(number_of::<L>(L::splat(0.35).lt(pack[0]))).mul(L::splat(0.25).mul(grain.px_per_m).sub(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0))).mul(L::splat(2.6).sub(window.place[1].mul(L::splat(3.0))).max(L::splat(0.0)).min(L::splat(1.0)));
+    let t_24 = [L::splat(0.07), L::splat(0.064), L::splat(0.056)];
+    let t_25 = L::splat(0.3).add(lot[0]);
+    let t_26 = [t_24[0].mul(t_25), t_24[1].mul(t_25), t_24[2].mul(t_25)];
+    let t_27 = [L::splat(0.018), L::splat(0.02), L::splat(0.024)];
+    room = [L::select(is_shop, t_26[0], t_27[0]), L::select(is_shop, t_26[1], t_27[1]), L::select(is_shop, t_26[2], t_27[2])];
+    let t_28 = room;
+    let t_29 = [goods[0].mul(goods[0]), goods[1].mul(goods[1]), goods[2].mul(goods[2])];
+    let t_30 = L::splat(0.3);
+    let t_31 = [t_29[0].mul(t_30), t_29[1].mul(t_30), t_29[2].mul(t_30)];
+    room = [mix(t_28[0], t_31[0], shown), mix(t_28[1], t_31[1], shown), mix(t_28[2], t_31[2], shown)];
+    let t_32 = room;
+    let t_33 = [L::splat(0.34), L::splat(0.32), L::splat(0.28)];
+    let t_34 = L::splat(0.4).add(L::splat(0.6).mul(lot[1]));
+    let t_35 = [t_33[0].mul(t_34), t_33[1].mul(t_34), t_33[2].mul(t_34)];
+    let t_36 = L::splat(0.7).mul(curtain).max(blind);
+    room = [mix(t_32[0], t_35[0], t_36), mix(t_32[1], t_35[1], t_36), mix(t_32[2], t_35[2], t_36)];
+    let t_37 = seen;
+    let t_38 = room;
+    seen = [mix(t_37[0], t_38[0], window.pane), mix(t_37[1], t_38[1], window.pane), mix(t_37[2], t_38[2], window.pane)];
+    let t_39 = seen;
+    let t_40 = [t_39[0].mul(window.shade), t_39[1].mul(window.shade), t_39[2].mul(window.shade)];
+    out.albedo = [mix(albedo[0], t_40[0], is_wall), mix(albedo[1], t_40[1], is_wall), mix(albedo[2], t_40[2], is_wall)];
+    out.cool = number_of::<L>(L::splat(0.8).lt(lot[3]));
+    let t_41 = as_switched::<L, M>(bound, lanes, id, [L::splat(1.0); 3], number::<L>(bound.light[45]));
+    let share = t_41[3].mul(L::select(is_shop, L::splat(0.8), L::splat(0.34)));
     let floor_up = fract(uv_m[1].div(L::select(is_shop, L::splat(3.6), L::splat(3.1))));
-    let t_20 = out.pane;
-    out.glow = t_20.mul(number_of::<L>(window.lot[2].lt(share))).mul(L::splat(0.12).add(L::splat(0.88).mul(window.lot[3]).mul(window.lot[1]))).mul(L::splat(0.45).add(L::splat(0.9).mul(floor_up)));
-    let t_21 = out;
-    return t_21;
+    let t_42 = out.pane;
+    out.glow = t_42.mul(number_of::<L>(lot[2].lt(share))).mul(L::splat(0.12).add(L::splat(0.88).mul(lot[3]).mul(lot[1]))).mul(L::splat(0.45).add(L::splat(0.9).mul(floor_up)));
+    let t_43 = out;
+    return t_43;
 }
 
 #[inline(always)]
@@ -922,20 +1114,21 @@ pub fn rough_radiance<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask
         if L::any(m) {
             let t_16 = [packed[2], packed[3]];
             let uv_m = [t_16[0].to_numbers(), t_16[1].to_numbers()];
-            let t_17 = lot_of::<L>(id);
-            let window = window_at::<L>(uv_m, [t_17[2], t_17[3], t_17[0], t_17[1]], L::splat(0.05), material.eq(word::<L>(5)), id);
+            let t_17 = style_of::<L>(id, material.eq(word::<L>(5)));
+            let t_18 = grain_of::<L>(L::splat(0.05));
+            let window = window_at::<L>(uv_m, t_17, t_18, material.eq(word::<L>(5)), id);
             let warm = as_switched::<L, M>(bound, m, id, [L::splat(1.0), L::splat(0.72), L::splat(0.45)], number::<L>(bound.light[45]));
             let is_lit = number_of::<L>(window.lot[2].lt(warm[3].mul(L::select(material.eq(word::<L>(5)), L::splat(0.8), L::splat(0.34)))));
-            let t_18 = radiance;
-            let t_19 = [warm[0], warm[1], warm[2]];
-            let t_20 = number::<L>(bound.light[47]).mul(is_lit).mul(window.pane).mul(L::splat(0.5));
-            let t_21 = [t_19[0].mul(t_20), t_19[1].mul(t_20), t_19[2].mul(t_20)];
-            let t_22 = [t_18[0].add(t_21[0]), t_18[1].add(t_21[1]), t_18[2].add(t_21[2])];
-            radiance = zip3(t_22, radiance, |a, b| L::select(m, a, b));
+            let t_19 = radiance;
+            let t_20 = [warm[0], warm[1], warm[2]];
+            let t_21 = number::<L>(bound.light[47]).mul(is_lit).mul(window.pane).mul(L::splat(0.5));
+            let t_22 = [t_20[0].mul(t_21), t_20[1].mul(t_21), t_20[2].mul(t_21)];
+            let t_23 = [t_19[0].add(t_22[0]), t_19[1].add(t_22[1]), t_19[2].add(t_22[2])];
+            radiance = zip3(t_23, radiance, |a, b| L::select(m, a, b));
         }
     }
-    let t_23 = radiance;
-    return t_23;
+    let t_24 = radiance;
+    return t_24;
 }
 
 #[inline(always)]

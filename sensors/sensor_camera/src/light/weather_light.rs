@@ -154,7 +154,8 @@ fn balance(weather: &Weather) -> (SkyLook, Exposed) {
         + LAMP_LIT_KLX * night_ratio;
     // Eyes and camera programmes render dim scenes darker; below a kilolux the effect is twice as
     // strong.
-    let white = 1.25 * (total_klx / 80.0).powf(0.09) * total_klx.min(1.0).powf(0.16);
+    let white =
+        (1.0 + 0.25 * night_ratio) * (total_klx / 80.0).powf(0.09) * total_klx.min(1.0).powf(0.16);
     (
         look,
         Exposed {
@@ -258,7 +259,7 @@ fn ambient(look: &SkyLook, exposed: &Exposed, sky: &SkyMap, sun_rgb: [f32; 3]) -
         // Houses and trees throw back light of every colour: streets are less blue than the sky,
         // and less dark.
         std::array::from_fn::<f32, 3, _>(|c| {
-            1.65 * (sky[c] + 0.85 * (grey - sky[c])) + ground[c] * below
+            1.15 * (sky[c] + 0.85 * (grey - sky[c])) + ground[c] * below
         })
     };
     let axes = [Vector3::x(), Vector3::y(), Vector3::z()];

@@ -92,7 +92,7 @@ fn rough_radiance(packed: vec4<u32>, id: u32) -> vec3<f32> {
         radiance += shining.rgb * (light.lamps.radiance * on);
         if material == MATERIAL_FACADE || material == MATERIAL_SHOP_FRONT {
             let uv_m = bitcast<vec2<f32>>(packed.zw);
-            let window = window_at(uv_m, lot_of(id).barg, 0.05, material == MATERIAL_SHOP_FRONT, id);
+            let window = window_at(uv_m, style_of(id, material == MATERIAL_SHOP_FRONT), grain_of(0.05), material == MATERIAL_SHOP_FRONT, id);
             let warm = as_switched(id, vec3(1.0, 0.72, 0.45), light.lamps.windows_on_ratio);
             let is_lit = f32(window.lot.b < warm.w * select(0.34, 0.8, material == MATERIAL_SHOP_FRONT));
             radiance += warm.rgb * (light.lamps.window_radiance * is_lit * window.pane * 0.5);

@@ -72,16 +72,16 @@ pub(super) fn is_pavement(kind: LaneKind) -> bool {
 fn surface_of(kind: LaneKind, object: ObjectId) -> Surface {
     use LaneKind as K;
     let surface = match kind {
-        K::Sidewalk => Surface::new(Class::SIDEWALKS, Material::Concrete, [158, 154, 147]),
-        K::Kerb => Surface::new(Class::SIDEWALKS, Material::Concrete, [186, 184, 178]),
+        K::Sidewalk => Surface::new(Class::SIDEWALKS, Material::Concrete, [121, 120, 118]),
+        K::Kerb => Surface::new(Class::SIDEWALKS, Material::Concrete, [144, 143, 141]),
         K::Biking => Surface::new(Class::ROADS, Material::Asphalt, [112, 78, 72]),
         K::Median | K::Other => Surface::new(Class::TERRAIN, Material::Grass, [98, 120, 66]),
         K::Border => Surface::new(Class::GROUND, Material::Concrete, [116, 112, 104]),
         K::Rail => Surface::new(Class::RAIL_TRACK, Material::Concrete, [96, 90, 84]),
-        K::Shoulder | K::Stop => Surface::new(Class::ROADS, Material::Asphalt, [84, 84, 86]),
+        K::Shoulder | K::Stop => Surface::new(Class::ROADS, Material::Asphalt, [88, 88, 89]),
         K::Parking => Surface::new(Class::ROADS, Material::Asphalt, [90, 88, 86]),
         K::Driving | K::Bidirectional | K::Bus | K::Taxi | K::Restricted => {
-            Surface::new(Class::ROADS, Material::Asphalt, [74, 74, 77])
+            Surface::new(Class::ROADS, Material::Asphalt, [80, 80, 81])
         }
     };
     surface.of(object)
@@ -197,7 +197,7 @@ fn width(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 /// Adds faces between lanes of different height, and what joins the outer edges to the ground.
 fn edges(builder: &mut ImportBuilder, section: &SectionSurface, object: ObjectId) {
-    let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [186, 184, 178]).of(object);
+    let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [144, 143, 141]).of(object);
     for pair in section.lanes.windows(2) {
         for row in 1..section.stations_m.len() {
             let skip = [&pair[0], &pair[1]].map(|lane| gives_way(builder, section, lane, row));
@@ -281,7 +281,7 @@ fn outer_edge(
     }
     let bridge_m = BRIDGE_M.max(0.12 * builder.ground.cell_m());
     let earth = Surface::new(Class::TERRAIN, Material::Grass, [98, 118, 66]).of(object);
-    let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [176, 174, 168]).of(object);
+    let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [140, 138, 134]).of(object);
     let at = |p: [f64; 3], out_m: f64, z: f64| [p[0] + out.x * out_m, p[1] + out.y * out_m, z];
     if drop > bridge_m {
         // A parapet stands nowhere near the lanes of another road.

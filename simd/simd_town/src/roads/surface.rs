@@ -11,7 +11,7 @@ use crate::network::{Network, Road};
 use crate::scenery::{ALL, Chunks, Floor, Layer};
 
 fn asphalt(object: ObjectId) -> Surface {
-    Surface::new(Class::ROADS, Material::Asphalt, [74, 74, 77]).of(object)
+    Surface::new(Class::ROADS, Material::Asphalt, [80, 80, 81]).of(object)
 }
 
 /// Asphalt and paint of a road.
