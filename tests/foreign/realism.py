@@ -123,6 +123,15 @@ def contrast(pictures):
     return {kind: {key: quartiles(values) for key, values in figures.items()} for kind, figures in found.items()}
 
 
+def crowd(kind, pictures):
+    """How much of the pictures shows a kind."""
+    return {
+        "pictures": len(pictures),
+        "share_percent": round(float(np.mean([picture.masks[kind].mean() for picture in pictures])) * 100, 3),
+        "boxes_per_picture": round(sum(len(picture.boxes[kind]) for picture in pictures) / len(pictures), 3),
+    }
+
+
 def overlap(box, boxes):
     """IoU of a box with each of several."""
     boxes = np.asarray(boxes, float).reshape(-1, 4)
@@ -354,9 +363,9 @@ def main():
         medians = {key: value["p50"] for key, value in row.items() if isinstance(value, dict) and value["n"]}
         print(json.dumps({"set": row["set"], "surface": row["surface"], **medians}))
     if given.json:
-        pictures = {name: len(of) for name, of in sets.items()}
+        crowds = [{"kind": kind, "set": name, **crowd(kind, pictures)} for kind in ONE for name, pictures in sets.items()]
         words = " ".join(["--set " + text.partition("=")[0] for text in given.set])
-        text = json.dumps({"bench": "realism", "machine": machine(words), "pictures": pictures, "rows": rows, "surfaces": surfaces}, indent=1)
+        text = json.dumps({"bench": "realism", "machine": machine(words), "crowds": crowds, "rows": rows, "surfaces": surfaces}, indent=1)
         given.json.write_text(text + "\n")
     return 0
 
