@@ -369,7 +369,7 @@ def main():
         print(json.dumps({"set": row["set"], "surface": row["surface"], **medians}))
     if given.json:
         crowds = [{"kind": kind, "set": name, **crowd(kind, pictures)} for kind in ONE for name, pictures in sets.items()]
-        words = " ".join(["--set " + text.partition("=")[0] for text in given.set])
+        words = f"--photographs {given.photographs.name} --every {given.every} " + " ".join("--set " + text.partition("=")[0] for text in given.set)
         text = json.dumps({"bench": "realism", "machine": machine(words), "crowds": crowds, "rows": rows, "surfaces": surfaces}, indent=1)
         given.json.write_text(text + "\n")
     return 0
