@@ -17,7 +17,7 @@ use crate::files::Files;
 use crate::history::{Act, History, Played};
 use crate::participants::Participants;
 use crate::ports::{Ports, State};
-use crate::sensing::{DueSensors, Sensing};
+use crate::sensing::{DueSensors, Parting, Sensing, Surroundings};
 use crate::stages;
 use crate::world::LiveWorld;
 
@@ -172,9 +172,19 @@ impl Daemon {
 
     /// Hears the workers, and gives cameras their places.
     pub fn attend_workers(&mut self) -> anyhow::Result<()> {
-        let bus = self.ports.bus();
+        let (tick, is_played) = (self.clock.tick(), self.history.is_played());
+        let are_owed_frames = self.participants.want_whole_ticks() && tick > Tick(0);
+        let around = Surroundings {
+            world: &self.world,
+            clock: &self.clock,
+            bus: self.ports.bus(),
+            parting: match are_owed_frames && !self.participants.let_start(tick, is_played) {
+                true => Parting::WithNextTick,
+                false => Parting::Now,
+            },
+        };
         self.sensing
-            .attend_workers(&self.world, &self.clock, bus, &mut self.faults)
+            .attend_workers(&around, &self.participants, &mut self.faults)
     }
 
     /// Whether the next tick may start, its deadline aside.
