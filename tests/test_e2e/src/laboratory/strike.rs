@@ -13,6 +13,7 @@ use nix::sys::ptrace;
 use nix::sys::signal::{Signal, kill};
 use nix::sys::wait::{Id, WaitPidFlag, WaitStatus, waitid, waitpid};
 use nix::unistd::Pid;
+use test_kit::eventually;
 
 use super::table::{ANY, Blow, Mark};
 
@@ -59,7 +60,10 @@ pub struct HeldThread {
 /// # Panics
 /// If the process has no thread of this name.
 pub fn hold(pid: u32, name: &str) -> Option<HeldThread> {
-    let thread = thread_of(pid, name, 0).unwrap_or_else(|| panic!("no thread {name:?} in {pid}"));
+    // A thread gives itself its name when it first runs.
+    let thread = eventually(&format!("a thread {name:?} in {pid}"), || {
+        thread_of(pid, name, 0)
+    });
     ptrace::seize(thread, ptrace::Options::empty()).ok()?;
     let held = HeldThread {
         process: Pid::from_raw(pid as i32),
