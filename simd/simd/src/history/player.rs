@@ -199,6 +199,15 @@ mod tests {
     }
 
     #[test]
+    fn the_last_piece_that_there_can_be_is_a_file_all_the_same() {
+        let head = serde_json::to_string(&JournalHead::default()).unwrap() + "\n";
+        let text = head + &entry(1, 0, piece(u32::MAX, b"abc"));
+        let (mut player, _) = open("pieces", &text, None).unwrap();
+        let files = player.first_files();
+        assert!(matches!(&files[..], [Act::File { bytes, .. }] if bytes == b"abc"));
+    }
+
+    #[test]
     fn what_is_no_journal_is_refused_with_its_line() {
         let error =
             |name: &str, text: &str| open(name, text, None).err().expect("refused").to_string();

@@ -1,6 +1,8 @@
 //! Reads the entries of a journal that is run again (`simd --journal`), ahead of the ticks at which
 //! they act, on the thread for files.
 
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
+
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read as _};
@@ -147,7 +149,7 @@ impl JournalReader {
 
     fn read_line(&mut self) -> anyhow::Result<Vec<u8>> {
         let mut line = Vec::new();
-        self.line += 1;
+        self.line = self.line.saturating_add(1);
         self.file
             .by_ref()
             .take(MAX_LINE_BYTES)
@@ -183,7 +185,7 @@ impl JournalReader {
             JournalAct::Controls { writer, records } => {
                 let bytes = STANDARD.decode(records).context("its records")?;
                 let size = size_of::<VehicleControlRecord>();
-                if bytes.len() % size != 0 {
+                if !bytes.len().is_multiple_of(size) {
                     bail!(
                         "its records have {} bytes, no multiple of {size}",
                         bytes.len()
@@ -211,7 +213,7 @@ impl JournalReader {
                     whole.clear();
                 }
                 whole.extend(bytes);
-                if piece + 1 < n_pieces {
+                if piece.saturating_add(1) < n_pieces {
                     return Ok(None);
                 }
                 let bytes = self.pieces.remove(&key).unwrap_or_default();
