@@ -251,6 +251,9 @@ pub fn options(compression: ChunkCompression) -> WriteOptions {
             0
         })
         .chunk_size(Some(CHUNK_BYTES))
+        // A chunk is written in one go, behind its true header. A header that is written again when
+        // its chunk is whole is a false one for a while, and whoever is killed then loses the chunk.
+        .disable_seeking(true)
         .profile("")
         .library(concat!("gantry-record ", env!("CARGO_PKG_VERSION")))
 }

@@ -139,29 +139,57 @@ fn run_request(context: &mut Context<'_>, request: Request, mut given: Given) {
     }
 }
 
-/// Runs those commands of a journal's request again that act on the world; returns their outcomes.
-/// `noted` are those of the run that is run again, if they are known.
-pub fn run_again(
-    context: &mut Context<'_>,
-    client: &str,
+/// The commands of a journal's request that act on the world.
+pub struct Again {
+    client: String,
     seq: u64,
-    text: &str,
-    noted: &[String],
-) -> anyhow::Result<Vec<String>> {
-    let batch: CommandBatch =
-        serde_json::from_str(text).context("a request in the journal cannot be read")?;
-    let commands = batch.commands.into_iter().filter(Command::acts_on_world);
-    let mut commands: Vec<Command> = commands.collect();
-    let mut needs = context.files.needs(&mut commands);
-    for idx in needs.with_files() {
-        // Its file may be there by now, or there was no time for it then.
-        if noted.get(idx).is_some_and(|outcome| outcome == "refused") {
-            needs.refuse(idx, &anyhow!("it was refused in the run that is run again"));
+    text: String,
+    commands: Vec<Command>,
+    /// Their outcomes in the run that is run again, if they are known.
+    noted: Vec<String>,
+    /// Whether the documents are published when they have run.
+    pub is_last_of_round: bool,
+}
+
+impl Again {
+    /// The commands of `text`, a request number `seq` of `client`, and what they need of files.
+    ///
+    /// # Errors
+    /// If the text is no request.
+    pub fn of(
+        files: &Files,
+        (client, seq): (String, u64),
+        text: String,
+        noted: Vec<String>,
+        is_last_of_round: bool,
+    ) -> anyhow::Result<(Again, Needs)> {
+        let batch: CommandBatch =
+            serde_json::from_str(&text).context("a request in the journal cannot be read")?;
+        let commands = batch.commands.into_iter().filter(Command::acts_on_world);
+        let mut commands: Vec<Command> = commands.collect();
+        let mut needs = files.needs(&mut commands);
+        for idx in needs.with_files() {
+            // Its file may be there by now, or there was no time for it then.
+            if noted.get(idx).is_some_and(|outcome| outcome == "refused") {
+                needs.refuse(idx, &anyhow!("it was refused in the run that is run again"));
+            }
         }
+        let again = Again {
+            client,
+            seq,
+            text,
+            commands,
+            noted,
+            is_last_of_round,
+        };
+        Ok((again, needs))
     }
-    let mut given = context.files.read_now(needs, context.world.world());
+}
+
+/// Runs commands of a journal again, with what has been read for them.
+pub fn run_again(context: &mut Context<'_>, again: &Again, mut given: Given) {
     let mut outcomes = Vec::new();
-    for (idx, command) in commands.iter().enumerate() {
+    for (idx, command) in again.commands.iter().enumerate() {
         let reply = match command {
             // The mode decides when ticks come, and here the journal does.
             Command::Configure {
@@ -180,11 +208,17 @@ pub fn run_again(
         };
         outcomes.push(short(reply).outcome());
     }
-    context.files.write_now(given.savings);
-    context
-        .history
-        .note_commands(client, seq, text, outcomes.clone());
-    Ok(outcomes)
+    context.files.write_for_journal(given.savings);
+    let Again {
+        client,
+        seq,
+        text,
+        noted,
+        ..
+    } = again;
+    let edge = context.clock.tick();
+    context.history.compare(edge, client, &outcomes, noted);
+    context.history.note_commands(client, *seq, text, outcomes);
 }
 
 /// What was answered to the commands that act on the world.

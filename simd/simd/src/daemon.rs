@@ -11,13 +11,13 @@ use schema_types::Tick;
 use simd_frames::hash::BytesHash;
 
 use crate::clock::Clock;
-use crate::commands;
+use crate::commands::{self, Again};
 use crate::faults::Faults;
-use crate::files::Files;
+use crate::files::{Files, Given};
 use crate::history::{Act, History, Played};
 use crate::participants::Participants;
 use crate::ports::{Ports, State};
-use crate::sensing::{DueSensors, Sensing};
+use crate::sensing::{DueSensors, Parting, Sensing, Surroundings};
 use crate::stages;
 use crate::world::LiveWorld;
 
@@ -35,6 +35,8 @@ pub struct Daemon {
     clock: Clock,
     participants: Participants,
     history: History,
+    /// Commands of a journal that wait for what is read for them.
+    again: Option<Again>,
     faults: Faults,
     /// The tick that participants were told is complete.
     told: Tick,
@@ -63,6 +65,7 @@ impl Daemon {
             clock,
             participants,
             history,
+            again: None,
             faults: Faults::default(),
             told: Tick(0),
         };
@@ -96,13 +99,33 @@ impl Daemon {
     }
 
     /// Lets everything act that a journal has for the edge behind the last tick, or ends the journal.
-    pub fn play_journal(&mut self) -> anyhow::Result<()> {
+    /// Returns whether that is done; what is still to be read of it comes from the thread for files.
+    pub fn play_journal(&mut self) -> anyhow::Result<bool> {
+        if !self.history.is_played() {
+            return Ok(true);
+        }
         let edge = self.clock.tick();
         let (now_nanos, period_nanos) = (self.clock.now().0, self.clock.period_nanos());
         loop {
+            if let Some(stretch) = self.files.take_stretch() {
+                self.history.add(stretch);
+            }
+            if self.history.begin_to_read() {
+                self.files.read_journal();
+            }
+            self.files.go_on(self.world.world());
+            if let Some(again) = self.again.take() {
+                let Some(given) = self.files.take_given() else {
+                    self.again = Some(again);
+                    return Ok(false);
+                };
+                self.run_again(&again, given);
+                continue;
+            }
             match self.history.next_at(edge, now_nanos, period_nanos)? {
                 Played::Act(act) => self.play(act)?,
-                Played::Waits => return Ok(()),
+                Played::Waits => return Ok(true),
+                Played::Unread => return Ok(false),
                 Played::Ends => break,
             }
         }
@@ -110,7 +133,15 @@ impl Daemon {
         self.clock.pace_anew(mono_now().0);
         self.ports.touch_info();
         tracing::info!(tick = edge.0, "the journal ends; the world is live");
-        Ok(())
+        Ok(true)
+    }
+
+    fn run_again(&mut self, again: &Again, given: Given) {
+        commands::run_again(&mut self.context(), again, given);
+        if again.is_last_of_round {
+            self.history.end_round(self.clock.tick());
+            self.publish_documents();
+        }
     }
 
     /// Lets one entry of a journal act.
@@ -124,11 +155,14 @@ impl Daemon {
                 outcomes,
                 is_last_of_round,
             } => {
-                let now = commands::run_again(&mut self.context(), &client, seq, &text, &outcomes)?;
-                self.history.compare(edge, &client, &now, &outcomes);
-                if is_last_of_round {
-                    self.history.end_round(edge);
-                    self.publish_documents();
+                let by = (client, seq);
+                let (again, needs) = Again::of(&self.files, by, text, outcomes, is_last_of_round)?;
+                match needs.nothing() {
+                    true => self.run_again(&again, Given::refusals(needs.refused)),
+                    false => {
+                        self.files.read_for_journal(needs);
+                        self.again = Some(again);
+                    }
                 }
             }
             Act::Controls { writer, records } => {
@@ -172,9 +206,19 @@ impl Daemon {
 
     /// Hears the workers, and gives cameras their places.
     pub fn attend_workers(&mut self) -> anyhow::Result<()> {
-        let bus = self.ports.bus();
+        let (tick, is_played) = (self.clock.tick(), self.history.is_played());
+        let are_owed_frames = self.participants.want_whole_ticks() && tick > Tick(0);
+        let around = Surroundings {
+            world: &self.world,
+            clock: &self.clock,
+            bus: self.ports.bus(),
+            parting: match are_owed_frames && !self.participants.let_start(tick, is_played) {
+                true => Parting::WithNextTick,
+                false => Parting::Now,
+            },
+        };
         self.sensing
-            .attend_workers(&self.world, &self.clock, bus, &mut self.faults)
+            .attend_workers(&around, &self.participants, &mut self.faults)
     }
 
     /// Whether the next tick may start, its deadline aside.

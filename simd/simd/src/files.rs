@@ -5,6 +5,9 @@
 //! those of any request. The checkpoints that they save are copies of the world, which the thread
 //! writes; the request is answered when they are on the disk. Requests take turns: the world that a
 //! checkpoint is checked with is that in which everything before it has been run.
+//!
+//! A journal that is run again is read here, too, ahead of the ticks, with what its commands need;
+//! ticks wait for it, but nobody else does.
 
 mod checkpoints;
 mod shelf;
@@ -20,6 +23,7 @@ use schema_frames::command::CheckpointPlace;
 use schema_frames::{Command, CommandReply, ReplyBatch};
 use simd_world::World;
 
+use crate::history::{JournalReader, Stretch};
 use crate::world::maps::Maps;
 use checkpoints::{CheckpointFiles, Folder};
 use shelf::{Finished, Job, Results, Shelf, Task};
@@ -141,21 +145,44 @@ enum After {
     Answer(ReplyBatch),
 }
 
+/// What the thread works for.
+enum Work {
+    Request(Request, After),
+    Journal(OfJournal),
+}
+
+/// What is done for a journal that is run again. It comes before what is done for requests, because
+/// ticks wait for it.
+enum OfJournal {
+    /// Its next entries are read.
+    Entries,
+    /// What commands of it need is read.
+    Read(Needs),
+    /// Checkpoints are written that its commands saved.
+    Write(Vec<Saving>),
+}
+
 /// Where files are read and written.
 pub struct Files {
     folder: Folder,
     queue: VecDeque<Errand>,
-    /// The request that the thread works for.
-    at_work: Option<(Request, After)>,
-    /// Requests that came back while somebody waited for the thread.
+    of_journal: VecDeque<OfJournal>,
+    /// What the thread works for.
+    at_work: Option<Work>,
+    /// Requests that have come from the thread.
     returned: VecDeque<Returned>,
+    /// Entries of the journal that have.
+    stretch: Option<Stretch>,
+    /// What has been read for commands of the journal.
+    given: Option<Given>,
     jobs: Option<Sender<Job>>,
     finished: Receiver<Finished>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Files {
-    /// Starts the thread, which wakes the daemon whenever it has finished something.
+    /// Starts the thread, which wakes the daemon whenever it has finished something. `journal` is the
+    /// rest of one that is run again.
     ///
     /// # Errors
     /// If there can be no thread.
@@ -163,10 +190,11 @@ impl Files {
         maps: Maps,
         data_folder: &Path,
         seed: u64,
+        journal: Option<JournalReader>,
         wake: Notifier,
     ) -> anyhow::Result<Files> {
         let folder = Folder::of(data_folder);
-        let mut shelf = Shelf::new(maps, CheckpointFiles::new(folder.clone()), seed);
+        let mut shelf = Shelf::new(maps, CheckpointFiles::new(folder.clone()), journal, seed);
         let (jobs, to_do) = channel::<Job>();
         let (done, finished) = channel();
         let work = move || {
@@ -186,8 +214,11 @@ impl Files {
         Ok(Files {
             folder,
             queue: VecDeque::new(),
+            of_journal: VecDeque::new(),
             at_work: None,
             returned: VecDeque::new(),
+            stretch: None,
+            given: None,
             jobs: Some(jobs),
             finished,
             thread: Some(thread),
@@ -253,7 +284,14 @@ impl Files {
 
     /// Requests that wait for files, the one that is worked on among them.
     pub fn n_waiting(&self) -> usize {
-        self.queue.len() + usize::from(self.at_work.is_some())
+        self.queue.len() + usize::from(self.request_at_work().is_some())
+    }
+
+    fn request_at_work(&self) -> Option<&Request> {
+        match &self.at_work {
+            Some(Work::Request(request, _)) => Some(request),
+            _ => None,
+        }
     }
 
     /// Whether no further request can wait.
@@ -264,9 +302,8 @@ impl Files {
     /// Whether a request of the client with this port waits for files.
     pub fn is_busy(&self, client_port: u128) -> bool {
         let waiting = self.queue.iter().map(|errand| &errand.request);
-        let at_work = self.at_work.iter().map(|(request, _)| request);
         waiting
-            .chain(at_work)
+            .chain(self.request_at_work())
             .any(|request| request.client_port() == client_port)
     }
 
@@ -286,9 +323,34 @@ impl Files {
         self.queue.insert(at, Errand { request, stage });
     }
 
-    /// Gives the thread the next request if it has none; `living` is the world as it is now.
+    /// Lets the next entries of the journal be read.
+    pub fn read_journal(&mut self) {
+        self.of_journal.push_back(OfJournal::Entries);
+    }
+
+    /// Lets be read what commands of the journal need.
+    pub fn read_for_journal(&mut self, needs: Needs) {
+        self.of_journal.push_back(OfJournal::Read(needs));
+    }
+
+    /// Lets checkpoints be written that commands of the journal saved. Those that cannot be written
+    /// are said.
+    pub fn write_for_journal(&mut self, savings: Vec<Saving>) {
+        if !savings.is_empty() {
+            self.of_journal.push_back(OfJournal::Write(savings));
+        }
+    }
+
+    /// Gives the thread its next work if it has none; `living` is the world as it is now.
     pub fn go_on(&mut self, living: &World) {
-        if self.at_work.is_some() || !self.returned.is_empty() {
+        self.hear();
+        if self.at_work.is_some() {
+            return;
+        }
+        if let Some(next) = self.of_journal.pop_front() {
+            return self.work_for_journal(next, living);
+        }
+        if !self.returned.is_empty() {
             return;
         }
         let Some(Errand { request, stage }) = self.queue.pop_front() else {
@@ -301,49 +363,38 @@ impl Files {
             Stage::Writing { answer, savings } => (Job::Write(savings), After::Answer(answer)),
         };
         self.send(job);
-        self.at_work = Some((request, after));
+        self.at_work = Some(Work::Request(request, after));
+    }
+
+    fn work_for_journal(&mut self, work: OfJournal, living: &World) {
+        let (job, work) = match work {
+            OfJournal::Entries => (Job::ReadJournal, work),
+            OfJournal::Read(mut needs) => {
+                let tasks = std::mem::take(&mut needs.tasks);
+                (read_job(tasks, living), OfJournal::Read(needs))
+            }
+            OfJournal::Write(savings) => (Job::Write(savings), OfJournal::Write(Vec::new())),
+        };
+        self.send(job);
+        self.at_work = Some(Work::Journal(work));
     }
 
     /// The next request that has come from the thread.
     pub fn take_returned(&mut self) -> Option<Returned> {
-        if let Some(returned) = self.returned.pop_front() {
-            return Some(returned);
-        }
-        match self.finished.try_recv() {
-            Ok(finished) => Some(self.returned_with(finished)),
-            Err(TryRecvError::Empty) => None,
-            Err(TryRecvError::Disconnected) => self.pass_panic_on(),
-        }
+        self.hear();
+        self.returned.pop_front()
     }
 
-    /// Reads what commands of a journal need, and waits for it.
-    pub fn read_now(&mut self, needs: Needs, living: &World) -> Given {
-        if needs.nothing() {
-            return Given::refusals(needs.refused);
-        }
-        self.wait_until_idle();
-        self.send(read_job(needs.tasks, living));
-        match self.receive() {
-            Finished::Read(results) => Given::read(results).refusing(needs.refused),
-            Finished::Written(_) => unreachable!("the thread was idle and was told to read"),
-        }
+    /// Entries of the journal that have come from the thread.
+    pub fn take_stretch(&mut self) -> Option<Stretch> {
+        self.hear();
+        self.stretch.take()
     }
 
-    /// Writes checkpoints of a journal's commands, and waits for it. Those that cannot be written are
-    /// said.
-    pub fn write_now(&mut self, savings: Vec<Saving>) {
-        if savings.is_empty() {
-            return;
-        }
-        self.wait_until_idle();
-        self.send(Job::Write(savings));
-        if let Finished::Written(results) = self.receive() {
-            for (_, result) in results {
-                if let Err(error) = result {
-                    tracing::warn!("a checkpoint of the journal: {error:#}");
-                }
-            }
-        }
+    /// What has been read for commands of the journal.
+    pub fn take_given(&mut self) -> Option<Given> {
+        self.hear();
+        self.given.take()
     }
 
     /// Takes a map of a journal.
@@ -361,49 +412,77 @@ impl Files {
     pub fn finish(&mut self) -> Vec<(Request, ReplyBatch)> {
         self.queue
             .retain(|errand| matches!(errand.stage, Stage::Writing { .. }));
+        self.of_journal
+            .retain(|work| matches!(work, OfJournal::Write(_)));
         let mut answers = Vec::new();
         loop {
-            self.wait_until_idle();
+            if self.at_work.is_some() {
+                let finished = self.receive();
+                self.sort(finished);
+            }
             while let Some(returned) = self.returned.pop_front() {
                 if let Returned::Written { request, answer } = returned {
                     answers.push((request, answer));
                 }
+            }
+            if let Some(OfJournal::Write(savings)) = self.of_journal.pop_front() {
+                self.send(Job::Write(savings));
+                self.at_work = Some(Work::Journal(OfJournal::Write(Vec::new())));
+                continue;
             }
             let Some(Errand { request, stage }) = self.queue.pop_front() else {
                 return answers;
             };
             if let Stage::Writing { answer, savings } = stage {
                 self.send(Job::Write(savings));
-                self.at_work = Some((request, After::Answer(answer)));
+                self.at_work = Some(Work::Request(request, After::Answer(answer)));
             }
         }
     }
 
-    /// Waits until the thread has no work, and keeps what it returns.
-    fn wait_until_idle(&mut self) {
-        if self.at_work.is_some() {
-            let finished = self.receive();
-            let returned = self.returned_with(finished);
-            self.returned.push_back(returned);
+    /// Takes what the thread has finished.
+    fn hear(&mut self) {
+        match self.finished.try_recv() {
+            Ok(finished) => self.sort(finished),
+            Err(TryRecvError::Empty) => {}
+            Err(TryRecvError::Disconnected) => self.pass_panic_on(),
         }
     }
 
-    /// The request that the thread worked for, with its result.
-    fn returned_with(&mut self, finished: Finished) -> Returned {
-        let at_work = self.at_work.take();
-        match (at_work, finished) {
-            (Some((request, After::Run(refused))), Finished::Read(results)) => Returned::Read {
-                request,
-                given: Given::read(results).refusing(refused),
-            },
-            (Some((request, After::Answer(mut answer))), Finished::Written(results)) => {
+    /// Hands a result to whom the thread worked for.
+    fn sort(&mut self, finished: Finished) {
+        match (self.at_work.take(), finished) {
+            (Some(Work::Request(request, After::Run(refused))), Finished::Read(results)) => {
+                self.returned.push_back(Returned::Read {
+                    request,
+                    given: Given::read(results).refusing(refused),
+                });
+            }
+            (
+                Some(Work::Request(request, After::Answer(mut answer))),
+                Finished::Written(results),
+            ) => {
                 for (idx, result) in results {
                     if let (Err(error), Some(reply)) = (result, answer.replies.get_mut(idx)) {
                         let error = schema_frames::limits::cut(format!("{error:#}"));
                         *reply = CommandReply::Refused { error };
                     }
                 }
-                Returned::Written { request, answer }
+                self.returned
+                    .push_back(Returned::Written { request, answer });
+            }
+            (Some(Work::Journal(OfJournal::Entries)), Finished::Journal(stretch)) => {
+                self.stretch = Some(stretch);
+            }
+            (Some(Work::Journal(OfJournal::Read(needs))), Finished::Read(results)) => {
+                self.given = Some(Given::read(results).refusing(needs.refused));
+            }
+            (Some(Work::Journal(OfJournal::Write(_))), Finished::Written(results)) => {
+                for (_, result) in results {
+                    if let Err(error) = result {
+                        tracing::warn!("a checkpoint of the journal: {error:#}");
+                    }
+                }
             }
             _ => unreachable!("the thread answers the job that it was given last"),
         }

@@ -2,12 +2,15 @@
 
 mod journal;
 mod player;
+mod reader;
 
 use schema_frames::{CommandReply, JournalFile, VehicleControlRecord};
 use schema_types::Tick;
 
 pub use journal::{Journal, Surroundings, build, head};
-pub use player::{Act, Player};
+use player::Next;
+pub use player::Player;
+pub use reader::{Act, JournalReader, Stretch};
 
 /// The journal of this run, and the one that is run again.
 pub struct History {
@@ -23,6 +26,8 @@ pub enum Played {
     Act(Act),
     /// Nothing more acts at this edge.
     Waits,
+    /// What acts is known once more of the journal is read.
+    Unread,
     /// The journal holds no longer.
     Ends,
 }
@@ -56,8 +61,24 @@ impl History {
             self.player = None;
             return Ok(Played::Ends);
         }
-        let act = player.next_at(edge)?;
-        Ok(act.map_or(Played::Waits, Played::Act))
+        Ok(match player.next_at(edge)? {
+            Next::Act(act) => Played::Act(act),
+            Next::Nothing => Played::Waits,
+            Next::Unread => Played::Unread,
+        })
+    }
+
+    /// Whether more of the journal that is run again is to be read now; then it must be given to
+    /// [`History::add`].
+    pub fn begin_to_read(&mut self) -> bool {
+        self.player.as_mut().is_some_and(Player::begin_to_read)
+    }
+
+    /// Takes entries of the journal that is run again.
+    pub fn add(&mut self, stretch: Stretch) {
+        if let Some(player) = &mut self.player {
+            player.add(stretch);
+        }
     }
 
     /// Says for the first time that commands which are run again have other outcomes than noted.

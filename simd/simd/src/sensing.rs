@@ -26,9 +26,9 @@ use crate::participants::Participants;
 use crate::stages;
 use crate::world::LiveWorld;
 use debug_shapes::{DebugShapes, Visible};
-use sharing::Surroundings;
+pub use sharing::Surroundings;
 use spectator::Still;
-pub use workers::Workers;
+pub use workers::{Parting, Workers};
 
 /// Sensors, and the workers that make frames for them.
 pub struct Sensing {
@@ -138,13 +138,13 @@ impl Sensing {
     /// When frames cannot be sent.
     pub fn attend_workers(
         &mut self,
-        world: &LiveWorld,
-        clock: &Clock,
-        bus: &Bus,
+        around: &Surroundings<'_>,
+        participants: &Participants,
         faults: &mut Faults,
     ) -> anyhow::Result<()> {
-        let around = Surroundings { world, clock, bus };
-        sharing::attend(&mut self.sensors, &mut self.workers, &around, faults)
+        self.workers
+            .keep_whole_ticks(participants.want_whole_ticks());
+        sharing::attend(&mut self.sensors, &mut self.workers, around, faults)
     }
 
     /// Looks after workers for which the world waits.

@@ -75,14 +75,15 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         ..Default::default()
     });
     let mut maps = Maps::new(&settings.data_folder, settings.launch_folder.clone());
-    let mut player = settings
+    let (mut player, journal_reader) = settings
         .journal
         .as_deref()
         .map(|file| Player::open(file, settings.journal_until_nanos))
-        .transpose()?;
+        .transpose()?
+        .unzip();
     if let Some(player) = &mut player {
         warn_of_differences(player, adapter_of(gpu.as_ref()));
-        for act in player.first_files()? {
+        for act in player.first_files() {
             if let Act::File {
                 name, title, bytes, ..
             } = act
@@ -147,7 +148,13 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     let clock = Clock::new(period_nanos, &settings.run, now_nanos);
     let participants = Participants::new(&settings, now_nanos);
     let wake = bus.notifier(names::CONTROL_WAKE)?;
-    let files = Files::start(maps, &settings.data_folder, launch.scenario.seed, wake)?;
+    let files = Files::start(
+        maps,
+        &settings.data_folder,
+        launch.scenario.seed,
+        journal_reader,
+        wake,
+    )?;
     let checkpoints = Checkpoints::default();
     Daemon::new(
         Sensing::new(sensors, workers, settings.lose_gpu_when),

@@ -58,11 +58,11 @@ fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Nex
     if shutdown.requested() || daemon.has_finished() {
         return Ok(Next::Stop);
     }
-    daemon.play_journal()?;
+    let has_acted = daemon.play_journal()?;
     daemon.greet();
     daemon.take_acks();
     daemon.attend_workers()?;
-    if !daemon.may_start() {
+    if !has_acted || !daemon.may_start() {
         stand_still(daemon)?;
         return Ok(Next::Look);
     }

@@ -26,12 +26,24 @@ pub struct Target {
 }
 
 /// All of them.
-pub const TARGETS: [Target; 8] = [
+pub const TARGETS: [Target; 10] = [
     Target {
         name: "rpc",
         run: targets::rpc,
         seeds: seeds::rpc,
         is_text: false,
+    },
+    Target {
+        name: "managers",
+        run: targets::managers,
+        seeds: seeds::managers,
+        is_text: false,
+    },
+    Target {
+        name: "browsers",
+        run: targets::browsers,
+        seeds: seeds::browsers,
+        is_text: true,
     },
     Target {
         name: "streams",

@@ -287,3 +287,38 @@ pub fn signalled_world() -> World {
     world.load(&map).expect("a plane can be loaded");
     world
 }
+
+/// Calls of the Traffic Manager, each with arguments of several kinds.
+pub fn managers() -> Vec<Vec<u8>> {
+    let path = Value::Array(vec![list![1.0f64, 2.0f64, 3.0f64]; 3]);
+    let forms = [
+        list![list![7u32]],
+        list![list![list![7u32], list![8u32]]],
+        list![list![7u32], 50.0f32],
+        list![list![7u32], list![8u32], 2.5f32],
+        list![list![7u32], true],
+        list![list![7u32], path, true],
+        list![list![7u32], list![0u32, 3u32]],
+        list![30.0f32],
+        list![42u32],
+        list![false],
+        list![],
+    ];
+    let n_methods = consumer_drive::served::methods::names().count();
+    let all = (0..n_methods).flat_map(|method| {
+        let forms = forms.iter();
+        forms.map(move |args| [vec![method as u8], message(args)].concat())
+    });
+    all.collect()
+}
+
+/// Heads of requests that browsers send.
+pub fn browsers() -> Vec<Vec<u8>> {
+    let heads = [
+        "GET /?token=abc HTTP/1.1\r\nHost: 127.0.0.1:8800\r\nAccept: */*\r\n\r\n",
+        "POST /do HTTP/1.1\r\nHost: localhost:8800\r\nOrigin: http://localhost:8800\r\nContent-Length: 12\r\n\r\n{\"do\":\"x\"}",
+        "GET / HTTP/1.1\r\nHost: [::1]:8765\r\nOrigin: https://app.foxglove.dev\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n",
+        "GET / HTTP/1.1\r\nHost: evil.example\r\nOrigin: https://evil.example\r\n\r\n",
+    ];
+    heads.map(|head| head.as_bytes().to_vec()).to_vec()
+}

@@ -1,16 +1,25 @@
 //! One function for each kind of foreign bytes. What it reads it also uses, since a value that was
 //! read may still be one that breaks its user.
 
+use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::io::{Read, Write as _};
+use std::io::{BufReader, Read, Write as _};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, TcpStream};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
 
 use consumer_carla::recorder::file::{Cast, Reader};
 use consumer_carla::recorder::report;
 use consumer_carla::wire::requests;
+use consumer_drive::Desk;
+use consumer_drive::requests::channel;
+use consumer_drive::served::{Manager, methods};
 use consumer_kit::items::{Figures, mask_columns};
+use consumer_rpc::door::{Admits, Door};
 use consumer_rpc::fields::Fields;
-use consumer_rpc::message;
 use consumer_rpc::msgpack::{self, Limits, Value};
+use consumer_rpc::web::Head;
+use consumer_rpc::{list, message, server};
 use launch_spec::Launch;
 use schema_frames::{ElementType, FrameHeader, InputRecord, ResultHeader, SnapshotHeader};
 use schema_recording::read::{RecordingFile, Selection, What};
@@ -69,6 +78,93 @@ fn use_fields(args: &[Value]) {
             use_fields(inner);
         }
     }
+}
+
+/// Vehicles that the Traffic Manager of [`managers`] drives.
+pub const DRIVEN: [u32; 3] = [7, 8, 9];
+/// Calls of one connection to it: what a connection has set is bounded, and then refused.
+const CALLS_OF_CONNECTION: u32 = 256;
+
+/// A call of the served Traffic Manager: the first byte chooses the method, the rest is its arguments
+/// in msgpack. A well-formed request is answered whatever its arguments are.
+pub fn managers(bytes: &[u8]) {
+    thread_local! {
+        static CLIENT: RefCell<Option<(TcpStream, u32)>> = const { RefCell::new(None) };
+    }
+    let Some((first, mut rest)) = bytes.split_first() else {
+        return;
+    };
+    let names: Vec<&str> = methods::names().collect();
+    let method = names[usize::from(*first) % names.len()];
+    let args = match msgpack::read(&mut rest, LIMITS) {
+        Ok(Value::Array(args)) => args,
+        Ok(value) => vec![value],
+        Err(_) => Vec::new(),
+    };
+    let mut request = Vec::new();
+    msgpack::write(&mut request, &list![0u32, 1u32, method, Value::Array(args)]);
+    CLIENT.with_borrow_mut(|client| {
+        if client
+            .as_ref()
+            .is_none_or(|(_, n_calls)| *n_calls >= CALLS_OF_CONNECTION)
+        {
+            let stream = TcpStream::connect(manager()).expect("the manager listens");
+            let patience = Some(Duration::from_secs(60));
+            stream.set_read_timeout(patience).expect("a time above 0");
+            *client = Some((stream, 0));
+        }
+        let (stream, n_calls) = client.as_mut().expect("just connected");
+        *n_calls += 1;
+        stream.write_all(&request).expect("the manager reads");
+        let answer = msgpack::read(stream, Limits::default());
+        answer.unwrap_or_else(|error| panic!("{method} was not answered: {error}"));
+    });
+}
+
+/// Where a Traffic Manager listens whose session has vehicles and drives none of them.
+fn manager() -> SocketAddr {
+    static ADDRESS: OnceLock<SocketAddr> = OnceLock::new();
+    *ADDRESS.get_or_init(|| {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port of the loopback");
+        let address = listener.local_addr().expect("it is bound");
+        let door = Door::new(listener, "fuzz connections", 64, Admits::AnyUser).expect("a door");
+        let (counter, requests) = channel().expect("a pair of sockets");
+        let manager = Arc::new(Manager::new(counter));
+        std::thread::spawn(move || server::serve(door, &manager));
+        std::thread::spawn(move || {
+            let mut desk = Desk::default();
+            desk.register(&DRIVEN);
+            loop {
+                let all = requests.take();
+                if all.is_empty() {
+                    std::thread::sleep(Duration::from_micros(100));
+                }
+                all.into_iter().for_each(|request| request(&mut desk)());
+            }
+        });
+        address
+    })
+}
+
+/// The head of a browser's request, as the desk and the gate before Foxglove's server read it.
+pub fn browsers(bytes: &[u8]) {
+    let Ok(head) = Head::read(&mut BufReader::with_capacity(16, bytes)) else {
+        return;
+    };
+    let ours = IpAddr::V4(Ipv4Addr::LOCALHOST);
+    let is_ours = head.names_host(ours, &["gantry.local".into()]);
+    let origins = ["https://app.foxglove.dev".to_owned()];
+    let foreign = head.foreign_origin(&origins);
+    // A page of another site names that site, whatever it calls the host.
+    if let Some(origin) = head.field("origin") {
+        let is_allowed = origins.iter().any(|own| own.eq_ignore_ascii_case(origin));
+        let is_own = origin.strip_prefix("http://") == Some(head.host());
+        assert_eq!(foreign.is_none(), is_allowed || is_own);
+    }
+    assert!(
+        !is_ours || !head.host().is_empty(),
+        "a host that is nothing"
+    );
 }
 
 /// A connection: messages one after another, in pieces of any size.

@@ -62,6 +62,8 @@ macro_rules! targets {
 }
 targets! {
     rpc 20_000;
+    managers 3_000;
+    browsers 20_000;
     streams 5_000;
     opendrive 600;
     launch_files 3_000;

@@ -36,6 +36,6 @@ pub mod sandbox;
 pub mod simulator;
 
 pub use patience::{PATIENCE, eventually};
-pub use process::{Ended, Process};
+pub use process::{Ended, Process, output_within};
 pub use sandbox::Sandbox;
 pub use simulator::{Setup, Simulator};

@@ -3,7 +3,7 @@
 use std::ffi::OsStr;
 use std::io::{BufRead as _, BufReader, Read};
 use std::path::Path;
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -242,6 +242,74 @@ impl Drop for Process {
     }
 }
 
+/// Output of a command that ends by itself, without a sandbox. In place of [`Command::output`], which
+/// waits without limit for a program that hangs, and for every process that holds its output.
+///
+/// # Panics
+/// If it cannot be started, or goes on for longer than `limit`; the message holds its output.
+pub fn output_within(command: &mut Command, limit: Duration) -> Output {
+    let mut child = command
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap_or_else(|error| panic!("cannot start {command:?}: {error}"));
+    let out = read_all(child.stdout.take().expect("stdout is piped"));
+    let err = read_all(child.stderr.take().expect("stderr is piped"));
+    let start = Instant::now();
+    loop {
+        let status = child.try_wait().expect("child can be waited for");
+        if let (Some(status), true, true) = (status, out.1.is_finished(), err.1.is_finished()) {
+            let [stdout, stderr] = [out.0, err.0].map(|bytes| bytes_of(&bytes));
+            return Output {
+                status,
+                stdout,
+                stderr,
+            };
+        }
+        if start.elapsed() > limit {
+            let _ = child.kill();
+            let _ = child.wait();
+            let how = match status {
+                Some(status) => {
+                    format!("ended ({status}), but a process that it started holds its output")
+                }
+                None => "has not ended".to_owned(),
+            };
+            let [out, err] = [out.0, err.0].map(|bytes| bytes_of(&bytes));
+            panic!(
+                "{command:?} {how} after {limit:?}; output:\n{}\n{}",
+                String::from_utf8_lossy(&out),
+                String::from_utf8_lossy(&err)
+            );
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// What has been read of a pipe, and the thread that reads it to its end.
+type Reading = (Arc<Mutex<Vec<u8>>>, std::thread::JoinHandle<()>);
+
+fn read_all(mut pipe: impl Read + Send + 'static) -> Reading {
+    let read = Arc::new(Mutex::new(Vec::new()));
+    let into = read.clone();
+    let thread = std::thread::Builder::new()
+        .name("output".into())
+        .spawn(move || {
+            let mut piece = vec![0; 1 << 16];
+            while let Ok(n @ 1..) = pipe.read(&mut piece) {
+                let mut into = into.lock().expect("reader threads do not panic");
+                into.extend_from_slice(&piece[..n]);
+            }
+        })
+        .expect("a thread can be started");
+    (read, thread)
+}
+
+fn bytes_of(read: &Mutex<Vec<u8>>) -> Vec<u8> {
+    read.lock().expect("reader threads do not panic").clone()
+}
+
 fn collect(
     pipe: impl Read + Send + 'static,
     lines: Arc<Mutex<Vec<String>>>,
@@ -259,4 +327,40 @@ fn collect(
         .name("output".into())
         .spawn(read)
         .expect("a thread can be started")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shell(line: &str) -> Command {
+        let mut command = Command::new("/bin/sh");
+        command.args(["-c", line]);
+        command
+    }
+
+    #[test]
+    fn output_comes_whole_with_the_exit_code() {
+        let line = "head -c 300000 /dev/zero; echo said >&2; exit 3";
+        let output = output_within(&mut shell(line), PATIENCE);
+        assert_eq!(output.status.code(), Some(3));
+        assert_eq!(output.stdout, vec![0; 300_000]);
+        assert_eq!(output.stderr, b"said\n");
+    }
+
+    #[test]
+    #[should_panic(expected = "has not ended after 200ms; output:\nhere")]
+    fn a_program_that_hangs_ends_its_test() {
+        output_within(
+            &mut shell("echo here; exec sleep 600"),
+            Duration::from_millis(200),
+        );
+    }
+
+    #[test]
+    #[should_panic(expected = "but a process that it started holds its output")]
+    fn output_that_another_process_holds_ends_its_test() {
+        // It ends by itself soon.
+        output_within(&mut shell("sleep 3 & exit 0"), Duration::from_millis(500));
+    }
 }

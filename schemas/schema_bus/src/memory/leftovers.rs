@@ -11,12 +11,14 @@
 //! | a service's description | a service that nobody can open or make any more |
 //! | its node | the node's folder, or a node that starts for ever |
 //! | nothing, but removed a node | a node without a state file, which counts as being removed for ever |
+//! | nothing, but removed a service | a service that is being removed for ever, and that nobody can open or make any more |
 //!
 //! [`Leftovers::sweep`] removes them. It takes away nothing of a process that may live: a node is dead
 //! if nobody holds the lock on its state file, which the kernel keeps, and a service is in the making
 //! only as long as a node that may live has its tag, which is made first. Where neither tells, the
 //! process must be gone and its files a few seconds old, since processes of another container are
-//! not seen.
+//! not seen. A service whose tag no node has is nobody's; it must have been so for a few seconds, in
+//! which a process that lives would have removed it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{DirEntry, File};
@@ -24,11 +26,12 @@ use std::io;
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use iceoryx2::config::Config;
 use iceoryx2::node::NodeView as _;
 use iceoryx2::prelude::*;
+use iceoryx2::service::internal::ServiceInternal as _;
 use nix::fcntl::{Flock, FlockArg};
 
 /// Permissions of a static file in the making, `static_storage::file` of iceoryx2-cal.
@@ -42,6 +45,12 @@ const STATE_FILES: [&str; 3] = ["", "_owner_lock", "_context"];
 const CERTAIN_AGE: Duration = Duration::from_secs(5);
 /// A folder that changed longer ago than this changes its time again with its next change.
 const CERTAIN_CHANGE: Duration = Duration::from_secs(1);
+
+/// What tells a file from another one of the same name.
+type Identity = (u64, i64, i64);
+
+/// Since when this process has seen that no node has the tag of a service, by the service's file.
+static NOBODYS: Mutex<BTreeMap<PathBuf, (Identity, Instant)>> = Mutex::new(BTreeMap::new());
 
 /// What a process remembers from one sweep to the next.
 #[derive(Debug, Default)]
@@ -72,10 +81,10 @@ impl Leftovers {
                 place.remove_node(id);
             }
         }
-        self.sweep_services(&place, is_dead);
+        self.sweep_services(config, &place, is_dead);
     }
 
-    fn sweep_services(&self, place: &Place, is_dead: impl Fn(u128) -> bool) {
+    fn sweep_services(&self, config: &Config, place: &Place, is_dead: impl Fn(u128) -> bool) {
         let mut quiet_since = self
             .quiet_since
             .lock()
@@ -88,12 +97,23 @@ impl Leftovers {
             return;
         }
         let mut is_quiet = changed.elapsed().is_ok_and(|age| age > CERTAIN_CHANGE);
+        let tagged = std::cell::OnceCell::new();
+        let mut nobodys = BTreeMap::new();
         for entry in entries(&place.services) {
             let Some(hash) = place.name_within(&entry, &place.service_suffix) else {
                 continue;
             };
             let path = entry.path();
             let Some(before) = in_the_making(&path) else {
+                let tagged = tagged.get_or_init(|| place.tagged_services());
+                // A service that was made since has its tag by now.
+                if !tagged.contains(&hash)
+                    && place.nodes_with_tag(&hash).is_empty()
+                    && let Some(identity) = identity(&path)
+                {
+                    nobodys.insert(path, (hash, identity));
+                    is_quiet = false;
+                }
                 continue;
             };
             let makers = place.nodes_with_tag(&hash);
@@ -102,8 +122,55 @@ impl Leftovers {
             }
             is_quiet = false;
         }
+        for (path, hash) in nobodys_for_long(&place.services, nobodys) {
+            remove_service(config, &path, &hash);
+        }
         *quiet_since = is_quiet.then_some(changed);
     }
+}
+
+/// Of the services in `folder` that are nobody's now, the files and hashes of those that have been so
+/// for long enough. The others are remembered.
+fn nobodys_for_long(
+    folder: &Path,
+    now: BTreeMap<PathBuf, (String, Identity)>,
+) -> Vec<(PathBuf, String)> {
+    let mut seen = NOBODYS.lock().unwrap_or_else(PoisonError::into_inner);
+    seen.retain(|path, (identity, _)| {
+        let is_still = now.get(path).is_some_and(|(_, it)| it == identity);
+        is_still || !path.starts_with(folder)
+    });
+    let mut for_long = Vec::new();
+    for (path, (hash, identity)) in now {
+        let (_, since) = seen
+            .entry(path.clone())
+            .or_insert_with(|| (identity, Instant::now()));
+        if since.elapsed() > CERTAIN_AGE {
+            for_long.push((path, hash));
+        }
+    }
+    for_long
+}
+
+/// Removes a service that is nobody's.
+fn remove_service(config: &Config, path: &Path, hash: &str) {
+    let mut found = None;
+    // What cannot be listed has lost all but its description.
+    let _ = ipc_threadsafe::Service::list(config, |details| {
+        let is_it = details.static_details.service_hash().as_str() == hash;
+        found = is_it.then_some(details.static_details);
+        match is_it {
+            true => CallbackProgression::Stop,
+            false => CallbackProgression::Continue,
+        }
+    });
+    if let Some(about) = found {
+        // SAFETY: no process uses the service: whoever does has a node with its tag, which is made
+        // before the service is opened and removed after it is closed, and no node has had it for
+        // `CERTAIN_AGE`.
+        let _ = unsafe { ipc_threadsafe::Service::__internal_remove_service(&about, config) };
+    }
+    let _ = std::fs::remove_file(path);
 }
 
 /// iceoryx2's folders and the names in them.
@@ -231,6 +298,17 @@ impl Place {
         }
     }
 
+    /// Hashes of the services of which any node has the tag.
+    fn tagged_services(&self) -> BTreeSet<String> {
+        let mut tagged = BTreeSet::new();
+        for id in self.node_ids().into_keys() {
+            let folder = self.folder(id);
+            let tags = entries(&folder);
+            tagged.extend(tags.filter_map(|entry| self.name_within(&entry, &self.tag_suffix)));
+        }
+        tagged
+    }
+
     fn nodes_with_tag(&self, hash: &str) -> Vec<u128> {
         let tag = format!("{}{hash}{}", self.prefix, self.tag_suffix);
         let has_it = |id: &u128| !is_missing(&self.folder(*id).join(&tag));
@@ -264,8 +342,14 @@ fn is_missing(path: &Path) -> bool {
     std::fs::symlink_metadata(path).is_err_and(|error| error.kind() == io::ErrorKind::NotFound)
 }
 
-/// What tells a file in the making from another one of the same name; `None` if it is final or gone.
-fn in_the_making(path: &Path) -> Option<(u64, i64, i64)> {
+/// `None` if the file is gone.
+fn identity(path: &Path) -> Option<Identity> {
+    let about = std::fs::symlink_metadata(path).ok()?;
+    Some((about.ino(), about.ctime(), about.ctime_nsec()))
+}
+
+/// The identity of a file in the making; `None` if it is final or gone.
+fn in_the_making(path: &Path) -> Option<Identity> {
     let about = std::fs::symlink_metadata(path).ok()?;
     let is_it = about.is_file() && about.mode() & 0o777 == IN_THE_MAKING;
     is_it.then(|| (about.ino(), about.ctime(), about.ctime_nsec()))

@@ -274,6 +274,11 @@ pub(crate) fn is_in_the_making(cause: &str) -> bool {
     cause.contains("HangsInCreation")
 }
 
+/// Whether a service could not be opened because it is marked as being removed.
+pub(crate) fn is_being_removed(cause: &str) -> bool {
+    cause.contains("IsMarkedForDestruction")
+}
+
 /// The cause, and a shortage of files if this process has one: iceoryx2 does not tell them apart.
 pub(crate) fn with_shortage(cause: String) -> String {
     match shortage_of_files() {

@@ -13,13 +13,16 @@ use crate::contract::qos::{EVENT_LISTENERS, EVENT_NOTIFIERS, MAX_NODES, Qos};
 use crate::contract::wire::{OnBus, Wire};
 use crate::memory::shortage;
 use crate::place::declared::{attribute_key, declared};
-use crate::place::iceoryx_error::{Meaning, ServiceFailure as _, is_in_the_making, service_error};
+use crate::place::iceoryx_error::{
+    Meaning, ServiceFailure as _, is_being_removed, is_in_the_making, service_error,
+};
 use crate::place::node::{BusNode, Service};
 use crate::place::topics::topics;
 
 /// How long opening is tried again while other processes make or remove the service.
 const SETTLE: Duration = Duration::from_secs(1);
-/// The same while a process that lives is making it, which may be a starved or a stopped one.
+/// The same while a process that lives is making it, which may be a starved or a stopped one, or while
+/// it is being removed, which a killed process may have begun.
 const SETTLE_MAKING: Duration = Duration::from_secs(10);
 
 /// An open service of byte slices with header `H`.
@@ -212,7 +215,7 @@ pub(crate) fn settle<T>(
 }
 
 fn patience(cause: &str) -> Duration {
-    match is_in_the_making(cause) {
+    match is_in_the_making(cause) || is_being_removed(cause) {
         true => SETTLE_MAKING,
         false => SETTLE,
     }

@@ -8,6 +8,7 @@ use schema_frames::command::StoredMap;
 use simd_world::{Checkpoint, World};
 
 use super::checkpoints::{self, CheckpointFiles, MAX_CHECKPOINT_BYTES};
+use crate::history::{JournalReader, Stretch};
 use crate::world::maps::{LoadedMap, Maps};
 
 /// Work on a file that a command names, before the command is run.
@@ -74,6 +75,8 @@ pub enum Job {
     },
     /// Write these checkpoints.
     Write(Vec<Saving>),
+    /// Read the next entries of the journal that is run again.
+    ReadJournal,
     /// Keep a map of a journal. This has no answer.
     ProvideMap {
         name: String,
@@ -90,21 +93,31 @@ pub enum Finished {
     Read(Results<Ready>),
     /// The checkpoints of a request.
     Written(Results<()>),
+    /// Entries of the journal.
+    Journal(Stretch),
 }
 
 /// The files that commands can name.
 pub struct Shelf {
     maps: Maps,
     checkpoints: CheckpointFiles,
+    /// The journal that is run again.
+    journal: Option<JournalReader>,
     seed: u64,
 }
 
 impl Shelf {
     /// Maps are built with this seed.
-    pub fn new(maps: Maps, checkpoints: CheckpointFiles, seed: u64) -> Shelf {
+    pub fn new(
+        maps: Maps,
+        checkpoints: CheckpointFiles,
+        journal: Option<JournalReader>,
+        seed: u64,
+    ) -> Shelf {
         Shelf {
             maps,
             checkpoints,
+            journal,
             seed,
         }
     }
@@ -120,6 +133,13 @@ impl Shelf {
                 };
                 Some(Finished::Written(savings.into_iter().map(write).collect()))
             }
+            Job::ReadJournal => Some(Finished::Journal(match &mut self.journal {
+                Some(journal) => journal.read_on(),
+                None => Stretch {
+                    entries: Vec::new(),
+                    end: Some(Ok(())),
+                },
+            })),
             Job::ProvideMap { name, title, bytes } => {
                 self.maps.provide(name, title, &bytes);
                 None

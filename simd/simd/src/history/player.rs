@@ -1,96 +1,63 @@
 //! Runs the entries of a journal again (`simd --journal`): each at its edge, in order, as when they
 //! were noted. Until it ends nobody else changes the world.
 
-use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{BufRead as _, BufReader, Read as _};
-use std::path::{Path, PathBuf};
+use std::collections::VecDeque;
+use std::path::Path;
 
-use anyhow::{Context as _, bail};
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
-use launch_cli::wrong_usage;
-use schema_frames::journal::JOURNAL_VERSION;
-use schema_frames::{JournalAct, JournalEntry, JournalFile, JournalHead, VehicleControlRecord};
+use schema_frames::JournalHead;
 
-/// Longest line of a journal: a request of 16 MiB, every byte of it escaped.
-const MAX_LINE_BYTES: u64 = 100 << 20;
+use super::reader::{Act, Entry, JournalReader, Stretch};
+
+/// Entries below which more are read.
+const MIN_AHEAD: usize = 1024;
 
 /// A journal that is being run again.
 pub struct Player {
-    file: BufReader<File>,
-    path: PathBuf,
-    line: u64,
     /// What the run began with.
     head: JournalHead,
-    /// The entry that comes next; `None` behind the last one.
-    next: Option<JournalEntry>,
+    /// The entries that come next, as far as they are read.
+    entries: VecDeque<Entry>,
+    /// What comes behind them, if that is known: see [`Stretch::end`].
+    end: Option<anyhow::Result<()>>,
+    /// Whether more entries are being read.
+    is_reading: bool,
     /// Simulated time up to which the journal holds, nanoseconds; without it, up to the last entry.
     until_nanos: Option<u64>,
-    /// Pieces of files that are not complete yet.
-    pieces: BTreeMap<(JournalFile, String), Vec<u8>>,
     is_difference_said: bool,
 }
 
-/// What an entry asks for.
+/// What a journal has for an edge.
 #[derive(Debug)]
-pub enum Act {
-    /// Run the commands of this request that act on the world.
-    Commands {
-        client: String,
-        seq: u64,
-        text: String,
-        outcomes: Vec<String>,
-        is_last_of_round: bool,
-    },
-    /// Hold these controls.
-    Controls {
-        writer: String,
-        records: Vec<VehicleControlRecord>,
-    },
-    /// Make the frames of a topic, or no longer.
-    Audience { topic: String, is_made: bool },
-    /// Keep a file that a later command reads.
-    File {
-        of: JournalFile,
-        name: String,
-        title: String,
-        bytes: Vec<u8>,
-    },
+pub enum Next {
+    /// Something acts.
+    Act(Act),
+    /// Nothing more acts.
+    Nothing,
+    /// That is known once more of the journal is read.
+    Unread,
 }
 
 impl Player {
-    /// Opens a journal: lines of JSON, the head first, then the entries.
-    pub fn open(path: &Path, until_nanos: Option<u64>) -> anyhow::Result<Player> {
-        let (file, _) = launch_cli::files::open_plain(path)
-            .map_err(|error| wrong_usage(format!("--journal {}: {error}", path.display())))?;
-        let mut player = Player {
-            file: BufReader::new(file),
-            path: path.to_owned(),
-            line: 0,
-            head: JournalHead::default(),
-            next: None,
+    /// Opens a journal and reads its first entries; the further ones come from the reader.
+    ///
+    /// # Errors
+    /// If it is no journal, or cannot be read.
+    pub fn open(path: &Path, until_nanos: Option<u64>) -> anyhow::Result<(Player, JournalReader)> {
+        let (mut reader, head) = JournalReader::open(path)?;
+        let Stretch { entries, end } = reader.read_on();
+        let end = match end {
+            Some(Err(error)) if entries.is_empty() => return Err(error),
+            end => end,
+        };
+        let player = Player {
+            head,
+            entries: entries.into(),
+            end,
+            is_reading: false,
             until_nanos,
-            pieces: BTreeMap::new(),
             is_difference_said: false,
         };
-        let head = player.read_line()?;
-        if head.is_empty() {
-            return Err(wrong_usage(format!(
-                "--journal {} is empty; its first line must be the head of a journal",
-                path.display()
-            )));
-        }
-        player.head = serde_json::from_slice(&head).map_err(|error| player.bad(&error))?;
-        if player.head.v > JOURNAL_VERSION {
-            return Err(wrong_usage(format!(
-                "--journal {} has version {}, but this simulator reads up to {JOURNAL_VERSION}; use the Gantry that recorded it",
-                path.display(),
-                player.head.v
-            )));
-        }
-        player.advance()?;
-        Ok(player)
+        Ok((player, reader))
     }
 
     /// What the run began with.
@@ -98,31 +65,47 @@ impl Player {
         &self.head
     }
 
-    /// The next act at the edge behind tick `edge`; `None` if there is none.
-    pub fn next_at(&mut self, edge: u64) -> anyhow::Result<Option<Act>> {
-        while let Some(entry) = self.next.take_if(|entry| entry.edge <= edge) {
-            let n = entry.n;
-            self.advance()?;
-            if let Some(act) = self
-                .decoded(entry.act)
-                .with_context(|| format!("entry {n} of {} cannot be used", self.path.display()))?
-            {
-                return Ok(Some(act));
+    /// Whether more of the journal is to be read now; then it must be given to [`Player::add`].
+    pub fn begin_to_read(&mut self) -> bool {
+        let is_little = self.end.is_none() && self.entries.len() < MIN_AHEAD;
+        is_little && !std::mem::replace(&mut self.is_reading, true)
+    }
+
+    /// Takes the entries that come next.
+    pub fn add(&mut self, stretch: Stretch) {
+        self.is_reading = false;
+        self.entries.extend(stretch.entries);
+        self.end = stretch.end;
+    }
+
+    /// What acts next at the edge behind tick `edge`.
+    ///
+    /// # Errors
+    /// Why the journal cannot be read further, once all before it has acted.
+    pub fn next_at(&mut self, edge: u64) -> anyhow::Result<Next> {
+        match self.entries.front() {
+            Some(entry) if entry.edge > edge => return Ok(Next::Nothing),
+            Some(_) => {}
+            None => {
+                return match self.end.take() {
+                    None => Ok(Next::Unread),
+                    Some(Err(error)) => Err(error),
+                    Some(Ok(())) => {
+                        self.end = Some(Ok(()));
+                        Ok(Next::Nothing)
+                    }
+                };
             }
         }
-        Ok(None)
+        let entry = self.entries.pop_front().expect("just looked at");
+        Ok(Next::Act(entry.act))
     }
 
     /// The files in front of everything else, of which the first map may be one.
-    pub fn first_files(&mut self) -> anyhow::Result<Vec<Act>> {
-        let mut files = Vec::new();
-        while matches!(&self.next, Some(entry) if entry.edge == 0 && matches!(entry.act, JournalAct::File { .. }))
-        {
-            let entry = self.next.take().expect("just looked at");
-            self.advance()?;
-            files.extend(self.decoded(entry.act)?);
-        }
-        Ok(files)
+    pub fn first_files(&mut self) -> Vec<Act> {
+        let is_file = |entry: &Entry| entry.edge == 0 && matches!(entry.act, Act::File { .. });
+        let n_files = self.entries.iter().take_while(|it| is_file(it)).count();
+        self.entries.drain(..n_files).map(|it| it.act).collect()
     }
 
     /// Whether the journal holds no longer at simulated time `now_nanos`, from which the next tick
@@ -130,7 +113,7 @@ impl Player {
     pub fn is_over(&self, now_nanos: u64, period_nanos: u64) -> bool {
         match self.until_nanos {
             Some(until_nanos) => now_nanos.saturating_add(period_nanos) > until_nanos,
-            None => self.next.is_none(),
+            None => self.entries.is_empty() && matches!(self.end, Some(Ok(()))),
         }
     }
 
@@ -149,102 +132,21 @@ impl Player {
             now.get(idx).unwrap_or(&none)
         );
     }
-
-    fn advance(&mut self) -> anyhow::Result<()> {
-        let line = self.read_line()?;
-        self.next = match line.is_empty() {
-            true => None,
-            false => Some(serde_json::from_slice(&line).map_err(|error| self.bad(&error))?),
-        };
-        Ok(())
-    }
-
-    fn read_line(&mut self) -> anyhow::Result<Vec<u8>> {
-        let mut line = Vec::new();
-        self.line += 1;
-        self.file
-            .by_ref()
-            .take(MAX_LINE_BYTES)
-            .read_until(b'\n', &mut line)
-            .with_context(|| format!("cannot read {}", self.path.display()))?;
-        Ok(line)
-    }
-
-    fn bad(&self, error: &serde_json::Error) -> anyhow::Error {
-        wrong_usage(format!(
-            "--journal {}, line {}, is not a journal's: {error}",
-            self.path.display(),
-            self.line
-        ))
-    }
-
-    /// What an entry asks for; `None` for a piece of a file that is not the last.
-    fn decoded(&mut self, act: JournalAct) -> anyhow::Result<Option<Act>> {
-        Ok(Some(match act {
-            JournalAct::Commands {
-                client,
-                seq,
-                text,
-                outcomes,
-                is_last_of_round,
-            } => Act::Commands {
-                client,
-                seq,
-                text,
-                outcomes,
-                is_last_of_round,
-            },
-            JournalAct::Controls { writer, records } => {
-                let bytes = STANDARD.decode(records).context("its records")?;
-                let size = size_of::<VehicleControlRecord>();
-                if bytes.len() % size != 0 {
-                    bail!(
-                        "its records have {} bytes, no multiple of {size}",
-                        bytes.len()
-                    );
-                }
-                let records = bytes.chunks_exact(size).map(bytemuck::pod_read_unaligned);
-                Act::Controls {
-                    writer,
-                    records: records.collect(),
-                }
-            }
-            JournalAct::Audience { topic, is_made } => Act::Audience { topic, is_made },
-            JournalAct::File {
-                of,
-                name,
-                title,
-                piece,
-                n_pieces,
-                bytes,
-            } => {
-                let bytes = STANDARD.decode(bytes).context("its bytes")?;
-                let key = (of, name);
-                let whole = self.pieces.entry(key.clone()).or_default();
-                if piece == 0 {
-                    whole.clear();
-                }
-                whole.extend(bytes);
-                if piece + 1 < n_pieces {
-                    return Ok(None);
-                }
-                let bytes = self.pieces.remove(&key).unwrap_or_default();
-                Act::File {
-                    of,
-                    name: key.1,
-                    title,
-                    bytes,
-                }
-            }
-        }))
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use base64::Engine as _;
+    use base64::engine::general_purpose::STANDARD;
+    use schema_frames::{JournalAct, JournalEntry, JournalFile, VehicleControlRecord};
+
     use super::*;
 
-    fn open(name: &str, text: &str, until_nanos: Option<u64>) -> anyhow::Result<Player> {
+    fn open(
+        name: &str,
+        text: &str,
+        until_nanos: Option<u64>,
+    ) -> anyhow::Result<(Player, JournalReader)> {
         let path =
             std::env::temp_dir().join(format!("gantry-player-{name}-{}", std::process::id()));
         std::fs::write(&path, text).unwrap();
@@ -283,17 +185,26 @@ mod tests {
             + &entry(1, 0, piece(0, b"ab"))
             + &entry(2, 0, piece(1, b"c"))
             + &entry(3, 4, controls);
-        let mut player = open("edges", &text, None).unwrap();
-        let files = player.first_files().unwrap();
+        let (mut player, _) = open("edges", &text, None).unwrap();
+        let files = player.first_files();
         assert!(matches!(&files[..], [Act::File { bytes, .. }] if bytes == b"abc"));
-        assert!(player.next_at(3).unwrap().is_none() && !player.is_over(0, 1));
-        let Some(Act::Controls { records, .. }) = player.next_at(4).unwrap() else {
+        assert!(matches!(player.next_at(3).unwrap(), Next::Nothing) && !player.is_over(0, 1));
+        let Next::Act(Act::Controls { records, .. }) = player.next_at(4).unwrap() else {
             panic!("no controls")
         };
         assert_eq!(bytemuck::bytes_of(&records[0]), bytemuck::bytes_of(&record));
-        assert!(player.next_at(4).unwrap().is_none() && player.is_over(0, 1));
-        let player = open("until", &text, Some(100)).unwrap();
+        assert!(matches!(player.next_at(4).unwrap(), Next::Nothing) && player.is_over(0, 1));
+        let (player, _) = open("until", &text, Some(100)).unwrap();
         assert!(!player.is_over(50, 50) && player.is_over(51, 50));
+    }
+
+    #[test]
+    fn the_last_piece_that_there_can_be_is_a_file_all_the_same() {
+        let head = serde_json::to_string(&JournalHead::default()).unwrap() + "\n";
+        let text = head + &entry(1, 0, piece(u32::MAX, b"abc"));
+        let (mut player, _) = open("pieces", &text, None).unwrap();
+        let files = player.first_files();
+        assert!(matches!(&files[..], [Act::File { bytes, .. }] if bytes == b"abc"));
     }
 
     #[test]
@@ -306,5 +217,44 @@ mod tests {
         assert!(error("cut", &format!("{head}\n{{\"n\":1")).contains("line 2"));
         let newer = head.replace("\"v\":0", "\"v\":9");
         assert!(error("newer", &newer).contains("version 9"));
+    }
+
+    /// A journal that is longer than what is read of it at first.
+    #[test]
+    fn entries_that_are_not_read_yet_are_waited_for() {
+        let head = serde_json::to_string(&JournalHead::default()).unwrap() + "\n";
+        let act = |n: u64| JournalAct::Audience {
+            topic: n.to_string(),
+            is_made: true,
+        };
+        let n_entries = 10_000;
+        let lines: String = (1..=n_entries).map(|n| entry(n, n, act(n))).collect();
+        let (mut player, mut reader) =
+            open("long", &(head + &lines + "what is this"), None).unwrap();
+        let (mut n_read, mut n_stretches) = (0, 1);
+        let mut unread = false;
+        let error = loop {
+            assert!(!player.is_over(0, 1));
+            match player.next_at(n_entries + 1) {
+                Ok(Next::Act(Act::Audience { topic, .. })) => {
+                    n_read += 1;
+                    assert_eq!(topic, n_read.to_string());
+                }
+                Ok(Next::Unread) if player.begin_to_read() => {
+                    assert!(!player.begin_to_read(), "once");
+                    assert!(matches!(player.next_at(u64::MAX), Ok(Next::Unread)));
+                    unread = true;
+                    n_stretches += 1;
+                    player.add(reader.read_on());
+                }
+                Err(error) => break error.to_string(),
+                other => panic!("{other:?}"),
+            }
+        };
+        assert_eq!((n_read, n_stretches, unread), (n_entries, 3, true));
+        assert!(
+            error.contains(&format!("line {}", n_entries + 2)),
+            "{error}"
+        );
     }
 }

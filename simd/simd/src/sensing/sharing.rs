@@ -62,6 +62,7 @@ pub fn let_go_on(
 ) -> bool {
     workers.is_complete(clock.tick())
         && workers.is_settled()
+        && !workers.are_to_move()
         && shares::are_listed(sensors, workers)
         && workers.has_sent(behind(sensors, participants))
 }
@@ -90,7 +91,7 @@ fn finish(
     faults: &mut Faults,
 ) -> anyhow::Result<()> {
     let (mut here, mut away) = (Vec::new(), Vec::new());
-    for firing in workers.take_unfinished() {
+    for firing in workers.take_unfinished(world.episode().assets().episode) {
         let of_firing = |sensor: &&Sensor| sensor.actor.0 == firing.sensor_id;
         let sensor = sensors.sensors.iter().find(of_firing);
         match sensor.map(|sensor| sensor.maker) {

@@ -51,6 +51,10 @@ pub struct Workers {
     listed: Vec<Listed>,
     /// Whether shares may have to change.
     must_divide: bool,
+    /// Whether shares change once the next tick may start.
+    must_divide_later: bool,
+    /// Whether readers are owed every frame of the last tick until the next begins.
+    keeps_whole_ticks: bool,
     /// Message that all must have taken over before cameras move on, or the world.
     taken_over_by: u64,
     /// Firings whose worker ended before their frames were sent.
@@ -58,6 +62,25 @@ pub struct Workers {
     is_lack_said: bool,
     /// Frames sent and lost of workers that have gone.
     gone: RenderedRecord,
+}
+
+/// Whether a camera may leave a process that works.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Parting {
+    /// At once.
+    Now,
+    /// Once the next tick may start. Who writes a topic closes it with the move, and a reader that has
+    /// not looked since it was opened would never get the frame of this tick.
+    WithNextTick,
+}
+
+/// Moves of cameras that are left after shares have changed.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Rest {
+    /// Whether cameras are on their way from one process to another.
+    pub is_moving: bool,
+    /// Whether cameras move once the next tick may start.
+    pub is_to_move: bool,
 }
 
 /// A camera on the lists of workers. Where one of these changes, the lists are others.
@@ -182,6 +205,8 @@ impl Workers {
             last: None,
             listed: Vec::new(),
             must_divide: true,
+            must_divide_later: false,
+            keeps_whole_ticks: false,
             taken_over_by: 0,
             unfinished: Vec::new(),
             is_lack_said: false,
@@ -222,9 +247,19 @@ impl Workers {
         last_tick > Tick(0) || self.n_working() >= self.n_awaited
     }
 
-    /// Whether every camera has its place.
+    /// Whether every camera has a place, though it may be about to move once the next tick may start.
     pub fn is_settled(&self) -> bool {
         !self.must_divide && self.unfinished.is_empty() && self.all_took_over()
+    }
+
+    /// Whether cameras move before the next tick starts.
+    pub fn are_to_move(&self) -> bool {
+        self.must_divide_later
+    }
+
+    /// Says whether readers are owed every frame of the last tick until the next begins.
+    pub fn keep_whole_ticks(&mut self, keeps_whole_ticks: bool) {
+        self.keeps_whole_ticks = keeps_whole_ticks;
     }
 
     fn all_took_over(&self) -> bool {
@@ -302,7 +337,7 @@ impl Workers {
             .position(|it| it.origin.pid == origin.pid);
         if let Some(idx) = before {
             let gone = self.workers.remove(idx);
-            self.give_up(gone.number, gone.answer.sent_number);
+            self.make_again(gone.number, gone.answer.sent_number);
         }
         let number = self.next_worker;
         self.next_worker += 1;
@@ -346,17 +381,22 @@ impl Workers {
         self.listed == listed
     }
 
-    /// Whether cameras may have to change their places, and can: `listed` are the cameras as they are.
-    pub fn may_divide(&mut self, listed: &[Listed]) -> bool {
+    /// Whether cameras may have to change their places, and can: `listed` are the cameras as they are,
+    /// and `parting` says which of them may move.
+    pub fn may_divide(&mut self, listed: &[Listed], parting: Parting) -> bool {
+        if parting == Parting::Now && std::mem::take(&mut self.must_divide_later) {
+            self.must_divide = true;
+        }
         if !self.has_listed(listed) {
             self.must_divide = true;
         }
         self.must_divide && self.all_took_over()
     }
 
-    /// The cameras have their places; some of them are only on their way if `is_moving`.
-    pub fn has_divided(&mut self, is_moving: bool) {
-        self.must_divide = is_moving;
+    /// The cameras have the places that they can have now.
+    pub fn has_divided(&mut self, rest: Rest) {
+        self.must_divide = rest.is_moving;
+        self.must_divide_later = rest.is_to_move;
     }
 
     /// Says once that cameras have no frames, if `is_any_without` says so and no worker is about to
@@ -397,11 +437,16 @@ impl Workers {
         Ok(())
     }
 
-    /// The firings that workers left undone, once their cameras have new places.
-    pub fn take_unfinished(&mut self) -> Vec<SceneFiring> {
-        match self.must_divide || !self.all_took_over() {
-            true => Vec::new(),
-            false => std::mem::take(&mut self.unfinished),
+    /// The firings that workers left undone, once their cameras have new places. Those of an episode
+    /// other than `episode` are given up: their scene is that of a map which is gone.
+    pub fn take_unfinished(&mut self, episode: u32) -> Vec<SceneFiring> {
+        if self.must_divide || !self.all_took_over() {
+            return Vec::new();
+        }
+        let unfinished = std::mem::take(&mut self.unfinished);
+        match &self.last {
+            Some(last) if last.scene.header.episode == episode => unfinished,
+            _ => Vec::new(),
         }
     }
 
@@ -582,7 +627,17 @@ impl Workers {
                 n_passes: self.gone.n_passes + answer.n_passes,
                 ..self.gone
             };
-            self.give_up(number, answer.sent_number);
+            self.make_again(number, answer.sent_number);
+        }
+    }
+
+    /// Lets others make the frames of a worker that has closed its topics. Where readers are owed the
+    /// whole tick, these are also the frames that it sent: a reader that has not looked since the
+    /// worker opened the topic cannot get them any more, and others pass over the second one.
+    fn make_again(&mut self, worker: u32, sent_number: u64) {
+        match self.keeps_whole_ticks {
+            true => self.give_up(worker, 0),
+            false => self.give_up(worker, sent_number),
         }
     }
 

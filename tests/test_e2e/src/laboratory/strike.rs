@@ -70,7 +70,14 @@ pub fn hold(pid: u32, name: &str) -> Option<HeldThread> {
         thread,
     };
     ptrace::interrupt(thread).ok()?;
-    let stopped = waitpid(thread, Some(WaitPidFlag::__WALL));
+    let flags = WaitPidFlag::__WALL | WaitPidFlag::WNOHANG;
+    let stopped = eventually(
+        &format!("{name:?} in {pid} stands still"),
+        || match waitpid(thread, Some(flags)) {
+            Ok(WaitStatus::StillAlive) => None,
+            stopped => Some(stopped),
+        },
+    );
     stopped.is_ok().then_some(held)
 }
 

@@ -126,7 +126,9 @@ fn a_test_that_never_ends_is_named_and_ended() {
     let (end, ended) = std::sync::mpsc::channel::<()>();
     let waiting = std::thread::Builder::new()
         .name("a_watchdog::it".into())
-        .spawn(move || drop(ended.recv()))
+        .spawn(move || {
+            let _ = ended.recv();
+        })
         .expect("a thread");
     let mut child = std::process::Command::new("sleep")
         .arg("600")

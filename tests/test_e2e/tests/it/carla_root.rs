@@ -11,7 +11,7 @@ use nix::sys::signal::{Signal, kill, killpg};
 use nix::unistd::Pid;
 use test_e2e::carla::run_script;
 use test_kit::sandbox::binary_path;
-use test_kit::{Process, Sandbox, eventually};
+use test_kit::{PATIENCE, Process, Sandbox, eventually, output_within};
 
 /// Makes the folder with servers of a small town.
 fn make(sandbox: &Sandbox) -> PathBuf {
@@ -182,11 +182,9 @@ fn arguments_that_cannot_be_end_the_script_with_a_sentence() {
     let sandbox = Sandbox::new("carlaargs");
     let root = make(&sandbox);
     let run = |args: &[&str]| {
-        let output = Command::new(root.join("CarlaUE4.sh"))
-            .args(args)
-            .current_dir(sandbox.dir())
-            .output()
-            .unwrap();
+        let mut command = Command::new(root.join("CarlaUE4.sh"));
+        command.args(args).current_dir(sandbox.dir());
+        let output = output_within(&mut command, PATIENCE);
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
         (output.status.code(), text)
     };

@@ -9,10 +9,10 @@ use std::time::Duration;
 use schema_bus::{Bus, CommandClient, CommandError};
 use schema_frames::command::{CheckpointPlace, StoredMap};
 use schema_frames::document::PoseText;
-use schema_frames::{Command, CommandBatch, CommandReply};
+use schema_frames::{Command, CommandBatch, CommandReply, JournalAct, JournalEntry, JournalHead};
 use test_e2e::laboratory::strike::{HeldThread, hold};
 use test_e2e::{Stage, ask, counter, not_tested, step};
-use test_kit::eventually;
+use test_kit::{Sandbox, eventually};
 
 const FREE: &str = "version = 1\n[scenario]\nmap = \"Town02\"\nseed = 7\ntick_hz = 20\n[ego]\ntype_id = \"none\"\n";
 const STEPPED: &str = "version = 1\n[scenario]\nmap = \"Town02\"\nseed = 7\ntick_hz = 20\nmode = \"stepped\"\n[ego]\ntype_id = \"none\"\n";
@@ -339,4 +339,58 @@ fn a_checkpoint_is_written_and_answered_before_the_simulator_ends() {
     drop((client, bus));
     daemon.wait().expect_code(0);
     test_e2e::assert_nothing_left(&sandbox);
+}
+
+/// A journal that is longer than what is read of it in one go, with a command that loads a map.
+fn journal() -> String {
+    let load = JournalAct::Commands {
+        client: "then".into(),
+        seq: 1,
+        text: serde_json::to_string(&CommandBatch::new(vec![load("Town01")])).unwrap(),
+        outcomes: Vec::new(),
+        is_last_of_round: true,
+    };
+    let later = (0..6000).map(|n| JournalAct::Audience {
+        topic: "ego/none/dvs".into(),
+        is_made: n % 2 == 0,
+    });
+    let acts = std::iter::once((3, load)).chain(later.map(|act| (5, act)));
+    let entries = (1..).zip(acts).map(|(n, (edge, act))| {
+        serde_json::to_string(&JournalEntry { n, edge, act }).unwrap() + "\n"
+    });
+    let head = serde_json::to_string(&JournalHead::default()).unwrap() + "\n";
+    std::iter::once(head).chain(entries).collect()
+}
+
+#[test]
+fn everybody_is_answered_while_a_journal_waits_for_its_files() {
+    let notes = Sandbox::new("filesnotes");
+    let journal = notes.write("journal", &journal());
+    let extra = [
+        "--journal",
+        journal.to_str().unwrap(),
+        "--await-lockstep",
+        "1",
+    ];
+    let mut stage = Stage::new("filesjournal", FREE, &extra);
+    let Some(thread) = held(&stage) else { return };
+    // The first tick waits for it.
+    let mut participant = stage
+        .sandbox
+        .spawn("examples/misbehave", &[stage.sandbox.domain(), "lockstep"]);
+    participant.wait_line("at work");
+    eventually("the world stands where the map is needed", || {
+        (counter(&mut stage.client, "ticks") == 3).then_some(())
+    });
+    for _ in 0..5 {
+        let answer = ask(&mut stage.client, Command::Ping);
+        assert!(matches!(answer, CommandReply::Pong { .. }), "{answer:?}");
+    }
+    assert_eq!(counter(&mut stage.client, "ticks"), 3);
+    drop(thread);
+    stage.daemon.wait_line("map loaded");
+    stage.daemon.wait_line("the journal ends");
+    stage.ticks_go_on(5);
+    participant.kill9();
+    stage.end();
 }

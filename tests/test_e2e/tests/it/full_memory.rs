@@ -9,7 +9,7 @@ use std::process::Command as Program;
 use schema_bus::{BusError, LoanError, ResultTopic};
 use schema_frames::{Command, CommandReply, ResultType};
 use test_e2e::{ask, join_bus, mount_namespace, reader, start_daemon};
-use test_kit::{Sandbox, eventually};
+use test_kit::{PATIENCE, Sandbox, eventually, output_within};
 
 /// Bytes of the small `/dev/shm`: a container's 64 MiB, and three pages by which it is told from one.
 const SMALL_BYTES: u64 = (64 << 20) + 3 * 4096;
@@ -43,12 +43,13 @@ fn in_small_memory(name: &str, body: impl FnOnce()) {
     let script = format!(
         "mount -t tmpfs -o size={SMALL_BYTES} tmpfs /dev/shm && exec \"$0\" --exact --nocapture full_memory::{name}"
     );
-    let ended = Program::new("unshare")
+    let mut again = Program::new("unshare");
+    again
         .args(mount_namespace())
         .args(["sh", "-c", &script])
-        .arg(&test)
-        .output()
-        .expect("util-linux has unshare");
+        .arg(&test);
+    // Every wait of the body has a limit of its own.
+    let ended = output_within(&mut again, 5 * PATIENCE);
     let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     let (out, err) = (said(&ended.stdout), said(&ended.stderr));
     assert!(

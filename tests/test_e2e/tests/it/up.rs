@@ -7,7 +7,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use test_e2e::recording::{gapless, sequences};
 use test_e2e::{SMALL_RIG, SMALL_RIG_TOPICS, assert_nothing_left};
-use test_kit::{Process, Sandbox, eventually};
+use test_kit::{PATIENCE, Process, Sandbox, eventually};
 
 /// The small rig and the processes of the quickstart.
 fn pipeline() -> String {
@@ -348,6 +348,9 @@ fn assert_is_a_page(line: &str) {
     let (_, address) = line.split_once("http://").expect("an address");
     let (host, path) = address.trim().split_once('/').expect("a path");
     let mut browser = std::net::TcpStream::connect(host).expect("somebody listens");
+    browser
+        .set_read_timeout(Some(PATIENCE))
+        .expect("a time above 0");
     write!(
         browser,
         "GET /{path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n"

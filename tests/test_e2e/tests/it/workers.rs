@@ -332,6 +332,106 @@ fn the_simulator_s_own_gpu_takes_over_and_gives_away() {
     assert_nothing_left(&sandbox);
 }
 
+/// A reader finds a writing port only while that is open, so what a port sent whose first and last
+/// frame lie between two looks of a reader would never reach it.
+#[test]
+fn a_frame_stays_for_its_reader_when_its_camera_moves_in_the_same_tick() {
+    let sandbox = Sandbox::new("w-again");
+    let daemon = start_daemon(&sandbox, &stepped(), &[]);
+    let one = joined_worker(&sandbox, "one");
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let mut readers = readers(&bus);
+    wait_workers(&mut client, 1);
+    for tick in 1..=3 {
+        cue(&mut client, 1);
+        frames_of(&mut readers, tick);
+    }
+    // The worker ends before it has begun the tick, so the simulator makes the frames.
+    one.signal(Signal::SIGSTOP);
+    cue(&mut client, 1);
+    one.kill9();
+    let two = joined_worker(&sandbox, "two");
+    wait_workers(&mut client, 1);
+    frames_of(&mut readers, 4);
+    // The next worker gets its share all the same.
+    let n_sent = counter(&mut client, "sent_by_workers");
+    for tick in 5..=6 {
+        cue(&mut client, 1);
+        frames_of(&mut readers, tick);
+    }
+    assert!(counter(&mut client, "sent_by_workers") > n_sent);
+    drop((readers, client, bus));
+    two.stop().expect_code(0);
+    daemon.stop().expect_code(0);
+    assert_nothing_left(&sandbox);
+}
+
+#[test]
+fn frames_that_a_worker_sent_before_its_end_reach_readers_that_had_none_of_it() {
+    for ends_by in [Signal::SIGKILL, Signal::SIGTERM] {
+        let sandbox = Sandbox::new("w-first");
+        let daemon = start_daemon(&sandbox, &stepped(), &[]);
+        let bus = join_bus(&sandbox, "test");
+        let mut client = bus.command_client("test").unwrap();
+        let mut readers = readers(&bus);
+        for tick in 1..=2 {
+            cue(&mut client, 1);
+            frames_of(&mut readers, tick);
+        }
+        let mut one = joined_worker(&sandbox, "one");
+        wait_workers(&mut client, 1);
+        cue(&mut client, 1);
+        // The answer comes after all frames of the tick.
+        eventually("frames of the worker", || {
+            (counter(&mut client, "sent_by_workers") > 0).then_some(())
+        });
+        one.signal(ends_by);
+        eventually("the worker ends", || (!one.is_running()).then_some(()));
+        wait_workers(&mut client, 0);
+        for tick in 3..=4 {
+            frames_of(&mut readers, tick);
+            cue(&mut client, 1);
+        }
+        drop((readers, client, bus));
+        daemon.stop().expect_code(0);
+        assert_nothing_left(&sandbox);
+    }
+}
+
+#[test]
+fn a_worker_that_ends_after_another_map_was_loaded_costs_no_tick() {
+    let sandbox = Sandbox::new("w-map");
+    let daemon = start_daemon(&sandbox, &stepped(), &[]);
+    let one = joined_worker(&sandbox, "one");
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let mut readers = readers(&bus);
+    wait_workers(&mut client, 1);
+    for tick in 1..=2 {
+        cue(&mut client, 1);
+        frames_of(&mut readers, tick);
+    }
+    assert!(counter(&mut client, "sent_by_workers") > 0);
+    let map = "Town02".to_owned();
+    assert_eq!(
+        ask(&mut client, Command::LoadMap { map }),
+        CommandReply::Done
+    );
+    one.kill9();
+    wait_workers(&mut client, 0);
+    // Sensors begin anew with the map, at its first tick.
+    cue(&mut client, 1);
+    for reader in &mut readers {
+        let topic = reader.topic().to_owned();
+        let frame = eventually(&topic, || reader.next().unwrap());
+        assert_eq!(frame.header().tick, 3, "{topic}");
+    }
+    drop((readers, client, bus));
+    daemon.stop().expect_code(0);
+    assert_nothing_left(&sandbox);
+}
+
 fn wait_workers(client: &mut CommandClient, n: u64) {
     eventually(&format!("{n} workers"), || {
         (counter(client, "render_workers") == n).then_some(())

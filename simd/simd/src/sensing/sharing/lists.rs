@@ -8,7 +8,7 @@ use simd_frames::sensor::{Model, Role, Sensor};
 use simd_frames::topic::Writer;
 
 use crate::clock::Clock;
-use crate::sensing::workers::Listed;
+use crate::sensing::workers::{Listed, Parting};
 use crate::world::LiveWorld;
 
 /// What the places of cameras depend on besides sensors and workers.
@@ -20,6 +20,8 @@ pub struct Surroundings<'a> {
     pub clock: &'a Clock,
     /// Where topics are closed and opened.
     pub bus: &'a Bus,
+    /// Whether cameras may leave processes that work.
+    pub parting: Parting,
 }
 
 /// The cameras as the lists of workers have them.

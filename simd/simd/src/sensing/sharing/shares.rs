@@ -9,29 +9,39 @@ use simd_world::World;
 
 use super::lists::{Surroundings, header_of_lists, listed, shared, stays_here};
 use crate::faults::Faults;
-use crate::sensing::workers::Workers;
+use crate::sensing::workers::{Parting, Rest, Workers};
 
 /// Gives cameras their places if these may have to change: one step of it, the next when all workers
-/// have taken over the lists.
+/// have taken over the lists. Cameras of a process that is gone move whatever `around` says of parting.
 pub fn divide(
     sensors: &mut Sensors,
     workers: &mut Workers,
     around: &Surroundings<'_>,
     faults: &mut Faults,
 ) -> anyhow::Result<()> {
-    if !workers.may_divide(&listed(sensors)) || !workers.is_complete(around.clock.tick()) {
+    if !workers.may_divide(&listed(sensors), around.parting)
+        || !workers.is_complete(around.clock.tick())
+    {
         return Ok(());
     }
     let wishes = wishes(sensors, workers, around);
-    let (mut next, mut is_moving) = (wishes.clone(), false);
+    let (mut next, mut rest) = (wishes.clone(), Rest::default());
     for (sensor, (_, maker)) in shared(sensors).zip(&mut next) {
-        if let Maker::Worker(owner) = sensor.maker
-            && sensor.maker != *maker
-            && workers.is_working(owner)
-        {
+        let is_at_work = match sensor.maker {
+            Maker::Here => true,
+            Maker::Worker(owner) => workers.is_working(owner),
+            Maker::Nobody => false,
+        };
+        if !is_at_work || sensor.maker == *maker {
+            continue;
+        }
+        if around.parting == Parting::WithNextTick {
+            *maker = sensor.maker;
+            rest.is_to_move = true;
+        } else if sensor.maker != Maker::Here {
             // It closes its topics before anybody else opens them.
             *maker = Maker::Nobody;
-            is_moving = true;
+            rest.is_moving = true;
         }
     }
     let maker_of = |sensor: &Sensor| {
@@ -46,7 +56,7 @@ pub fn divide(
             faults.unsent("a scene for render workers", &error);
         }
     }
-    workers.has_divided(is_moving);
+    workers.has_divided(rest);
     let is_any_without = wishes.iter().any(|(_, maker)| *maker == Maker::Nobody);
     workers.say_lack(is_any_without, around.bus.domain());
     Ok(())

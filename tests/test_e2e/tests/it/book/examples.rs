@@ -5,8 +5,8 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use test_kit::Sandbox;
 use test_kit::sandbox::{binary_path, repository};
+use test_kit::{PATIENCE, Sandbox, output_within};
 
 use super::help::{PROGRAMS, helps};
 use super::{pages_of, text};
@@ -154,15 +154,15 @@ impl Shell {
             files.push("launch/quickstart.toml");
         }
         let sets = sets.iter().flat_map(|set| ["--set", set.as_str()]);
-        let output = Command::new(binary_path("gantry"))
+        let mut command = Command::new(binary_path("gantry"));
+        command
             .arg("up")
             .args(files)
             .args(["--dry-run", "--view", "none"])
             .args(sets)
             .current_dir(repository())
-            .env("HOME", self.sandbox.dir())
-            .output()
-            .expect("gantry starts");
+            .env("HOME", self.sandbox.dir());
+        let output = output_within(&mut command, PATIENCE);
         let said = String::from_utf8_lossy(&output.stderr);
         let words = call.words.join(" ");
         assert!(output.status.success(), "{place}: {words}\n{said}");

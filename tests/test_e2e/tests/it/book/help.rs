@@ -1,10 +1,10 @@
 //! Help texts, completions and man pages of every program and all of its subcommands, and
 //! `docs/reference/programs.md`, which is made from the help texts and on which they are reviewed.
 
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Output};
 
-use test_kit::Sandbox;
 use test_kit::sandbox::binary_path;
+use test_kit::{PATIENCE, Sandbox, output_within};
 
 /// All programs that users start.
 pub(super) const PROGRAMS: [&str; 14] = [
@@ -27,17 +27,16 @@ pub(super) const PROGRAMS: [&str; 14] = [
 const EVERYWHERE: [&str; 2] = ["completions", "help"];
 
 fn run(program: &str, words: &[&str]) -> Output {
-    let output = Command::new(binary_path(program))
+    let mut command = Command::new(binary_path(program));
+    command
         .args(words)
         .env("COLUMNS", "110")
         .env_remove("RUST_LOG")
         .env_remove("NO_COLOR")
         .env_remove("GANTRY_DOMAIN")
         // Programs of this machine's that are none of the repository's stay out of the list.
-        .env("PATH", "/usr/bin:/bin")
-        .stdin(Stdio::null())
-        .output()
-        .unwrap_or_else(|error| panic!("cannot start {program}: {error}"));
+        .env("PATH", "/usr/bin:/bin");
+    let output = output_within(&mut command, PATIENCE);
     assert_eq!(output.status.code(), Some(0), "{program} {words:?}");
     output
 }
@@ -153,7 +152,7 @@ fn only_what_meets_others_on_the_bus_takes_a_domain() {
         command
             .args(&words[1..])
             .args(["--check-arguments", "--domain", "lab"]);
-        let output = command.output().expect("it starts");
+        let output = output_within(&mut command, PATIENCE);
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{words:?}: {said}");
         assert!(said.contains("unexpected argument '--domain'"), "{said}");
@@ -191,11 +190,9 @@ fn the_launcher_lists_the_programs_that_are_installed() {
     sandbox.write("gantry-no_program", "");
     let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
     std::fs::set_permissions(&own, mode).expect("it is ours");
-    let output = Command::new(binary_path("gantry"))
-        .env("PATH", sandbox.dir())
-        .arg("-h")
-        .output()
-        .expect("it starts");
+    let mut command = Command::new(binary_path("gantry"));
+    command.env("PATH", sandbox.dir()).arg("-h");
+    let output = output_within(&mut command, PATIENCE);
     let help = String::from_utf8(output.stdout).expect("help is UTF-8");
     let listed_there = listed(&help);
     assert!(
