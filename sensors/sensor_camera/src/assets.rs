@@ -12,4 +12,4 @@ pub(crate) use emitter::Emitter;
 pub(crate) use gpu_assets::GpuAssets;
 pub(crate) use mesh_draw::{MeshDraw, Sphere, matrix_rows};
 pub(crate) use meshes::Meshes;
-pub(crate) use switched::StillLamp;
+pub(crate) use switched::{StillLamp, words as switched_words};
