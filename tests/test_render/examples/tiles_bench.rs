@@ -134,18 +134,23 @@ fn measure(args: &Args, result: &mut BenchResult) -> anyhow::Result<()> {
                 millis[1].push(figures.cpu_ms);
             }
         }
-        for (name, all) in ["tiles", gpu.name()].into_iter().zip(millis) {
-            let all: Samples = all.into_iter().collect();
+        let [tiles, adapter] = millis.map(|all| all.into_iter().collect::<Samples>());
+        for (name, all) in [("tiles", &tiles), (gpu.name(), &adapter)] {
             println!(
                 "{row}, {name}: CPU {:.1} ms, at least {:.1}",
                 all.median(),
                 all.best()
             );
-            result.row(
-                &format!("{row}, {name}"),
-                &[("cpu_ms", all.median()), ("least_cpu_ms", all.best())],
-            );
         }
+        result.row(
+            row,
+            &[
+                ("tiles_cpu_ms", tiles.median()),
+                ("tiles_least_cpu_ms", tiles.best()),
+                ("adapter_cpu_ms", adapter.median()),
+                ("adapter_least_cpu_ms", adapter.best()),
+            ],
+        );
     }
     Ok(())
 }
