@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, UnitVector3, Vector3};
 use sensor_core::Scene;
 use sensor_spec::Intrinsics;
 
-use crate::assets::{Emitter, GpuAssets, StillLamp};
+use crate::assets::{Emitter, Meshes, StillLamp};
 use crate::camera_motion::{CameraMotion, NEAR_M};
 use crate::quality::Quality;
 use crate::uniform::LampData;
@@ -37,7 +37,7 @@ pub(crate) struct Shining<'a> {
 /// the scenery's lamps shine.
 pub(crate) fn shining<'a>(
     scene: &Scene,
-    assets: &'a GpuAssets,
+    assets: &'a Meshes,
     exposure: f32,
     dark_ratio: f32,
 ) -> Vec<Shining<'a>> {

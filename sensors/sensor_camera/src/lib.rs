@@ -23,6 +23,7 @@
 //! | [`dvs`] | the event camera, on the CPU and on the GPU |
 //! | `view` | what is asked of a camera, and the results |
 //! | `renderer` | the tick: who has readers, what is drawn in which order |
+//! | `tile_renderer` | views on processors, without a GPU |
 //!
 //! ```no_run
 //! use nalgebra::Isometry3;
@@ -86,6 +87,7 @@ mod view;
 
 mod renderer;
 mod shader_sources;
+mod tile_renderer;
 
 pub use blur::BlurData;
 pub use dvs::EventJob;
@@ -93,11 +95,13 @@ pub use lens::LensData;
 pub use post::PostData;
 pub use quality::Quality;
 pub use raster::{
-    ExactImages, RasterDraw, RasterView, Rasteriser, TILE_PX, Tile, TileInput, TileLists,
+    RasterDraw, RasterView, Rasteriser, TILE_PX, Tile, TileImages, TileInput, TileLists,
+    exact_images,
 };
 pub use renderer::{CameraRenderer, HeldImages, RenderError};
 pub use sensor_gpu::Place;
 pub use shader_sources::shader_sources;
+pub use tile_renderer::{TileCamera, TileRenderer};
 pub use uniform::{
     AmbientData, FogData, InstanceData, LampData, LightData, MapPlace, SceneryLampsData, SunData,
     ViewData, WaterData,

@@ -4,5 +4,5 @@ mod material;
 mod sky;
 mod weather_light;
 
-pub(crate) use material::noise_texture;
-pub(crate) use weather_light::Light;
+pub(crate) use material::{noise_levels, noise_texture};
+pub(crate) use weather_light::{Light, upload_sky};

@@ -36,7 +36,7 @@ use crate::debug::is_drawn;
 use crate::geometry::SceneryLamps;
 use crate::lamps::{LampLists, LampRange};
 use crate::lens::LensPass;
-use crate::light::Light;
+use crate::light::{Light, upload_sky};
 use crate::post;
 use crate::quality::Quality;
 use crate::raster::Rasteriser;
@@ -53,6 +53,8 @@ pub struct CameraRenderer {
     quality: Quality,
     assets: Option<GpuAssets>,
     light: Option<Light>,
+    /// The sky of `light`.
+    sky: Option<wgpu::TextureView>,
     passes: Passes,
     lens: LensPass,
     shadows: ShadowMaps,
@@ -80,6 +82,7 @@ impl CameraRenderer {
             quality,
             assets: None,
             light: None,
+            sky: None,
             passes,
             lens: LensPass::default(),
             shadows: ShadowMaps::new(gpu, quality, layout),
@@ -225,8 +228,8 @@ impl CameraRenderer {
             check::check(job)?;
         }
         match &mut self.assets {
-            Some(loaded) if Arc::ptr_eq(&loaded.scene_assets, &scene.assets) => {}
-            Some(loaded) if loaded.shows_the_same(&scene.assets) => {
+            Some(loaded) if Arc::ptr_eq(&loaded.meshes.scene_assets, &scene.assets) => {}
+            Some(loaded) if loaded.meshes.shows_the_same(&scene.assets) => {
                 loaded.switch_lamps(&self.gpu, &scene.assets)
             }
             _ => drop(self.load(&scene.assets)),
@@ -262,6 +265,7 @@ impl CameraRenderer {
             scene,
             assets: self.assets.as_ref().expect("render() loaded the assets"),
             light: self.light.as_ref().expect("it was just made"),
+            sky: self.sky.as_ref().expect("it was just made"),
         };
         let computes = self.passes.computes(&gpu, tick.assets);
         let plans = gpu.time("find", || {
@@ -277,8 +281,11 @@ impl CameraRenderer {
                 return;
             }
             for active in &active {
-                self.passes
-                    .prepare_drawing(&gpu, active.set, SceneryLamps::of(tick.assets));
+                self.passes.prepare_drawing(
+                    &gpu,
+                    active.set,
+                    SceneryLamps::of(&tick.assets.meshes),
+                );
             }
             let surfaces = self.passes.shading().surfaces();
             assign_targets::assign_drawn(&gpu, surfaces, jobs, &mut active);
@@ -384,7 +391,9 @@ impl CameraRenderer {
             .as_ref()
             .is_none_or(|light| !light.is_of(&scene.weather))
         {
-            self.light = Some(Light::new(&self.gpu, self.quality, &scene.weather));
+            let (light, sky) = Light::new(self.quality, &scene.weather);
+            self.light = Some(light);
+            self.sky = Some(upload_sky(&self.gpu, sky));
         }
     }
 }

@@ -18,7 +18,9 @@ mod draw;
 mod map;
 mod shadow_maps;
 mod sheet;
+mod tile_maps;
 
 pub(crate) use cascade_maps::{Eye, MapLayout, ShadowLookup};
 pub(crate) use draw::SHADOW_WGSL;
 pub(crate) use shadow_maps::{Lit, ShadowMaps, ShadowPlans};
+pub(crate) use tile_maps::{CasterInput, TileMaps};

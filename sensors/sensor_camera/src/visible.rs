@@ -6,7 +6,7 @@ use schema_types::ActorId;
 use sensor_core::{MeshId, Scene, stream};
 use sensor_spec::Intrinsics;
 
-use crate::assets::{GpuAssets, MeshDraw, Sphere, matrix_rows};
+use crate::assets::{MeshDraw, Meshes, Sphere, matrix_rows};
 use crate::camera_motion::{CameraMotion, Firing, NEAR_M, rows};
 use crate::occlusion::Blocks;
 use crate::uniform::InstanceData;
@@ -193,7 +193,7 @@ fn box_in_camera([low, high]: [[f32; 3]; 2], camera_from_mesh: &[[f32; 4]; 3]) -
 /// what walls hide is left out, which changes no image.
 pub(crate) fn visible(
     scene: &Scene,
-    assets: &GpuAssets,
+    assets: &Meshes,
     seen: Seen<'_>,
     motion: &CameraMotion,
     by_walls: bool,
@@ -303,7 +303,7 @@ pub(crate) fn visible(
 
 /// Draws the walls of static instances, which come nearest first, into blocks.
 fn draw_walls(
-    assets: &GpuAssets,
+    assets: &Meshes,
     camera_from_world: &[[f64; 4]; 3],
     candidates: &[(u32, MeshDraw, f64)],
     blocks: &mut Blocks,

@@ -3,9 +3,8 @@
 
 use sensor_core::vector_lanes::{Lanes, WordLanes};
 
-use crate::memory::{numbers_at, words_at};
+use crate::memory::words_at;
 use crate::packing::{number_of, word};
-use crate::vectors::each4;
 
 /// Which texels lie beyond the sides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -115,7 +114,20 @@ impl Levels {
     }
 }
 
+// No closures here: one that the compiler does not inline holds every vector instruction as a call.
 impl<L: Lanes> Around<L> {
+    /// A word of each texel.
+    #[inline(always)]
+    fn words(&self, list: &[u32]) -> [L::Words; 4] {
+        let [a, b, c, d] = self.texels;
+        [
+            words_at::<L>(list, a, 0),
+            words_at::<L>(list, b, 0),
+            words_at::<L>(list, c, 0),
+            words_at::<L>(list, d, 0),
+        ]
+    }
+
     /// The value between those of the four texels.
     #[inline(always)]
     fn between(&self, [a, b, c, d]: [L; 4]) -> L {
@@ -151,7 +163,7 @@ impl ByteImage {
     #[inline(always)]
     pub fn sampled<L: Lanes>(&self, at: [L; 2], level: L) -> [L; 4] {
         let around = self.levels.around(at, Some(level));
-        let words = each4(around.texels, |at| words_at::<L>(&self.texels, at, 0));
+        let words = around.words(&self.texels);
         [
             Self::channel(&around, words, 0),
             Self::channel(&around, words, 8),
@@ -163,9 +175,20 @@ impl ByteImage {
     /// The byte so many bits up.
     #[inline(always)]
     fn channel<L: Lanes>(around: &Around<L>, words: [L::Words; 4], bits: u32) -> L {
-        let (shift, byte) = (word::<L>(bits), word::<L>(255));
-        let bytes = each4(words, |texel| texel.shr(shift).and(byte).from_signed());
+        let [a, b, c, d] = words;
+        let bytes = [
+            Self::byte(a, bits),
+            Self::byte(b, bits),
+            Self::byte(c, bits),
+            Self::byte(d, bits),
+        ];
         around.between(bytes).mul(L::splat(1.0 / 255.0))
+    }
+
+    #[inline(always)]
+    fn byte<L: Lanes>(texel: L::Words, bits: u32) -> L {
+        let byte = texel.shr(word::<L>(bits)).and(word::<L>(255));
+        byte.from_signed()
     }
 }
 
@@ -196,19 +219,30 @@ impl NumberImage {
     pub fn sampled<L: Lanes>(&self, at: [L; 2], level: L) -> [L; 4] {
         let around = self.levels.around(at, Some(level));
         let two = word::<L>(2);
-        let places = each4(around.texels, |at| at.shl(two));
+        let [a, b, c, d] = around.texels;
+        let first = Around {
+            texels: [a.shl(two), b.shl(two), c.shl(two), d.shl(two)],
+            share: around.share,
+        };
         [
-            self.channel(&around, places, 0),
-            self.channel(&around, places, 1),
-            self.channel(&around, places, 2),
-            self.channel(&around, places, 3),
+            self.channel(&first, 0),
+            self.channel(&first, 1),
+            self.channel(&first, 2),
+            self.channel(&first, 3),
         ]
     }
 
+    /// Of texels whose first numbers are `first`.
     #[inline(always)]
-    fn channel<L: Lanes>(&self, around: &Around<L>, places: [L::Words; 4], channel: u32) -> L {
-        let numbers = each4(places, |at| numbers_at::<L>(&self.numbers, at, channel));
-        around.between(numbers)
+    fn channel<L: Lanes>(&self, first: &Around<L>, channel: u32) -> L {
+        let [a, b, c, d] = first.texels;
+        let numbers = [
+            words_at::<L>(&self.numbers, a, channel).to_numbers(),
+            words_at::<L>(&self.numbers, b, channel).to_numbers(),
+            words_at::<L>(&self.numbers, c, channel).to_numbers(),
+            words_at::<L>(&self.numbers, d, channel).to_numbers(),
+        ];
+        first.between(numbers)
     }
 }
 
@@ -232,14 +266,35 @@ impl DepthImage {
         }
     }
 
+    /// With this side and nothing on it: the largest depth, 1, everywhere.
+    ///
+    /// # Panics
+    /// Unless the side is a power of two up to 8192.
+    pub fn far(side: u32) -> DepthImage {
+        let n_texels = (side as usize).pow(2);
+        DepthImage {
+            levels: Levels::new(&[n_texels], Beyond::Clamp),
+            depths: vec![1f32.to_bits(); n_texels],
+        }
+    }
+
+    /// Bits of its depths, row by row, for whoever draws them.
+    pub fn bits_mut(&mut self) -> &mut [u32] {
+        &mut self.depths
+    }
+
     /// The share of the four texels around a place from 0 to 1 that are as deep as this or deeper,
     /// each weighed by how near it is.
     #[inline(always)]
     pub fn compared<L: Lanes>(&self, at: [L; 2], depth: L) -> L {
         let around = self.levels.around(at, None);
-        let texels = each4(around.texels, |at| numbers_at::<L>(&self.depths, at, 0));
-        let passes = each4(texels, |texel| number_of(depth.le(texel)));
-        around.between(passes)
+        let [a, b, c, d] = around.words(&self.depths);
+        around.between([
+            number_of(depth.le(a.to_numbers())),
+            number_of(depth.le(b.to_numbers())),
+            number_of(depth.le(c.to_numbers())),
+            number_of(depth.le(d.to_numbers())),
+        ])
     }
 }
 

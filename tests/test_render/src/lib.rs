@@ -10,6 +10,7 @@ pub mod peer;
 pub mod separate;
 pub mod sheet;
 pub mod stage;
+pub mod tiles;
 pub mod weathers;
 
 pub use measure::{Cameras, Figures};

@@ -215,7 +215,7 @@ impl GeometryPass {
                 })
         };
         let attachments = Target::DRAWN.map(attachment);
-        let key = self.key(view.set, SceneryLamps::of(assets));
+        let key = self.key(view.set, SceneryLamps::of(&assets.meshes));
         let pipelines = &self.pipelines[&key];
         let own = (self.submit == Submit::Attached)
             .then(|| self.bind_attached(gpu, bindings, key.lamps, &assets.switched));

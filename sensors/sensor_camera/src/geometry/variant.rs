@@ -1,6 +1,6 @@
 //! Variants of the geometry shader.
 
-use crate::assets::GpuAssets;
+use crate::assets::Meshes;
 use crate::target::Surfaces;
 
 /// How draw calls reach the GPU.
@@ -43,8 +43,8 @@ pub(crate) enum SceneryLamps {
 }
 
 impl SceneryLamps {
-    pub fn of(assets: &GpuAssets) -> Self {
-        if assets.is_switched() {
+    pub fn of(meshes: &Meshes) -> Self {
+        if meshes.is_switched() {
             SceneryLamps::Switched
         } else {
             SceneryLamps::AsBuilt

@@ -44,25 +44,35 @@ pub(crate) fn in_bytes((material, mirror): ([f32; 4], [f32; 4])) -> [u32; 4] {
 
 const SIDE_PX: u32 = 256;
 
-/// The noise texture with its mip levels: R grain, G clouds of many sizes, B and A white noise;
-/// repeats.
-pub(crate) fn noise_texture(gpu: &Gpu) -> wgpu::TextureView {
+/// The levels of the noise, each half as wide as the one before: R grain, G clouds of many sizes, B
+/// and A white noise; repeats.
+pub(crate) fn noise_levels() -> Vec<Vec<[u8; 4]>> {
     let mut texels = finest();
-    let n_mips = SIDE_PX.ilog2() + 1;
+    let n_levels = SIDE_PX.ilog2() + 1;
+    let level = |number| {
+        let bytes = texels
+            .iter()
+            .map(|texel| texel.map(|x| (x * 255.0 + 0.5) as u8));
+        let bytes = bytes.collect();
+        texels = halve(&texels, (SIDE_PX >> number) as usize);
+        bytes
+    };
+    (0..n_levels).map(level).collect()
+}
+
+/// The noise as a texture.
+pub(crate) fn noise_texture(gpu: &Gpu) -> wgpu::TextureView {
+    let levels = noise_levels();
     let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
     let texture = gpu.texture(
         "noise",
         [SIDE_PX, SIDE_PX],
-        n_mips,
+        levels.len() as u32,
         wgpu::TextureFormat::Rgba8Unorm,
         usage,
     );
-    for mip_level in 0..n_mips {
+    for (mip_level, bytes) in (0..).zip(&levels) {
         let side_px = SIDE_PX >> mip_level;
-        let bytes: Vec<[u8; 4]> = texels
-            .iter()
-            .map(|texel| texel.map(|x| (x * 255.0 + 0.5) as u8))
-            .collect();
         gpu.queue().write_texture(
             wgpu::TexelCopyTextureInfo {
                 texture: &texture,
@@ -70,7 +80,7 @@ pub(crate) fn noise_texture(gpu: &Gpu) -> wgpu::TextureView {
                 origin: wgpu::Origin3d::ZERO,
                 aspect: wgpu::TextureAspect::All,
             },
-            bytemuck::cast_slice(&bytes),
+            bytemuck::cast_slice(bytes),
             wgpu::TexelCopyBufferLayout {
                 offset: 0,
                 bytes_per_row: Some(4 * side_px),
@@ -82,7 +92,6 @@ pub(crate) fn noise_texture(gpu: &Gpu) -> wgpu::TextureView {
                 depth_or_array_layers: 1,
             },
         );
-        texels = halve(&texels, side_px as usize);
     }
     texture.create_view(&wgpu::TextureViewDescriptor::default())
 }

@@ -10,12 +10,11 @@ use super::sky::{MIE_DEPTH, RAYLEIGH_DEPTH, SkyLook, SkyMap, luminance, molecule
 use crate::quality::Quality;
 use crate::uniform::{AmbientData, FogData, LightData, SceneryLampsData, SunData, WaterData};
 
-/// Light of one weather, with the sky on the GPU.
+/// Light of one weather.
 #[derive(Debug)]
 pub(crate) struct Light {
     weather: Weather,
     pub data: LightData,
-    pub sky: wgpu::TextureView,
     /// Direction to the sun.
     pub sun_towards: Vector3<f64>,
     /// Whether the sun throws shadows worth drawing.
@@ -52,8 +51,8 @@ const DISC_GAIN: f32 = 40.0;
 const DISC_COSINE: f32 = 0.999_981;
 
 impl Light {
-    /// Makes the light of `weather`.
-    pub fn new(gpu: &Gpu, quality: Quality, weather: &Weather) -> Light {
+    /// Makes the light of `weather`, and its sky.
+    pub fn new(quality: Quality, weather: &Weather) -> (Light, SkyMap) {
         let side_px = match quality {
             Quality::Low => 512,
             Quality::High => 1024,
@@ -63,9 +62,8 @@ impl Light {
         let data = light_data(weather, &look, &exposed, &map);
         let sun_towards = Sun::of(weather).towards;
         let has_shadows = sun_towards.z > MIN_SHADOW_SUN_Z && exposed.sun_share > 0.05;
-        Light {
+        let light = Light {
             weather: *weather,
-            sky: upload(gpu, map),
             sun_towards,
             has_shadows,
             exposure: exposed.exposure,
@@ -75,7 +73,8 @@ impl Light {
                 || data.water.rain_ratio > 0.0
                 || data.water.puddle_level > 0.0,
             data,
-        }
+        };
+        (light, map)
     }
 
     /// The light at this time. Only falling rain depends on time; everything else depends on the
@@ -346,8 +345,8 @@ fn water(weather: &Weather) -> WaterData {
     }
 }
 
-/// The map with all its mip levels down to 8 × 8.
-fn upload(gpu: &Gpu, mut map: SkyMap) -> wgpu::TextureView {
+/// The sky on the GPU, with all its mip levels down to 8 × 8.
+pub(crate) fn upload_sky(gpu: &Gpu, mut map: SkyMap) -> wgpu::TextureView {
     let n_mips = map.side_px.ilog2() - 2;
     let side_px = map.side_px as u32;
     let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;

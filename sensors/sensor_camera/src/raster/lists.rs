@@ -93,24 +93,13 @@ impl Part<'_> {
         }
         let (mut draws, mut chunks) = (Vec::new(), Vec::new());
         for (view, (job, place)) in (self.first_view..).zip(self.jobs.iter().zip(self.places)) {
-            let mut first_triangle = 0;
-            for (number, call) in (place.first_draw..).zip(&job.drawn.calls) {
-                let n_triangles = call.mesh.n_indices / 3;
+            for (number, draw) in (place.first_draw..).zip(RasterDraw::all_of(job.drawn, view)) {
                 chunks.extend(
-                    (0..n_triangles)
+                    (0..draw.n_triangles)
                         .step_by(CHUNK as usize)
                         .map(|first| [number, first]),
                 );
-                draws.push(RasterDraw {
-                    first_triangle,
-                    n_triangles,
-                    first_idx: call.mesh.first_idx,
-                    base_vertex: call.mesh.base_vertex as u32,
-                    instance: job.drawn.first_instance + call.instance_idx,
-                    view,
-                    rest: [0; 2],
-                });
-                first_triangle += n_triangles;
+                draws.push(draw);
             }
         }
         if let Some(mut to) = open::<RasterDraw>(

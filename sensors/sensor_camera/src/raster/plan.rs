@@ -39,6 +39,26 @@ pub struct RasterDraw {
     pub rest: [u32; 2],
 }
 
+impl RasterDraw {
+    /// Those of a view of this number, in their order.
+    pub(crate) fn all_of(drawn: &Drawn, view: u32) -> impl Iterator<Item = RasterDraw> {
+        let mut next_triangle = 0;
+        drawn.calls.iter().map(move |call| {
+            let (first_triangle, n_triangles) = (next_triangle, call.mesh.n_indices / 3);
+            next_triangle += n_triangles;
+            RasterDraw {
+                first_triangle,
+                n_triangles,
+                first_idx: call.mesh.first_idx,
+                base_vertex: call.mesh.base_vertex as u32,
+                instance: drawn.first_instance + call.instance_idx,
+                view,
+                rest: [0; 2],
+            }
+        })
+    }
+}
+
 /// Mirror of `Batch` in `raster.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]

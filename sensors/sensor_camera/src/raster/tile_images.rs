@@ -1,19 +1,15 @@
-//! What each modality keeps of a view that is rasterised in tiles: every pixel is resolved by the
-//! functions that `sensor_shade` has from `resolve.wgsl`. Colour is not among it.
+//! Images that tiles make of a view, in the bytes that readers get.
 
-use sensor_core::vector_lanes::{LaneWork, Lanes, WordLanes, in_lanes};
-use sensor_shade::resolving::{self, Bound, Maps, Overrides, Pixel};
+use super::tiles::TILE_PX;
+use crate::target::{Target, TargetSet};
 
-use super::plan::RasterView;
-use super::tiles::{TILE_PX, Tile, TileInput, TileLists};
-use crate::target::Target;
-use crate::uniform::ViewData;
-
-/// Images of a view, row by row.
+/// Images of a view, row by row; those that nobody asked for are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct ExactImages {
+pub struct TileImages {
     /// Width, height.
     pub size_px: [usize; 2],
+    /// Bytes B, G, R, A, the first in the lowest bits.
+    pub color: Vec<u32>,
     /// Depth along the optical axis; infinite where there is sky.
     pub depth_m: Vec<f32>,
     /// Numbers of classes.
@@ -26,109 +22,55 @@ pub struct ExactImages {
     pub normal: Vec<[f32; 3]>,
 }
 
-/// Resolving reads no image.
-struct NoMaps;
+/// The rows of all images that a row of tiles makes.
+pub(super) struct Band<'b> {
+    pub width: usize,
+    pub color: &'b mut [u32],
+    pub depth_m: &'b mut [f32],
+    pub class_code: &'b mut [u8],
+    pub instance: &'b mut [u32],
+    pub flow_px: &'b mut [[f32; 2]],
+    pub normal: &'b mut [[f32; 3]],
+}
 
-impl<L: Lanes> Maps<L> for NoMaps {}
+/// Makes a list as long as it must be; what it holds is written over.
+fn fit<T: Clone + Default>(list: &mut Vec<T>, n: usize, wanted: bool) {
+    list.resize(if wanted { n } else { 0 }, T::default());
+}
 
-impl ExactImages {
-    /// Draws a view. Where its draw calls begin, and which targets are wanted, is not taken from
-    /// `view`: all of `input` is drawn, and everything is made.
-    ///
-    /// # Panics
-    /// If a draw call names vertices, indices or instances that are not there.
-    pub fn draw(view: &ViewData, input: &TileInput<'_>) -> ExactImages {
-        let size_px = view.size_px.map(|size| size as usize);
-        let raster_view = RasterView {
-            lens_px: view.lens_px,
-            size_px: view.size_px.map(|size| size as u32),
-            first_pixel: 0,
-            near_m: view.near_m,
-        };
-        let view = ViewData {
-            first_draw: 0,
-            n_draws: input.draws.len() as u32,
-            wanted: Target::Flow.bit().0 as u32,
-            ..*view
-        };
-        let bound = Bound {
-            overrides: Overrides {},
-            views: bytemuck::cast_ref(&view),
-            instances: bytemuck::cast_slice(input.instances),
-            draws: bytemuck::cast_slice(input.draws),
-            vertices: bytemuck::cast_slice(input.vertices),
-            indices: input.indices,
-            maps: &NoMaps,
-        };
-        let n_pixels = size_px[0] * size_px[1];
-        let mut out = ExactImages {
-            size_px,
-            depth_m: vec![0.0; n_pixels],
-            class_code: vec![0; n_pixels],
-            instance: vec![0; n_pixels],
-            flow_px: vec![[0.0; 2]; n_pixels],
-            normal: vec![[0.0; 3]; n_pixels],
-        };
-        let mut lists = TileLists::default();
-        lists.sort(&raster_view, input);
-        let [across, down] = lists.n_tiles();
-        let mut tile = Tile::default();
-        for number in 0..across * down {
-            lists.fill(number, &mut tile);
-            in_lanes(Resolve {
-                bound: &bound,
-                tile: &tile,
-                origin_px: [number % across, number / across].map(|at| at * TILE_PX),
-                out: &mut out,
-            });
-        }
-        out
+impl TileImages {
+    /// Makes room for the images of a set, and for no others.
+    pub(super) fn fit(&mut self, size_px: [usize; 2], set: TargetSet) {
+        self.size_px = size_px;
+        let n = size_px[0] * size_px[1];
+        fit(&mut self.color, n, set.contains(Target::Color));
+        fit(&mut self.depth_m, n, set.contains(Target::Depth));
+        fit(&mut self.class_code, n, set.contains(Target::Class));
+        fit(&mut self.instance, n, set.contains(Target::Instance));
+        fit(&mut self.flow_px, n, set.contains(Target::Flow));
+        fit(&mut self.normal, n, set.contains(Target::Normals));
     }
-}
 
-/// Resolves the pixels of a tile.
-struct Resolve<'r> {
-    bound: &'r Bound<'r, NoMaps>,
-    tile: &'r Tile,
-    origin_px: [usize; 2],
-    out: &'r mut ExactImages,
-}
-
-impl LaneWork for Resolve<'_> {
-    type Out = ();
-
-    #[inline(always)]
-    fn run<L: Lanes>(self) {
-        let [left, top] = self.origin_px;
-        let [width, height] = self.out.size_px;
-        let ramp = L::load(&[0.5, 1.5, 2.5, 3.5, 4.5, 5.5, 6.5, 7.5]);
-        let rows = self.tile.number.iter().zip(self.tile.inverse_depth.iter());
-        for (y, (numbers, inverses)) in (top..height).zip(rows) {
-            let eights = numbers.as_chunks::<8>().0.iter();
-            let eights = eights.zip(inverses.as_chunks::<8>().0);
-            for (x, (numbers, inverses)) in (left..width).step_by(8).zip(eights) {
-                let at = [L::splat(x as f32).add(ramp), L::splat(y as f32 + 0.5)];
-                let found = [<L::Words>::load(numbers), L::load(inverses).to_words()];
-                let pixel = resolving::pixel_at::<L, NoMaps>(self.bound, L::mask(true), at, found);
-                let n = (width - x).min(8);
-                keep(self.out, y * width + x, n, &pixel);
-            }
-        }
+    /// Its rows by rows of tiles.
+    pub(super) fn bands(&mut self) -> Vec<Band<'_>> {
+        let [width, height] = self.size_px;
+        let n = TILE_PX * width;
+        let mut color = self.color.chunks_mut(n);
+        let mut depth_m = self.depth_m.chunks_mut(n);
+        let mut class_code = self.class_code.chunks_mut(n);
+        let mut instance = self.instance.chunks_mut(n);
+        let mut flow_px = self.flow_px.chunks_mut(n);
+        let mut normal = self.normal.chunks_mut(n);
+        (0..height.div_ceil(TILE_PX))
+            .map(|_| Band {
+                width,
+                color: color.next().unwrap_or_default(),
+                depth_m: depth_m.next().unwrap_or_default(),
+                class_code: class_code.next().unwrap_or_default(),
+                instance: instance.next().unwrap_or_default(),
+                flow_px: flow_px.next().unwrap_or_default(),
+                normal: normal.next().unwrap_or_default(),
+            })
+            .collect()
     }
-}
-
-/// Writes the first `n` of eight pixels from this place on.
-#[inline(always)]
-fn keep<L: Lanes>(out: &mut ExactImages, first: usize, n: usize, pixel: &Pixel<L>) {
-    let to = first..first + n;
-    out.depth_m[to.clone()].copy_from_slice(&pixel.depth_m.store()[..n]);
-    out.instance[to.clone()].copy_from_slice(&pixel.instance.store()[..n]);
-    let classes = pixel.class_code.store().map(|code| code as u8);
-    out.class_code[to.clone()].copy_from_slice(&classes[..n]);
-    let [x, y] = pixel.flow_px.map(L::store);
-    let flow: [[f32; 2]; 8] = std::array::from_fn(|i| [x[i], y[i]]);
-    out.flow_px[to.clone()].copy_from_slice(&flow[..n]);
-    let [x, y, z, _] = pixel.normal.map(L::store);
-    let normals: [[f32; 3]; 8] = std::array::from_fn(|i| [x[i], y[i], z[i]]);
-    out.normal[to].copy_from_slice(&normals[..n]);
 }

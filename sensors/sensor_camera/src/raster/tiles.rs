@@ -33,7 +33,8 @@ pub struct TileInput<'i> {
     pub draws: &'i [RasterDraw],
 }
 
-/// 1 / depth on a triangle's plane: a position, the value there, its change per pixel, its bounds.
+/// A number on a triangle's plane, 1 / depth or a map's height: a position, the value there, its
+/// change per pixel, its bounds.
 #[derive(Clone, Copy, Debug)]
 struct Slope {
     at_px: [f32; 2],
@@ -100,10 +101,25 @@ fn transformed(m: &[[f32; 4]; 3], p: Point) -> Point {
 
 fn snapped(view: &RasterView, p: Point) -> [i32; 2] {
     std::array::from_fn(|axis| {
-        let px = p[axis] / p[2] * view.lens_px[axis] + view.lens_px[axis + 2];
-        let whole = (px * 256.0 + 0.5).floor() as i32;
-        whole.clamp(-MOST_SNAPPED, MOST_SNAPPED)
+        snapped_axis(p[axis] / p[2] * view.lens_px[axis] + view.lens_px[axis + 2])
     })
+}
+
+fn snapped_axis(px: f32) -> i32 {
+    let whole = (px * 256.0 + 0.5).floor() as i32;
+    whole.clamp(-MOST_SNAPPED, MOST_SNAPPED)
+}
+
+/// Twice the area of a polygon; negative if it is counter-clockwise, as y runs down.
+fn twice_area(corners: &[[i32; 2]]) -> i64 {
+    let [x, y] = corners[0].map(i64::from);
+    let away = |corner: &[i32; 2]| [corner[0] as i64 - x, corner[1] as i64 - y];
+    let pairs = corners.windows(2).map(|two| [away(&two[0]), away(&two[1])]);
+    pairs.map(|[a, b]| a[0] * b[1] - a[1] * b[0]).sum()
+}
+
+fn snapped_px(place_px: [f32; 2]) -> [i32; 2] {
+    place_px.map(snapped_axis)
 }
 
 fn slope_of(view: &RasterView, [a, b, c]: [Point; 3]) -> Slope {
@@ -135,6 +151,28 @@ fn slope_of(view: &RasterView, [a, b, c]: [Point; 3]) -> Slope {
     }
 }
 
+/// The same of heights from 0 to 1 over a map: corners have their places in pixels, and a height.
+fn slope_of_heights([a, b, c]: [Point; 3]) -> Slope {
+    let mut low = a;
+    for corner in [b, c] {
+        if corner[2] < low[2] {
+            low = corner;
+        }
+    }
+    let normal = cross(difference(b, a), difference(c, a));
+    let change = |axis: usize| {
+        let change = -normal[axis] / normal[2];
+        if change.is_finite() { change } else { 0.0 }
+    };
+    Slope {
+        at_px: [low[0], low[1]],
+        value: low[2],
+        change: [change(0), change(1)],
+        least: low[2].max(0.0),
+        most: a[2].max(b[2]).max(c[2]).min(1.0),
+    }
+}
+
 /// Signed distance to one of the five clipping planes.
 fn inside_of(view: &RasterView, plane: usize, p: Point) -> f32 {
     let reach = |axis: usize| GUARD_PX / view.lens_px[axis] * p[2];
@@ -149,45 +187,80 @@ fn inside_of(view: &RasterView, plane: usize, p: Point) -> f32 {
 
 /// Clips plane by plane (Sutherland and Hodgman, 1974). An edge is always cut from its inner end on,
 /// so that two triangles with a common edge get the same point.
-fn clipped(view: &RasterView, corners: [Point; 3]) -> ([Point; 8], usize) {
-    let mut begin = [[0.0; 3]; 8];
-    begin[..3].copy_from_slice(&corners);
-    let mut n = 3;
+fn clipped(view: &RasterView, corners: [Point; 3]) -> (Polygon, usize) {
+    let (mut polygon, mut n) = begun(corners);
     for plane in 0..5 {
-        let mut kept = [[0.0; 3]; 8];
-        let mut n_kept = 0;
-        let mut keep = |p: Point| {
-            if n_kept < kept.len() {
-                kept[n_kept] = p;
-                n_kept += 1;
+        let inside = |p| inside_of(view, plane, p);
+        (polygon, n) = cut(&polygon[..n], inside, |mut point| {
+            if plane == 0 {
+                point[2] = view.near_m;
             }
-        };
-        for i in 0..n {
-            let (here, next) = (begin[i], begin[(i + 1) % n]);
-            let inside = inside_of(view, plane, here);
-            let next_inside = inside_of(view, plane, next);
-            if inside >= 0.0 {
-                keep(here);
-            }
-            if (inside >= 0.0) != (next_inside >= 0.0) {
-                let cut = |from: Point, to: Point, inside: f32, outside: f32| -> Point {
-                    let share = inside / (inside - outside);
-                    std::array::from_fn(|i| from[i] + (to[i] - from[i]) * share)
-                };
-                let mut cut = if inside >= 0.0 {
-                    cut(here, next, inside, next_inside)
-                } else {
-                    cut(next, here, next_inside, inside)
-                };
-                if plane == 0 {
-                    cut[2] = view.near_m;
-                }
-                keep(cut);
-            }
-        }
-        (begin, n) = (kept, n_kept);
+            point
+        });
     }
-    (begin, n)
+    (polygon, n)
+}
+
+/// The same for a map: to heights from 0 to 1, and to places near the map.
+fn clipped_to_map(corners: [Point; 3]) -> (Polygon, usize) {
+    let (mut polygon, mut n) = begun(corners);
+    for plane in 0..6 {
+        let inside = |p: Point| match plane {
+            0 => p[2],
+            1 => 1.0 - p[2],
+            2 => GUARD_PX - p[0],
+            3 => GUARD_PX + p[0],
+            4 => GUARD_PX - p[1],
+            _ => GUARD_PX + p[1],
+        };
+        (polygon, n) = cut(&polygon[..n], inside, |point| point);
+    }
+    (polygon, n)
+}
+
+/// Each of at most six planes adds a corner to the three.
+type Polygon = [Point; 9];
+
+fn begun(corners: [Point; 3]) -> (Polygon, usize) {
+    let mut polygon = [[0.0; 3]; 9];
+    polygon[..3].copy_from_slice(&corners);
+    (polygon, 3)
+}
+
+/// Clips by one plane, which `placed` puts new corners on.
+fn cut(
+    begin: &[Point],
+    inside_of: impl Fn(Point) -> f32,
+    placed: impl Fn(Point) -> Point,
+) -> (Polygon, usize) {
+    let n = begin.len();
+    let mut kept = [[0.0; 3]; 9];
+    let mut n_kept = 0;
+    let mut keep = |p: Point| {
+        if n_kept < kept.len() {
+            kept[n_kept] = p;
+            n_kept += 1;
+        }
+    };
+    for i in 0..n {
+        let (here, next) = (begin[i], begin[(i + 1) % n]);
+        let (inside, next_inside) = (inside_of(here), inside_of(next));
+        if inside >= 0.0 {
+            keep(here);
+        }
+        if (inside >= 0.0) != (next_inside >= 0.0) {
+            let cut = |from: Point, to: Point, inside: f32, outside: f32| -> Point {
+                let share = inside / (inside - outside);
+                std::array::from_fn(|i| from[i] + (to[i] - from[i]) * share)
+            };
+            keep(placed(if inside >= 0.0 {
+                cut(here, next, inside, next_inside)
+            } else {
+                cut(next, here, next_inside, inside)
+            }));
+        }
+    }
+    (kept, n_kept)
 }
 
 impl TileLists {
@@ -197,12 +270,7 @@ impl TileLists {
     /// # Panics
     /// If a draw call names vertices, indices or instances that are not there.
     pub fn sort(&mut self, view: &RasterView, input: &TileInput<'_>) {
-        self.size_px = view.size_px.map(|size| size as usize);
-        self.triangles.clear();
-        self.corners.clear();
-        let [across, down] = self.n_tiles();
-        self.tiles.resize_with(across * down, Vec::new);
-        self.tiles.iter_mut().for_each(Vec::clear);
+        self.begin(view.size_px.map(|size| size as usize));
         for draw in input.draws {
             let rows = &input.instances[draw.instance as usize].camera_from_mesh;
             let first = draw.first_idx as usize;
@@ -213,6 +281,54 @@ impl TileLists {
                 self.add(view, number, corners);
             }
         }
+    }
+
+    /// Begins without triangles.
+    pub(crate) fn begin(&mut self, size_px: [usize; 2]) {
+        self.size_px = size_px;
+        self.triangles.clear();
+        self.corners.clear();
+        let [across, down] = self.n_tiles();
+        self.tiles.resize_with(across * down, Vec::new);
+        self.tiles.iter_mut().for_each(Vec::clear);
+    }
+
+    /// Adds a triangle of a map, both of whose sides are seen: of each corner the place in pixels,
+    /// and its height from 0 to 1. The highest is what tiles show, as they do of 1 / depth; what
+    /// lies below or above is cut off. A corner that is not finite leaves it out.
+    pub(crate) fn add_to_map(&mut self, points: [Point; 3]) {
+        if !points.iter().flatten().all(|x| x.is_finite()) {
+            return;
+        }
+        let is_beside = |axis: usize| {
+            let all = points.map(|p| p[axis]);
+            let size = self.size_px[axis] as f32;
+            all.iter().all(|at| *at < 0.0) || all.iter().all(|at| *at > size)
+        };
+        if is_beside(0) || is_beside(1) {
+            return;
+        }
+        let is_within = |p: &Point| {
+            (0.0..=1.0).contains(&p[2]) && p[0].abs() <= GUARD_PX && p[1].abs() <= GUARD_PX
+        };
+        let (polygon, n) = if points.iter().all(is_within) {
+            begun(points)
+        } else {
+            clipped_to_map(points)
+        };
+        if n < 3 {
+            return;
+        }
+        let first = self.corners.len();
+        self.corners
+            .extend(polygon[..n].iter().map(|p| snapped_px([p[0], p[1]])));
+        // Front faces are counter-clockwise.
+        match twice_area(&self.corners[first..]) {
+            0 => return self.corners.truncate(first),
+            area if area > 0 => self.corners[first..].reverse(),
+            _ => {}
+        }
+        self.put(first, 0, slope_of_heights(points));
     }
 
     fn add(&mut self, view: &RasterView, number: u32, points: [Point; 3]) {
@@ -259,6 +375,11 @@ impl TileLists {
             }
             self.corners.extend(corners);
         }
+        self.put(first, number, slope_of(view, points));
+    }
+
+    /// Puts the triangle whose corners begin at `first` into its tiles.
+    fn put(&mut self, first: usize, number: u32, slope: Slope) {
         // Pixels of the image whose centres can lie in it.
         let corners = &self.corners[first..];
         let range = |axis: usize| {
@@ -266,7 +387,7 @@ impl TileLists {
             let (least, most) = (of.clone().min(), of.max());
             let low = (least.unwrap_or(0) + 127) >> 8;
             let high = (most.unwrap_or(0) - 128) >> 8;
-            (low.max(0), high.min(view.size_px[axis] as i32 - 1))
+            (low.max(0), high.min(self.size_px[axis] as i32 - 1))
         };
         let ((left, right), (top, bottom)) = (range(0), range(1));
         if left > right || top > bottom {
@@ -277,7 +398,7 @@ impl TileLists {
         self.triangles.push(Triangle {
             number,
             corners: [first as u32, (self.corners.len() - first) as u32],
-            slope: slope_of(view, points),
+            slope,
         });
         let across = self.n_tiles()[0];
         let tiles = |low: i32, high: i32| low as usize / TILE_PX..=high as usize / TILE_PX;
@@ -291,6 +412,11 @@ impl TileLists {
     /// Tiles across and down; their numbers go row by row.
     pub fn n_tiles(&self) -> [usize; 2] {
         self.size_px.map(|size| size.div_ceil(TILE_PX))
+    }
+
+    /// Whether no triangle reaches into a tile.
+    pub(crate) fn is_empty(&self, tile_idx: usize) -> bool {
+        self.tiles[tile_idx].is_empty()
     }
 
     /// Finds what the pixels of a tile show, with the widest vectors that there are. Pixels of the

@@ -22,7 +22,9 @@ pub(super) fn find(
         scene,
         assets,
         light,
+        ..
     } = *tick;
+    let assets = &assets.meshes;
     let eyes = if light.has_shadows {
         eyes_of(active, jobs)
     } else {

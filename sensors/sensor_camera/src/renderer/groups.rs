@@ -31,7 +31,12 @@ pub(super) fn record_groups(
         let (group, rest) = std::mem::take(&mut active).split_at_mut(n);
         number_instances(group);
         let eyes = eyes_of(group, jobs);
-        let plans = maps.plan(tick.assets, tick.scene, tick.light.sun_towards, &eyes);
+        let plans = maps.plan(
+            &tick.assets.meshes,
+            tick.scene,
+            tick.light.sun_towards,
+            &eyes,
+        );
         passes.record(drawing, group, jobs, maps, &plans, &mut encoder);
         if rest.is_empty() {
             return encoder;

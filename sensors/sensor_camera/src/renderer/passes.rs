@@ -1,14 +1,12 @@
 //! Records the passes of all views: shadows first, then each step for all views in one compute
 //! pass, so that a GPU works on them in parallel.
 
-use nalgebra::Isometry3;
 use sensor_gpu::Gpu;
 
 use super::active::Active;
 use super::tick::{TickDrawing, TickScene};
 use crate::assets::GpuAssets;
 use crate::bindings::{Bindings, Together};
-use crate::camera_motion::{NEAR_M, rows};
 use crate::debug::{DebugPass, DebugView, is_drawn};
 use crate::geometry::{GeometryPass, SceneryLamps, ViewPass};
 use crate::post::{PostJob, PostPass};
@@ -154,9 +152,7 @@ impl Passes {
         });
         let works = gpu.time("record: works", || self.works(tick, active, jobs));
         let bound = Bound {
-            scene: self
-                .bindings
-                .bind_scene(gpu, &tick.light.sky, &assets.switched),
+            scene: self.bindings.bind_scene(gpu, tick.sky, &assets.switched),
             views: self.bindings.bind_views(gpu, maps.lookups()),
         };
         gpu.time("record: passes", || match &plan {
@@ -246,6 +242,7 @@ impl Passes {
             scene,
             assets,
             light,
+            ..
         } = *tick;
         let (mut works, mut first_call) = (Vec::with_capacity(active.len()), 0);
         for (view_idx, active) in active.iter().enumerate() {
@@ -256,10 +253,10 @@ impl Passes {
                 color: active.set.contains(Target::Color) && !developed,
                 radiance: developed,
                 luminance: active.set.contains(Target::Luminance),
-                lamps: active.lamps.n > 0 || light.dark_ratio > 0.0 || assets.is_switched(),
+                lamps: active.lamps.n > 0 || light.dark_ratio > 0.0 || assets.meshes.is_switched(),
                 fog: light.has_fog,
                 wet: light.is_wet,
-                switched: assets.is_switched(),
+                switched: assets.meshes.is_switched(),
             });
             let previous = view
                 .previous
@@ -425,29 +422,14 @@ fn begin_computing<'e>(
 }
 
 fn view_data(view: &View, active: &Active, lit: &Lit) -> ViewData {
-    let motion = &active.motion;
-    let lens = view.drawn;
-    let mut world_from_camera = rows(&motion.world_from_camera);
-    let eye = motion.world_from_camera.translation.vector;
-    // Patterns repeat every 1024 m, so that they stay sharp far from the origin.
-    world_from_camera[0][3] = eye.x.rem_euclid(1024.0) as f32;
-    world_from_camera[1][3] = eye.y.rem_euclid(1024.0) as f32;
-    let turn = motion.previous_camera_from_world.rotation * motion.world_from_camera.rotation;
     let place = |lookup: &ShadowLookup| MapPlace {
         tile: [lookup.tile[0], lookup.tile[1]],
         side: lookup.tile[2],
         layer: lookup.layer,
     };
     ViewData {
-        lens_px: lens.as_array().map(|x| x as f32),
-        size_px: [lens.width_px as f32, lens.height_px as f32],
-        near_m: NEAR_M as f32,
-        sky_depth_m: f32::INFINITY,
-        world_from_camera,
-        previous_from_camera: rows(&Isometry3::from_parts(Default::default(), turn)),
         shadow_from_camera: lit.near.shadow_from_camera,
         far_shadow_from_camera: lit.far.shadow_from_camera,
-        turned: motion.moved() as u32 as f32,
         has_shadows: lit.near.on as u32 as f32,
         shadow_texel_depth: lit.near.texel_depth,
         far_shadow_texel_depth: lit.far.texel_depth,
@@ -455,12 +437,8 @@ fn view_data(view: &View, active: &Active, lit: &Lit) -> ViewData {
         first_lamp_tile: active.lamps.first_tile,
         layer: active.layer,
         wanted: active.set.0 as u32,
-        first_draw: 0,
-        n_draws: 0,
-        first_pixel: 0,
-        unused: 0,
         near_map: place(&lit.near),
         far_map: place(&lit.far),
-        rest: [[0; 4]; 13],
+        ..active.motion.view_data(&view.drawn)
     }
 }

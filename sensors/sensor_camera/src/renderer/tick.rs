@@ -16,6 +16,7 @@ pub(super) struct TickScene<'t> {
     pub scene: &'t Scene,
     pub assets: &'t GpuAssets,
     pub light: &'t Light,
+    pub sky: &'t wgpu::TextureView,
 }
 
 /// How the views of a tick become pixels.

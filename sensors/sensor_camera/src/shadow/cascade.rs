@@ -3,8 +3,8 @@
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 use sensor_core::{DynamicInstance, MeshId, Scene};
 
-use super::caster::{Caster, Casters, top_rows};
-use crate::assets::{GpuAssets, Sphere};
+use super::caster::{Caster, Casters, MatrixRows, top_rows};
+use crate::assets::{Meshes, Sphere};
 use crate::quality::Quality;
 
 /// One cascade.
@@ -78,7 +78,7 @@ pub(crate) struct MovingCaster<'s> {
 }
 
 impl<'s> MovingCaster<'s> {
-    pub fn all_of(assets: &GpuAssets, scene: &'s Scene) -> Vec<MovingCaster<'s>> {
+    pub fn all_of(assets: &Meshes, scene: &'s Scene) -> Vec<MovingCaster<'s>> {
         let sphere = |instance: &DynamicInstance| {
             Sphere::of(
                 assets.scene_assets.mesh(instance.mesh),
@@ -138,6 +138,23 @@ impl Cascade {
         matrix
     }
 
+    /// A texel in units of the map's depth.
+    pub fn texel_depth(&self) -> f32 {
+        let texel_m = 2.0 * self.half_side_m / self.side_px as f64;
+        (texel_m / (2.0 * self.half_depth_m)) as f32
+    }
+
+    /// The rows by which a camera looks a cell's map up: u, v, depth.
+    pub fn shadow_from_camera(
+        &self,
+        cell: [i64; 3],
+        sun_towards: Vector3<f64>,
+        world_from_camera: &Isometry3<f64>,
+    ) -> MatrixRows {
+        let shadow_from_world = self.shadow_from_world(cell, sun_towards);
+        top_rows(&(shadow_from_world * world_from_camera.to_homogeneous()))
+    }
+
     fn touches(&self, sphere: &Sphere, cell: [i64; 3], axes: &[Vector3<f64>; 3]) -> bool {
         let offset = sphere.centre_m - Point3::from(self.centre_m(cell));
         let half = [self.half_side_m, self.half_side_m, self.half_depth_m];
@@ -148,7 +165,7 @@ impl Cascade {
 
     pub fn still_casters(
         &self,
-        assets: &GpuAssets,
+        assets: &Meshes,
         cell: [i64; 3],
         sun_towards: Vector3<f64>,
     ) -> Vec<Caster> {
@@ -173,7 +190,7 @@ impl Cascade {
 
     pub fn moving_casters(
         &self,
-        assets: &GpuAssets,
+        assets: &Meshes,
         moving: &[MovingCaster<'_>],
         cell: [i64; 3],
         sun_towards: Vector3<f64>,
@@ -197,7 +214,7 @@ impl Cascade {
 
     fn caster(
         &self,
-        assets: &GpuAssets,
+        assets: &Meshes,
         mesh: MeshId,
         world_from_mesh: &Isometry3<f64>,
         sphere: &Sphere,

@@ -7,11 +7,11 @@ use sensor_core::Scene;
 use sensor_gpu::Gpu;
 
 use super::cascade::{Cascade, MovingCaster};
-use super::caster::{MatrixRows, top_rows};
+use super::caster::MatrixRows;
 use super::draw::{LayerWork, MapWork, ShadowDraw};
 use super::map::Map;
 use super::sheet::{Sheet, SheetPlace};
-use crate::assets::GpuAssets;
+use crate::assets::{GpuAssets, Meshes};
 use crate::target::{Image, image};
 
 /// A lit camera.
@@ -207,7 +207,7 @@ impl CascadeMaps {
     /// [`CascadeMaps::n_fitting`] returns.
     pub fn plan(
         &mut self,
-        assets: &GpuAssets,
+        assets: &Meshes,
         scene: &Scene,
         sun_towards: Vector3<f64>,
         eyes: &[Eye],
@@ -256,9 +256,6 @@ impl CascadeMaps {
             } = place;
             let map = &self.maps[*map_idx];
             let sheet = &self.sheets[map.sheet];
-            let shadow_from_camera = cascade.shadow_from_world(*cell, self.sun_towards)
-                * world_from_camera.to_homogeneous();
-            let texel_m = 2.0 * cascade.half_side_m / cascade.side_px as f64;
             let [x, y] = map.place.tile.map(|i| i as f32);
             ShadowLookup {
                 view: if self.shows_all(map) {
@@ -268,8 +265,12 @@ impl CascadeMaps {
                 },
                 layer: map.place.layer,
                 tile: [x, y, map.side_px as f32 / sheet.page_px as f32],
-                shadow_from_camera: top_rows(&shadow_from_camera),
-                texel_depth: (texel_m / (2.0 * cascade.half_depth_m)) as f32,
+                shadow_from_camera: cascade.shadow_from_camera(
+                    *cell,
+                    self.sun_towards,
+                    world_from_camera,
+                ),
+                texel_depth: cascade.texel_depth(),
                 on: true,
             }
         };
@@ -347,7 +348,7 @@ impl CascadeMaps {
     }
 
     /// Work on the maps that are in use.
-    fn works(&mut self, assets: &GpuAssets, scene: &Scene) -> Vec<PlannedMap> {
+    fn works(&mut self, assets: &Meshes, scene: &Scene) -> Vec<PlannedMap> {
         let (cascade, together, used, sun_towards) = (
             self.cascade,
             self.is_together(),

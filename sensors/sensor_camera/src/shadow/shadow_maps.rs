@@ -6,7 +6,7 @@ use sensor_gpu::Gpu;
 
 use super::cascade::Cascade;
 use super::cascade_maps::{CascadeMaps, Eye, MapLayout, ShadowLookup, ShadowPlan};
-use crate::assets::GpuAssets;
+use crate::assets::{GpuAssets, Meshes};
 use crate::quality::Quality;
 
 /// Memory limit of all shadow maps: 32 near maps of 4096 × 4096 for computed views, and as many far
@@ -96,7 +96,7 @@ impl ShadowMaps {
     /// returns; nothing if there are none.
     pub fn plan(
         &mut self,
-        assets: &GpuAssets,
+        assets: &Meshes,
         scene: &Scene,
         sun_towards: Vector3<f64>,
         eyes: &[Eye],
@@ -113,7 +113,7 @@ impl ShadowMaps {
     /// The same with the two cascades in parallel.
     pub fn plan_in_parallel(
         &mut self,
-        assets: &GpuAssets,
+        assets: &Meshes,
         scene: &Scene,
         sun_towards: Vector3<f64>,
         eyes: &[Eye],

@@ -3,7 +3,7 @@
 
 use nalgebra::Isometry3;
 use schema_types::space::sensor_from_camera;
-use sensor_camera::{ExactImages, InstanceData, RasterDraw, TileInput, ViewData};
+use sensor_camera::{InstanceData, RasterDraw, TileImages, TileInput, ViewData, exact_images};
 use sensor_core::{MeshId, Scene, Vertex};
 use sensor_spec::Intrinsics;
 
@@ -119,7 +119,7 @@ impl Lists {
         }
     }
 
-    pub fn exact_images(&self) -> ExactImages {
-        ExactImages::draw(&self.view, &self.input())
+    pub fn exact_images(&self) -> TileImages {
+        exact_images(&self.view, &self.input())
     }
 }

@@ -3,5 +3,6 @@
 mod exact_random;
 mod exact_towns;
 mod lamps;
+mod tiles;
 mod triangles;
 mod weather;
