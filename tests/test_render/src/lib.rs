@@ -9,8 +9,10 @@ pub mod oracle;
 pub mod peer;
 pub mod separate;
 pub mod sheet;
+mod shot;
 pub mod stage;
 pub mod weathers;
 
 pub use measure::{Cameras, Figures};
+pub use shot::shot;
 pub use stage::Stage;
