@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use consumer_bridge::ros2::frame_messages;
-use consumer_export::formats::rosbag::frames;
 use consumer_forms::ros2::cdr::Writer;
 use consumer_forms::ros2::types;
+use consumer_sets::formats::rosbag::frames;
 use consumer_truth::ticks::TickFrame;
 use schema_frames::{FrameHeader, Modality};
 use schema_types::Pose;

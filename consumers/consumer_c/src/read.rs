@@ -5,10 +5,8 @@ use std::os::fd::{AsFd as _, AsRawFd as _};
 use std::ptr::{from_ref, null};
 use std::sync::Arc;
 
-use schema_bus::{
-    Answerable, Bus, BusError, Frame, FrameReader, Listener, ReaderCounts, ResultReader,
-    ResultSample,
-};
+use consumer_kit::{Sample as Found, SampleReader, Take};
+use schema_bus::{Answerable, Listener};
 use schema_frames::{FrameHeader, InputRecord, ResultHeader};
 
 use crate::border::{Failure, Out, Status, Text, ask, c_text, call, hand_over, needed};
@@ -19,18 +17,12 @@ use crate::wait::Patience;
 #[derive(Debug)]
 pub struct Reader {
     // Ports go before their node.
-    port: Port,
+    port: SampleReader,
     event: Listener,
     topic: Arc<CString>,
     /// Type of the results; `None` for frames.
     kind: Option<CString>,
     place: Arc<Place>,
-}
-
-#[derive(Debug)]
-enum Port {
-    Frames(FrameReader),
-    Results(ResultReader),
 }
 
 /// The handle `gantry_sample`.
@@ -39,12 +31,6 @@ pub struct Sample {
     found: Found,
     topic: Arc<CString>,
     _place: Arc<Place>,
-}
-
-#[derive(Debug)]
-enum Found {
-    Frame(Frame),
-    Result(ResultSample),
 }
 
 /// `gantry_counts`.
@@ -65,44 +51,6 @@ const _: () = assert!(size_of::<Counts>() == 48);
 const OLDEST: c_int = 0;
 /// `gantry_which`: the newest; older ones are skipped.
 const NEWEST: c_int = 1;
-
-impl Port {
-    fn open(bus: &Bus, topic: &str) -> Result<Port, BusError> {
-        match bus.frame_reader(topic) {
-            Ok(reader) => Ok(Port::Frames(reader)),
-            // It exists, and carries something else.
-            Err(error @ BusError::OtherKind { .. }) => match bus.result_reader(topic) {
-                Ok(reader) => Ok(Port::Results(reader)),
-                Err(BusError::OtherKind { .. }) => Err(error),
-                Err(other) => Err(other),
-            },
-            Err(other) => Err(other),
-        }
-    }
-
-    fn take(&mut self, is_newest: bool) -> Result<Option<Found>, Failure> {
-        Ok(match (self, is_newest) {
-            (Port::Frames(reader), false) => reader.next()?.map(Found::Frame),
-            (Port::Frames(reader), true) => reader.latest()?.map(Found::Frame),
-            (Port::Results(reader), false) => reader.next()?.map(Found::Result),
-            (Port::Results(reader), true) => reader.latest()?.map(Found::Result),
-        })
-    }
-
-    fn counts(&self) -> ReaderCounts {
-        match self {
-            Port::Frames(reader) => reader.counts(),
-            Port::Results(reader) => reader.counts(),
-        }
-    }
-
-    fn has_writer(&self) -> bool {
-        match self {
-            Port::Frames(reader) => reader.has_writer(),
-            Port::Results(reader) => reader.has_writer(),
-        }
-    }
-}
 
 impl Sample {
     /// As an input of a result.
@@ -134,10 +82,10 @@ pub extern "C" fn gantry_reader_open(
         let topic = topic.needed("topic")?;
         let reader = needed(reader, "reader")?;
         let patience = Patience::new(timeout_nanos);
-        let port = patience.open(|| Ok(Port::open(&place.bus, topic)?))?;
+        let port = patience.open(|| Ok(SampleReader::open(&place.bus, topic)?))?;
         let kind = match &port {
-            Port::Frames(_) => None,
-            Port::Results(results) => Some(c_text(results.kind().name())),
+            SampleReader::Frames(_) => None,
+            SampleReader::Results(results) => Some(c_text(results.kind().name())),
         };
         let made = Reader {
             port,
@@ -167,9 +115,9 @@ pub extern "C" fn gantry_reader_take(
     call(|| {
         let reader = needed(reader, "reader")?;
         let sample = needed(sample, "sample")?;
-        let is_newest = match which {
-            OLDEST => false,
-            NEWEST => true,
+        let take = match which {
+            OLDEST => Take::All,
+            NEWEST => Take::Newest,
             other => {
                 return Err(Failure::new(
                     Status::Argument,
@@ -180,7 +128,7 @@ pub extern "C" fn gantry_reader_take(
         sample.write(None);
         let patience = Patience::new(timeout_nanos);
         let Reader { port, event, .. } = reader;
-        let Some(found) = patience.look(event, || port.take(is_newest))? else {
+        let Some(found) = patience.look(event, || Ok(port.take(take)?))? else {
             return Ok(Status::Nothing);
         };
         let taken = Sample {

@@ -58,7 +58,7 @@ impl Difference {
 fn is_hashed(path: &str) -> bool {
     let name = path.rsplit('/').next().unwrap_or(path);
     let hidden = path.split('/').any(|part| part.starts_with('.'));
-    let is_own = [MANIFEST, RECIPE].contains(&path) || name == consumer_export::manifest::MANIFEST;
+    let is_own = [MANIFEST, RECIPE].contains(&path) || name == consumer_sets::manifest::MANIFEST;
     !hidden && !is_own && !path.starts_with("recordings/") && !path.starts_with("logs/")
 }
 

@@ -6,7 +6,7 @@ use std::process::ExitStatus;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use consumer_export::manifest::MANIFEST;
+use consumer_sets::manifest::MANIFEST;
 use launch_run::{Ending, Output, Program, RunError};
 
 use crate::matrix::Scenario;

@@ -1,6 +1,6 @@
 //! The scenarios of a recipe: every combination of its matrix, with its settings.
 
-use consumer_export::options::hash;
+use consumer_sets::options::hash;
 use launch_run::matrix::{combinations, name, number_doubles};
 use launch_spec::presets::merge;
 use serde::{Deserialize, Serialize};

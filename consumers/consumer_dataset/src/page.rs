@@ -4,11 +4,11 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use consumer_export::options::{deal, parse_split};
 use consumer_report::numbers::grouped;
 use consumer_report::page::{self, Cell, Head, Table, document};
 use consumer_report::plot::{Bar, columns, rows};
 use consumer_report::words::escape;
+use consumer_sets::options::{deal, parse_split};
 use serde::Serialize;
 
 use crate::matrix::Scenario;

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use consumer_export::formats::Format;
-use consumer_export::options::parse_split;
+use consumer_sets::formats::Format;
+use consumer_sets::options::parse_split;
 use launch_cli::files::MAX_SETTINGS_BYTES;
 use launch_cli::wrong_usage;
 use launch_run::matrix::Seeds;

@@ -258,7 +258,7 @@ impl Counter {
 fn picture(frame: &TickFrame) -> anyhow::Result<String> {
     let (width, height) = (frame.header.width, frame.header.height);
     let whole = match frame.modality {
-        Modality::Rgb => RgbImage::from_raw(width, height, consumer_export::picture::rgb_of(frame))
+        Modality::Rgb => RgbImage::from_raw(width, height, consumer_sets::picture::rgb_of(frame))
             .context("the image has its size")?,
         Modality::Semantic => {
             let classes = frame.elements::<u8>();

@@ -2,18 +2,20 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, ExitStatus};
 use std::time::Duration;
 
 use anyhow::Context as _;
 use indicatif::{ProgressBar, ProgressStyle};
-use launch_cli::files::{MAX_NOTES_BYTES, read_text};
+use launch_cli::programs::find;
 use launch_cli::wrong_usage;
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
+use launch_run::{Ending, Output, Process, Program, RunError, domain_name};
 
-use crate::options::Options;
-use crate::tree::STATE_FOLDER;
+use consumer_sets::options::Options;
+use consumer_sets::tree::STATE_FOLDER;
+
+/// How many lines of the launcher's log are quoted when it makes no recording.
+const QUOTED_LINES: usize = 12;
 
 /// Runs launch files into recordings that are kept in the export's state until it is complete.
 #[derive(Debug)]
@@ -67,9 +69,6 @@ impl Live {
         let overlay = self.folder.join(format!("launch_{number}.toml"));
         fs::write(&overlay, &plan.overlay)
             .with_context(|| format!("cannot write {}", overlay.display()))?;
-        let log_path = self.folder.join(format!("launch_{number}.log"));
-        let log = fs::File::create(&log_path)
-            .with_context(|| format!("cannot write {}", log_path.display()))?;
         let bar = ProgressBar::new_spinner();
         bar.set_style(ProgressStyle::with_template("{spinner} {msg} {elapsed}").expect("constant"));
         bar.set_message(format!(
@@ -78,67 +77,43 @@ impl Live {
             plan.n_ticks
         ));
         bar.enable_steady_tick(Duration::from_millis(200));
-        let mut child = gantry()?
-            .args([
-                "--domain",
-                &format!("export{}x{number}", std::process::id()),
-                "up",
-            ])
-            .args([launch, &overlay])
-            .args(["--view", "none", "--record"])
-            .arg(&recording)
-            .args(["--parent", &std::process::id().to_string()])
-            .stdin(Stdio::null())
-            .stdout(log.try_clone().context("cannot share the log")?)
-            .stderr(log)
-            .spawn()
-            .context("cannot start gantry")?;
-        let ended = wait(&mut child, stop);
+        let mut launcher = Program::new("gantry up", &find("gantry")?)
+            .on_domain(&domain_name("export"))
+            .words(["up".as_ref(), launch.as_os_str(), overlay.as_os_str()])
+            .words(["--view", "none", "--record"])
+            .words([&recording])
+            .with_parent()
+            .in_own_group()
+            .quotes_lines(QUOTED_LINES)
+            .start(Output::Log(
+                &self.folder.join(format!("launch_{number}.log")),
+            ))?;
+        let ended = wait(&mut launcher, stop);
         bar.finish_and_clear();
         match ended? {
             None => Ok(None),
             Some(_) if recording.exists() => Ok(Some(recording)),
-            Some(status) => {
-                let text = read_text(&log_path, MAX_NOTES_BYTES).unwrap_or_default();
-                let lines: Vec<_> = text.lines().collect();
-                let last = lines[lines.len().saturating_sub(12)..].join("\n  ");
-                anyhow::bail!(
-                    "{} ran without making a recording ({status}); its last words:\n  {last}",
-                    launch.display()
-                )
-            }
+            Some(status) => anyhow::bail!(
+                "{} ran without making a recording ({status}); its last words:\n  {}",
+                launch.display(),
+                launcher.last_words()
+            ),
         }
     }
 }
 
-/// Waits for the launcher; asks it to end if `stop` says so, and then returns `None`.
-fn wait(
-    child: &mut Child,
-    stop: &dyn Fn() -> bool,
-) -> anyhow::Result<Option<std::process::ExitStatus>> {
-    let mut asked = false;
+/// Waits for the launcher; ends it if `stop` says so, and then returns `None`.
+fn wait(launcher: &mut Process, stop: &dyn Fn() -> bool) -> Result<Option<ExitStatus>, RunError> {
     loop {
-        if let Some(status) = child.try_wait().context("cannot wait for gantry")? {
-            return Ok((!asked).then_some(status));
+        if let Some(status) = launcher.wait(Duration::from_millis(50))? {
+            return Ok(Some(status));
         }
-        if !asked && stop() {
-            asked = true;
-            let pid = Pid::from_raw(child.id() as i32);
-            kill(pid, Signal::SIGTERM).context("cannot stop gantry")?;
+        if stop() {
+            // It ends its processes in order, which takes as long as it takes.
+            launcher.end_by(&Ending::term(Duration::MAX))?;
+            return Ok(None);
         }
-        std::thread::sleep(Duration::from_millis(50));
     }
-}
-
-/// The launcher: beside this program, else the one on the path.
-fn gantry() -> anyhow::Result<Command> {
-    let own = std::env::current_exe().context("cannot tell where this program is")?;
-    let beside = own.parent().map(|folder| folder.join("gantry"));
-    Ok(Command::new(
-        beside
-            .filter(|path| path.is_file())
-            .unwrap_or_else(|| "gantry".into()),
-    ))
 }
 
 /// What is laid over a launch file so that it makes a repeatable recording of a known length.
@@ -162,7 +137,7 @@ enum PlanError {
 impl Plan {
     fn read(launch: &Path, options: &Options) -> anyhow::Result<Plan> {
         let shown = launch.display();
-        let output = gantry()?
+        let output = Command::new(find("gantry")?)
             .args(["up".as_ref(), launch.as_os_str()])
             .args(["--dry-run", "--view", "none"])
             .output()
@@ -268,7 +243,7 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::exporter::Format;
+    use consumer_sets::exporter::Format;
 
     #[test]
     fn a_launch_file_is_run_in_lockstep_for_as_long_as_its_slowest_sensor_needs() {

@@ -4,11 +4,11 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use crate::formats::Format;
 use crate::live::Live;
-use crate::options::{ImageForm, MaskForm, Options, parse_split};
-use crate::run::{Input, Report, export};
 use clap::{Parser, ValueEnum};
+use consumer_sets::formats::Format;
+use consumer_sets::options::{ImageForm, MaskForm, Options, parse_split};
+use consumer_sets::run::{Input, Report, export};
 use launch_cli::values::span_nanos;
 use launch_cli::{BasicArgs, Exit, Shutdown, run, wrong_usage};
 

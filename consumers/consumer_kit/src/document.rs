@@ -2,7 +2,7 @@
 
 use schema_bus::{Bus, BusError, Document, DocumentReader};
 
-use crate::topic::Search;
+use crate::followed::Search;
 
 /// `world/info`, `world/map`, `world/actors` or `world/catalogue`, followed across restarts.
 #[derive(Debug)]

@@ -37,10 +37,11 @@ use schema_frames::{About, ResultType};
 
 pub use self::listing::{Listing, Rhythm};
 use crate::document::FollowedDocument;
+use crate::followed::{Take, TopicReport};
 use crate::ports::{Port, Ports, TopicId};
 use crate::result::FollowedResult;
 use crate::snapshots::{FollowedSnapshots, WorldAt};
-use crate::topic::{FollowedTopic, Take, TopicReport};
+use crate::topic::FollowedTopic;
 
 /// How long a topic may be without a writer before who follows everything leaves it: longer than a
 /// simulator takes to start again.

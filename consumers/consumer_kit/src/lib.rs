@@ -6,10 +6,11 @@
 //! that the loop sees a shutdown flag in time. Nothing here renders, stores or drives.
 //!
 //! Modules in reading order: `follower` (several topics at once), `domain` (all topics of a
-//! domain), `ports` (what both stand on), `topic` (one topic), `wake` (events), `publish` (results
-//! of a program's own), `result` (those of others), [`items`] (what is in them), `snapshots` (the
-//! world of a frame's tick), `document` (texts such as the list of actors), `lockstep`, `steps`
-//! (every tick in lockstep), `program` (the base of a program that answers frames), `run_files`.
+//! domain), `ports` (what both stand on), `followed` (one topic of any kind), `topic` (of frames),
+//! `wake` (events), `publish` (results of a program's own), `result` (those of others), [`items`]
+//! (what is in them), `reader` (frames or results), `snapshots` (the world of a frame's tick),
+//! `document` (texts such as the list of actors), `lockstep`, `steps` (every tick in lockstep),
+//! `program` (the base of a program that answers frames), `run_files`.
 //!
 //! ```no_run
 //! use consumer_kit::{Follower, Take};
@@ -32,12 +33,14 @@
 
 mod document;
 mod domain;
+mod followed;
 mod follower;
 pub mod items;
 mod lockstep;
 mod ports;
 mod program;
 mod publish;
+mod reader;
 mod result;
 mod run_files;
 mod snapshots;
@@ -47,17 +50,19 @@ mod wake;
 
 pub use document::FollowedDocument;
 pub use domain::{Change, Domain, LEAVE_AFTER, ListedTopic, Listing, Rhythm, Wish, is_left_over};
+pub use followed::{Take, TopicReport};
 pub use follower::Follower;
 pub use lockstep::{Lockstep, LockstepError};
 pub use ports::{MAX_WAIT, TopicId};
 pub use program::{Frames, InputId, Program, ProgramError, ResultId};
 pub use publish::{ListLoan, PublishError, Publisher};
+pub use reader::{Sample, SampleReader};
 pub use result::FollowedResult;
 pub use run_files::file_of_run;
 pub use schema_bus::names::default_domain;
 pub use snapshots::{FollowedSnapshots, KEPT_SNAPSHOTS, SnapshotTrail, WorldAt};
-pub use steps::Steps;
-pub use topic::{FollowedTopic, Take, TopicReport};
+pub use steps::{Ready, Steps};
+pub use topic::FollowedTopic;
 pub use wake::{WakeUps, event_of};
 // A consumer elsewhere depends on this crate only.
 pub use {schema_bus, schema_frames, schema_types};

@@ -7,9 +7,10 @@ use std::time::{Duration, Instant};
 use schema_bus::{Bus, BusError, Frame, ReaderCounts, ResultSample, names};
 
 use crate::document::FollowedDocument;
+use crate::followed::{Take, TopicReport};
 use crate::result::FollowedResult;
 use crate::snapshots::{FollowedSnapshots, SnapshotTrail, WorldAt};
-use crate::topic::{FollowedTopic, Take, TopicReport};
+use crate::topic::FollowedTopic;
 use crate::wake::WakeUps;
 
 /// Longest wait, so that a consumer can look at its shutdown flag ten times a second.
@@ -59,13 +60,12 @@ impl Port {
 
     /// Looks for its topic with the next look, whenever the last one was.
     fn hurry(&mut self) {
-        let search = match self {
-            Port::Frames(frames) => &mut frames.search,
-            Port::Results(results) => &mut results.search,
-            Port::Snapshots(snapshots) => &mut snapshots.search,
-            Port::Document(document) => &mut document.search,
-        };
-        search.hurry();
+        match self {
+            Port::Frames(frames) => frames.hurry(),
+            Port::Results(results) => results.hurry(),
+            Port::Snapshots(snapshots) => snapshots.search.hurry(),
+            Port::Document(document) => document.search.hurry(),
+        }
     }
 
     /// Closes it for as long as it is not wanted.

@@ -1,91 +1,30 @@
-//! Follows one topic of results: opens it when it appears, takes the newest or every result, counts
-//! losses, and knows the topic's description.
+//! Follows one topic of results, and knows the topic's description.
 
 use std::time::{Duration, Instant};
 
-use schema_bus::{
-    Bus, BusError, Document, Listener, ReaderCounts, ResultReader, ResultSample, names,
-};
+use schema_bus::{Bus, BusError, Document, Reader, ReaderCounts, ResultSample, Results, names};
 use schema_frames::{About, ResultType};
 
 use crate::document::FollowedDocument;
-use crate::topic::{LOOK_EVERY, MAX_REFUSED, Search, Take, TopicReport};
+use crate::followed::{Followed, Take, TopicReport};
 
 /// One topic of results, followed across restarts of its writer.
 #[derive(Debug)]
 pub struct FollowedResult {
-    topic: String,
-    take: Take,
-    reader: Option<ResultReader>,
-    /// Opened by the first [`FollowedResult::wait`].
-    listener: Option<Listener>,
-    pub(crate) search: Search,
-    document: FollowedDocument,
-    about: About,
-    is_quiet: bool,
-    refusal_said: bool,
-    loss_said: u64,
+    followed: Followed<Results>,
+    description: Description,
 }
 
-impl FollowedResult {
-    /// Follows `topic` (without the domain); it need not exist yet.
-    pub fn new(topic: impl Into<String>, take: Take) -> Self {
-        let topic = topic.into();
-        FollowedResult {
-            document: FollowedDocument::optional(names::about(&topic)),
-            topic,
-            take,
-            reader: None,
-            listener: None,
-            search: Search::default(),
-            about: About::default(),
-            is_quiet: false,
-            refusal_said: false,
-            loss_said: 0,
-        }
-    }
+/// What a topic of results says about itself, as far as it is known.
+#[derive(Debug)]
+struct Description {
+    document: FollowedDocument,
+    about: About,
+}
 
-    /// The same, but nothing is logged about it: whoever follows it tells its losses elsewhere.
-    pub fn quietly(mut self) -> Self {
-        self.is_quiet = true;
-        self.search = Search::of_optional();
-        self
-    }
-
-    /// Closes its port and forgets its counters; the next look opens it again. Its description
-    /// stays known.
-    pub(crate) fn close(&mut self) {
-        (self.reader, self.listener) = (None, None);
-        self.search = match self.is_quiet {
-            true => Search::of_optional(),
-            false => Search::default(),
-        };
-        (self.refusal_said, self.loss_said) = (false, 0);
-    }
-
-    /// Name without the domain.
-    pub fn topic(&self) -> &str {
-        &self.topic
-    }
-
-    /// Opens the topic if it exists; returns whether it is open. Looks at most five times a second.
-    ///
-    /// # Errors
-    /// Errors that waiting does not heal: another schema, no place left, a topic of another kind.
-    pub fn look(&mut self, bus: &Bus) -> Result<bool, BusError> {
-        if self.reader.is_none() {
-            self.reader = self
-                .search
-                .open(bus, &self.topic, || bus.result_reader(&self.topic))?;
-        }
-        if self.reader.is_some() {
-            self.look_at_description(bus);
-        }
-        Ok(self.reader.is_some())
-    }
-
-    /// A description that cannot be read leaves the one before.
-    fn look_at_description(&mut self, bus: &Bus) {
+impl Description {
+    /// One that cannot be read leaves the one before.
+    fn look(&mut self, bus: &Bus) {
         let read = match self.document.changed(bus) {
             Ok(Some(document)) => document.json::<About>().map(Some),
             Ok(None) => Ok(None),
@@ -95,36 +34,86 @@ impl FollowedResult {
             Ok(Some(about)) => self.about = about,
             Ok(None) => {}
             Err(error) => {
-                tracing::debug!(topic = self.topic, %error, "cannot read the description")
+                let document = self.document.name();
+                tracing::debug!(document, %error, "cannot read the description");
             }
         }
+    }
+}
+
+impl FollowedResult {
+    /// Follows `topic` (without the domain); it need not exist yet.
+    pub fn new(topic: impl Into<String>, take: Take) -> Self {
+        let topic = topic.into();
+        FollowedResult {
+            description: Description {
+                document: FollowedDocument::optional(names::about(&topic)),
+                about: About::default(),
+            },
+            followed: Followed::new(topic, take),
+        }
+    }
+
+    /// The same, but nothing is logged about it: whoever follows it tells its losses elsewhere.
+    pub fn quietly(mut self) -> Self {
+        self.followed.be_quiet();
+        self
+    }
+
+    /// Closes its port and forgets its counters; the next look opens it again. Its description
+    /// stays known.
+    pub(crate) fn close(&mut self) {
+        self.followed.close();
+    }
+
+    /// Looks for the topic with the next call, whenever the last one was.
+    pub(crate) fn hurry(&mut self) {
+        self.followed.hurry();
+    }
+
+    /// Name without the domain.
+    pub fn topic(&self) -> &str {
+        self.followed.topic()
+    }
+
+    /// Opens the topic if it exists; returns whether it is open. Looks at most five times a second.
+    ///
+    /// # Errors
+    /// Errors that waiting does not heal: another schema, no place left, a topic of another kind.
+    pub fn look(&mut self, bus: &Bus) -> Result<bool, BusError> {
+        let is_open = self.followed.look(bus)?;
+        if is_open {
+            self.description.look(bus);
+        }
+        Ok(is_open)
     }
 
     /// Looks at the description alone, for those who do not read the topic now.
     pub fn describe(&mut self, bus: &Bus) -> &About {
-        self.look_at_description(bus);
-        &self.about
+        self.description.look(bus);
+        self.about()
     }
 
     /// Whether the description is open, or the topic has none.
     pub fn is_described(&self, bus: &Bus) -> bool {
-        self.document.found() || !bus.exists(self.document.name())
+        let document = &self.description.document;
+        document.found() || !bus.exists(document.name())
     }
 
     /// What the topic says about itself, as far as it is known: names of classes, fields of points,
     /// the schema of bytes.
     pub fn about(&self) -> &About {
-        &self.about
+        &self.description.about
     }
 
     /// The same as the document that it came in, for those who keep it.
     pub fn description(&self) -> Option<&Document> {
-        self.document.newest()
+        self.description.document.newest()
     }
 
     /// Type of the results; `None` before the topic was found.
     pub fn kind(&self) -> Option<ResultType> {
-        self.reader.as_ref().map(ResultReader::kind)
+        self.followed.reader().map(Reader::<Results>::kind)
     }
 
     /// Waits for the next result to handle, at most `timeout`: the whole loop of a program that
@@ -146,36 +135,11 @@ impl FollowedResult {
     /// # Errors
     /// As [`FollowedResult::look`] and [`FollowedResult::take`].
     pub fn wait(&mut self, bus: &Bus, timeout: Duration) -> Result<Option<ResultSample>, BusError> {
-        let deadline = Instant::now() + timeout;
-        loop {
-            if let Some(result) = self.take()? {
-                return Ok(Some(result));
-            }
-            let rest = deadline.saturating_duration_since(Instant::now());
-            if !self.look(bus)? {
-                if rest.is_zero() {
-                    return Ok(None);
-                }
-                std::thread::sleep(rest.min(LOOK_EVERY));
-                continue;
-            }
-            let Some(listener) = &self.listener else {
-                self.listener = Some(bus.listener(&self.topic)?);
-                continue;
-            };
-            // What was announced before this look is taken back, so that it does not end the wait
-            // for the next result.
-            listener.drain()?;
-            if let Some(result) = self.take()? {
-                return Ok(Some(result));
-            }
-            if rest.is_zero() {
-                return Ok(None);
-            }
-            if let Some(listener) = &self.listener {
-                listener.wait_pending(rest);
-            }
-        }
+        let FollowedResult {
+            followed,
+            description,
+        } = self;
+        followed.wait(bus, timeout, || description.look(bus))
     }
 
     /// Waits for the result that is about `tick` or a later one, at most `timeout`: in lockstep what
@@ -206,17 +170,7 @@ impl FollowedResult {
     /// # Errors
     /// [`BusError::BorrowLimit`] if the caller holds too many results, [`BusError::Service`].
     pub fn take(&mut self) -> Result<Option<ResultSample>, BusError> {
-        for _ in 0..MAX_REFUSED {
-            match self.take_strictly() {
-                Err(error @ BusError::BadResult { .. }) => {
-                    if !self.is_quiet && !std::mem::replace(&mut self.refusal_said, true) {
-                        tracing::warn!(topic = self.topic, %error, "refused a result; further ones are only counted");
-                    }
-                }
-                taken => return taken,
-            }
-        }
-        Ok(None)
+        self.followed.take()
     }
 
     /// As [`FollowedResult::take`], but a result that breaks the contract is an error; the next
@@ -225,56 +179,26 @@ impl FollowedResult {
     /// # Errors
     /// [`BusError::BadResult`], and as [`FollowedResult::take`].
     pub fn take_strictly(&mut self) -> Result<Option<ResultSample>, BusError> {
-        let Some(reader) = &mut self.reader else {
-            return Ok(None);
-        };
-        let taken = match self.take {
-            Take::Newest => reader.latest(),
-            Take::All => reader.next(),
-        }?;
-        if taken.is_some() {
-            self.notice_losses();
-        }
-        Ok(taken)
+        self.followed.take_strictly()
     }
 
     /// Whether the topic was found.
     pub fn found(&self) -> bool {
-        self.reader.is_some()
+        self.followed.found()
     }
 
     /// Whether a writer has the topic open now.
     pub fn has_writer(&self) -> bool {
-        self.reader.as_ref().is_some_and(ResultReader::has_writer)
+        self.followed.reader().is_some_and(Reader::has_writer)
     }
 
     /// Counters so far.
     pub fn counts(&self) -> ReaderCounts {
-        self.reader
-            .as_ref()
-            .map(ResultReader::counts)
-            .unwrap_or_default()
+        self.followed.counts()
     }
 
     /// Its counters.
     pub fn report(&self) -> TopicReport {
-        TopicReport {
-            topic: self.topic.clone(),
-            found: self.found(),
-            counts: self.counts(),
-        }
-    }
-
-    /// Logs losses whenever their number has doubled since they were last logged.
-    fn notice_losses(&mut self) {
-        let lost = self.counts().lost;
-        if !self.is_quiet && lost > 0 && lost >= self.loss_said.saturating_mul(2) {
-            tracing::warn!(
-                topic = self.topic,
-                lost,
-                "this reader is too slow: results were lost"
-            );
-            self.loss_said = lost.max(1);
-        }
+        self.followed.report()
     }
 }

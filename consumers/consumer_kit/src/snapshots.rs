@@ -10,7 +10,7 @@ use std::sync::Arc;
 use schema_bus::{Bus, BusError, Snapshot, SnapshotReader, names};
 use schema_frames::{ActorRecord, SnapshotHeader};
 
-use crate::topic::Search;
+use crate::followed::Search;
 
 /// Number of snapshots kept: more ticks than any frame is in flight.
 pub const KEPT_SNAPSHOTS: usize = 32;

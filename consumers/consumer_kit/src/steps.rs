@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use schema_bus::{Bus, BusError, Listener};
+use schema_bus::{Bus, BusError, Listener, names};
 
 use crate::lockstep::{Lockstep, LockstepError};
 use crate::snapshots::{SnapshotTrail, WorldAt};
@@ -35,13 +35,22 @@ pub struct Steps {
     /// `None` between the end of a simulator and joining the next.
     lockstep: Option<Lockstep>,
     trail: SnapshotTrail,
-    wake: Listener,
-    /// The event that `wake` listens to.
-    event: &'static str,
+    /// Opened by the first [`Steps::next`], with the event that it listens to.
+    wake: Option<(Listener, &'static str)>,
     /// Epoch and tick that were given out last.
     last: (u64, u64),
     owed: bool,
     next_join: Instant,
+    restarts: u64,
+}
+
+/// What must have happened of a tick before it is given out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ready {
+    /// The world has moved; frames of the tick may still be made.
+    Begun,
+    /// Every frame of it was sent.
+    Complete,
 }
 
 impl Steps {
@@ -66,17 +75,15 @@ impl Steps {
     pub fn join_on(bus: &Bus, name: &str, timeout: Duration) -> Result<Steps, LockstepError> {
         let mut trail = SnapshotTrail::new();
         trail.newest(bus)?;
-        let lockstep = Lockstep::join(bus, name, timeout)?;
-        let event = lockstep.event();
         Ok(Steps {
             name: name.into(),
-            lockstep: Some(lockstep),
+            lockstep: Some(Lockstep::join(bus, name, timeout)?),
             trail,
-            wake: bus.listener(event)?,
-            event,
+            wake: None,
             last: (0, 0),
             owed: false,
             next_join: Instant::now(),
+            restarts: 0,
         })
     }
 
@@ -93,15 +100,29 @@ impl Steps {
         self.acknowledge()?;
         let deadline = Instant::now() + timeout;
         loop {
-            if let Some(world) = self.look(bus)? {
+            if let Some(world) = self.look(bus, Ready::Complete)? {
                 return Ok(Some(world));
             }
             let rest = deadline.saturating_duration_since(Instant::now());
             if rest.is_zero() {
                 return Ok(None);
             }
-            self.wake.wait(rest.min(crate::MAX_WAIT))?;
+            self.wake(bus)?.wait(rest.min(crate::MAX_WAIT))?;
         }
+    }
+
+    /// The event to sleep on until the next tick may be complete.
+    fn wake(&mut self, bus: &Bus) -> Result<&Listener, BusError> {
+        let heard = self.wake.as_ref().map(|(_, event)| *event);
+        let event = self.event().or(heard).unwrap_or(names::WORLD_SNAPSHOT);
+        if heard != Some(event) {
+            self.wake = None;
+        }
+        let (listener, _) = match self.wake.take() {
+            Some(wake) => self.wake.insert(wake),
+            None => self.wake.insert((bus.listener(event)?, event)),
+        };
+        Ok(listener)
     }
 
     /// Acknowledges the last tick now, for a program that has to wait for something else.
@@ -117,14 +138,19 @@ impl Steps {
         }
     }
 
-    /// The newest tick, if it waits for this program, was not given out yet and is complete.
-    fn look(&mut self, bus: &Bus) -> Result<Option<Arc<WorldAt>>, LockstepError> {
+    /// The newest tick, if it waits for this program, was not given out yet and is `ready`. Joins
+    /// again if the simulator was restarted. For those who sleep on an event by themselves.
+    ///
+    /// # Errors
+    /// [`LockstepError`].
+    pub fn look(&mut self, bus: &Bus, ready: Ready) -> Result<Option<Arc<WorldAt>>, LockstepError> {
         let Some(world) = self.trail.newest(bus)? else {
             return Ok(None);
         };
         let now = (world.header.epoch, world.header.tick);
         if self.lockstep.as_ref().is_some_and(|at| at.epoch() != now.0) {
             self.lockstep = None;
+            self.restarts += 1;
         }
         if self.lockstep.is_none() {
             self.rejoin(bus)?;
@@ -135,11 +161,39 @@ impl Steps {
         if lockstep.epoch() != now.0 || now.1 < lockstep.first_tick() || now == self.last {
             return Ok(None);
         }
-        if !lockstep.is_complete(now.1)? {
+        if ready == Ready::Complete && !lockstep.is_complete(now.1)? {
             return Ok(None);
         }
         (self.last, self.owed) = (now, true);
         Ok(Some(world))
+    }
+
+    /// Whether every frame was sent of the tick that was given out last; also if its simulator was
+    /// restarted, because no more will come then. `false` while there is no place in lockstep.
+    ///
+    /// # Errors
+    /// As [`Lockstep::is_complete`].
+    pub fn is_complete(&mut self) -> Result<bool, LockstepError> {
+        match &mut self.lockstep {
+            Some(lockstep) if lockstep.epoch() == self.last.0 => lockstep.is_complete(self.last.1),
+            Some(_) => Ok(true),
+            None => Ok(false),
+        }
+    }
+
+    /// The event after which a tick may be complete; `None` while there is no place in lockstep.
+    pub fn event(&self) -> Option<&'static str> {
+        self.lockstep.as_ref().map(Lockstep::event)
+    }
+
+    /// First tick that waits for this program; `None` while there is no place in lockstep.
+    pub fn first_tick(&self) -> Option<u64> {
+        self.lockstep.as_ref().map(Lockstep::first_tick)
+    }
+
+    /// Number of times that the simulator was restarted.
+    pub fn restarts(&self) -> u64 {
+        self.restarts
     }
 
     fn rejoin(&mut self, bus: &Bus) -> Result<(), LockstepError> {
@@ -148,13 +202,7 @@ impl Steps {
         }
         self.next_join = Instant::now() + JOIN_EVERY;
         match Lockstep::join(bus, &self.name, JOIN_EVERY) {
-            Ok(lockstep) => {
-                if lockstep.event() != self.event {
-                    self.event = lockstep.event();
-                    self.wake = bus.listener(self.event)?;
-                }
-                self.lockstep = Some(lockstep);
-            }
+            Ok(lockstep) => self.lockstep = Some(lockstep),
             Err(LockstepError::Bus(error)) => return Err(error.into()),
             // The new simulator is not ready yet, or still counts the old place.
             Err(other) => tracing::debug!(error = %other, "no place in lockstep yet"),

@@ -1,6 +1,7 @@
 //! `gantry bench perception`: from the command line to the report.
 
 mod assemble;
+mod kept;
 mod stopped;
 
 use std::io::{IsTerminal as _, Write as _};
@@ -16,12 +17,12 @@ use launch_run::is_stopped;
 use schema_recording::pattern;
 
 use crate::capture::{Capture, Mode};
-use crate::hidden::{self, Hidden};
 use crate::report::{self, Report};
 use crate::run::{self, Drive, Source};
 use crate::scenario::{Scenario, scenarios};
 use crate::score::Scorer;
 use crate::suite::{Program, Suite};
+use crate::truth_pass::hidden::{self, Hidden};
 use crate::truth_pass::{self, TruthRecording};
 use assemble::Assembly;
 use stopped::{FinishedRuns, Makings};

@@ -13,8 +13,6 @@
 pub mod capture;
 pub mod cli;
 pub mod evidence;
-mod hidden;
-mod kept;
 pub mod picture;
 pub mod reaction;
 pub mod report;

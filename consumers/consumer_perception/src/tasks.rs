@@ -12,6 +12,7 @@ pub mod motion;
 pub mod objects;
 mod run;
 pub mod spaces;
+mod tally;
 
 #[cfg(test)]
 mod tests;
@@ -21,3 +22,4 @@ pub use measure::{
     Unreadable, Worst,
 };
 pub use run::{MAX_CURVE_QUERIES, TaskRun};
+pub use tally::Tally;

@@ -6,6 +6,7 @@
 
 mod cache;
 mod found;
+pub(crate) mod hidden;
 mod read;
 pub mod take;
 
@@ -22,9 +23,10 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use crate::capture::SentFrame;
-use crate::hidden::{MAKING, private_folder};
 use crate::scenario::{InputTopic, Scenario};
 use crate::suite::{Suite, Task};
+
+use hidden::{MAKING, private_folder};
 
 use found::Found;
 pub use found::{Options, RecordedFrame};

@@ -18,15 +18,15 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyBytes, PyString, PyType};
 
 use consumer_gpu::FrameOnGpu;
-use schema_bus::{Answerable, Frame};
+use schema_bus::{Answerable, Answered, Frame};
 use schema_frames::{FrameHeader, Modality};
+use schema_types::MonoTime;
 
 use crate::dlpack::{Array, Interface, stream_address, torch_from};
 use crate::elements::element;
 use crate::errors;
 use crate::fork::Owned;
 use crate::place::Place;
-use crate::recorded::FromBytes;
 use crate::tensor::{Form, Images, Numbers};
 use crate::view::{self, Access, Memory, Shape};
 
@@ -225,7 +225,8 @@ impl Sample {
                 let Some(facts) = self.facts.get().filter(|_| !topic.is_empty()) else {
                     return false;
                 };
-                act(&FromBytes::frame(&facts.header, &topic));
+                let sent = MonoTime(facts.header.published_mono_nanos);
+                act(&Answered::by_frame(&facts.header, &topic, sent));
                 true
             }
             None => false,

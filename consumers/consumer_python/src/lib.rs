@@ -25,7 +25,6 @@ mod lockstep;
 mod place;
 mod publish;
 mod publish_gpu;
-mod recorded;
 mod recording;
 mod result;
 mod result_file;
@@ -56,7 +55,7 @@ mod _native {
         set_program, topics,
     };
     #[pymodule_export]
-    use crate::publish::{Loan, Publisher};
+    use crate::publish::{Loan, Publisher, Said};
     #[pymodule_export]
     use crate::publish_gpu::{GpuLoan, GpuPublisher};
     #[pymodule_export]
@@ -72,7 +71,7 @@ mod _native {
 
     /// Number of this interface, which the Python half compares with its own.
     #[pymodule_export]
-    const INTERFACE: u32 = 10;
+    const INTERFACE: u32 = 11;
     /// Version of the layouts that this module reads and writes.
     #[pymodule_export]
     const SCHEMA_VERSION: u16 = schema_frames::SCHEMA_VERSION;

@@ -1,105 +1,74 @@
 //! A place in lockstep: ticks one by one, each acknowledged when the next is asked for.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use consumer_kit::{Lockstep as Participant, LockstepError, WorldAt};
+use consumer_kit::{LockstepError, Ready, Steps};
 use parking_lot::Mutex;
 use pyo3::prelude::*;
+
+use schema_bus::names;
 
 use crate::errors;
 use crate::fork::{self, Owned};
 use crate::place::Place;
 use crate::wait::{Failure, Timeout, Waker};
-use crate::world::{SnapshotBytes, Snapshots, snapshot_bytes};
-
-/// Between attempts to join a simulator that was restarted, and the time for each.
-const JOIN_EVERY: Duration = Duration::from_secs(1);
+use crate::world::{SnapshotBytes, snapshot_bytes};
 
 /// A participant of lockstep: the simulator begins no tick before the last one is acknowledged.
 #[pyclass(frozen, module = "gantry._native")]
 pub struct Lockstep {
     // Ports go before their node.
-    state: Mutex<Option<State>>,
-    snapshots: Snapshots,
-    /// The event after which a tick may be complete.
+    steps: Mutex<Option<Owned<Steps>>>,
+    /// The event of every tick.
+    begun: Waker,
+    /// The event after which a tick may be complete, and its name.
     complete: Waker,
+    event: Mutex<&'static str>,
     place: Arc<Place>,
     name: String,
 }
 
-struct State {
-    /// `None` between the end of a simulator and joining the next.
-    participant: Option<Owned<Participant>>,
-    /// Epoch and tick that were given out last.
-    last: (u64, u64),
-    /// Whether the last tick still has to be acknowledged.
-    owed: bool,
-    next_join: Instant,
-    restarts: u64,
-}
-
-impl State {
-    fn acknowledge(&mut self) -> Result<(), Failure> {
-        let owed = std::mem::take(&mut self.owed);
-        match &self.participant {
-            Some(participant) if owed && participant.epoch() == self.last.0 => {
-                Ok(participant.ack(self.last.1)?)
-            }
-            _ => Ok(()),
-        }
+/// What was found, if the simulator could be asked: one that is ending or was restarted cannot.
+fn asked<T: Default>(found: Result<T, LockstepError>) -> Result<T, Failure> {
+    match found {
+        Err(LockstepError::Bus(error)) => Err(error.into()),
+        found => Ok(found.unwrap_or_default()),
     }
 }
 
 impl Lockstep {
-    fn with<T>(&self, act: impl FnOnce(&mut State) -> Result<T, Failure>) -> Result<T, Failure> {
-        act(self.state.lock().as_mut().ok_or(Failure::Closed)?)
+    fn with<T>(&self, act: impl FnOnce(&mut Steps) -> Result<T, Failure>) -> Result<T, Failure> {
+        act(self.steps.lock().as_mut().ok_or(Failure::Closed)?)
     }
 
     fn raise(&self, failure: Failure) -> PyErr {
         failure.raise(&format!("lockstep {:?}", self.name))
     }
 
-    /// The newest snapshot if it is of a tick that waits for this participant and was not given out
-    /// yet. Joins again if the simulator was restarted.
-    fn look(&self) -> Result<Option<Arc<WorldAt>>, Failure> {
-        let Some(world) = self.snapshots.look()? else {
-            return Ok(None);
-        };
-        let now = (world.header.epoch, world.header.tick);
-        self.with(|state| {
-            let is_lost = |participant: &Owned<Participant>| participant.epoch() != now.0;
-            if state.participant.as_ref().is_some_and(is_lost) {
-                state.participant = None;
-                state.restarts += 1;
-            }
-            if state.participant.is_none() {
-                self.rejoin(state)?;
-            }
-            let Some(participant) = &state.participant else {
-                return Ok(None);
-            };
-            let waits = participant.epoch() == now.0 && now.1 >= participant.first_tick();
-            if !waits || now == state.last {
-                return Ok(None);
-            }
-            (state.last, state.owed) = (now, true);
-            Ok(Some(world))
-        })
+    fn waker(&self, ready: Ready) -> &Waker {
+        match ready {
+            Ready::Begun => &self.begun,
+            Ready::Complete => &self.complete,
+        }
     }
 
-    fn rejoin(&self, state: &mut State) -> Result<(), Failure> {
-        if Instant::now() < state.next_join {
-            return Ok(());
-        }
-        state.next_join = Instant::now() + JOIN_EVERY;
-        match Participant::join(self.place.bus(), &self.name, JOIN_EVERY) {
-            Ok(participant) => state.participant = Some(Owned::new(participant)),
-            Err(LockstepError::Bus(error)) => return Err(error.into()),
-            // The new simulator is not ready yet, or still counts the old place.
-            Err(_) => {}
+    /// A restarted simulator may tell of complete ticks by another event.
+    fn listen_to(&self, event: Option<&'static str>) -> Result<(), Failure> {
+        let mut heard = self.event.lock();
+        if let Some(event) = event.filter(|event| *event != *heard) {
+            self.complete.replace(self.place.bus().listener(event)?);
+            *heard = event;
         }
         Ok(())
+    }
+}
+
+/// What is waited for of a tick.
+fn ready(is_whole: bool) -> Ready {
+    match is_whole {
+        true => Ready::Complete,
+        false => Ready::Begun,
     }
 }
 
@@ -110,47 +79,45 @@ impl Lockstep {
     fn join(py: Python<'_>, domain: &str, name: &str, timeout: f64) -> PyResult<Self> {
         let place = Place::of(domain)?;
         let wait = Timeout::new(Some(timeout))?.left().unwrap_or(Duration::MAX);
-        // Snapshots first, so that the first tick is among them.
-        let exists = py.detach(|| place.bus().exists(schema_bus::names::WORLD_SNAPSHOT));
-        let snapshots = exists.then(|| Snapshots::follow(py, &place)).transpose()?;
-        let participant = py
-            .detach(|| Participant::join(place.bus(), name, wait))
+        let steps = py
+            .detach(|| Steps::join_on(place.bus(), name, wait))
             .map_err(errors::lockstep)?;
-        let complete = py
-            .detach(|| place.bus().listener(participant.event()))
-            .map_err(errors::bus)?;
-        let snapshots = match snapshots {
-            Some(snapshots) => snapshots,
-            None => Snapshots::follow(py, &place)?,
+        let event = steps.event().unwrap_or(names::WORLD_SNAPSHOT);
+        let listener = |event: &str| {
+            py.detach(|| place.bus().listener(event))
+                .map_err(errors::bus)
         };
         Ok(Lockstep {
-            state: Mutex::new(Some(State {
-                participant: Some(Owned::new(participant)),
-                last: (0, 0),
-                owed: false,
-                next_join: Instant::now(),
-                restarts: 0,
-            })),
-            snapshots,
-            complete: Waker::new(complete),
+            begun: Waker::new(listener(names::WORLD_SNAPSHOT)?),
+            complete: Waker::new(listener(event)?),
+            event: Mutex::new(event),
+            steps: Mutex::new(Some(Owned::new(steps))),
             place,
             name: name.to_owned(),
         })
     }
 
-    /// Acknowledges the last tick, and waits up to `timeout` seconds for the next: tick, epoch,
-    /// header and records of its snapshot.
+    /// Acknowledges the last tick, and waits up to `timeout` seconds for the next, with `is_whole`
+    /// until every frame of it was sent: tick, epoch, header and records of its snapshot.
     fn next<'py>(
         &self,
         py: Python<'py>,
         timeout: Option<f64>,
+        is_whole: bool,
     ) -> PyResult<Option<(u64, u64, SnapshotBytes<'py>)>> {
         fork::check()?;
         let timeout = Timeout::new(timeout)?;
-        py.detach(|| self.with(State::acknowledge))
+        py.detach(|| self.with(|steps| Ok(steps.acknowledge()?)))
             .map_err(|failure| self.raise(failure))?;
-        let waker = self.snapshots.waker();
-        let found = waker.until(py, timeout, Duration::ZERO, || self.look())?;
+        let ready = ready(is_whole);
+        let found = (self.waker(ready)).until(py, timeout, Duration::ZERO, || {
+            let (found, event) = self.with(|steps| {
+                let found = asked(steps.look(self.place.bus(), ready))?;
+                Ok((found, steps.event()))
+            })?;
+            self.listen_to(event)?;
+            Ok(found)
+        })?;
         let world = found.map_err(|failure| self.raise(failure))?;
         Ok(world.map(|world| {
             let header = &world.header;
@@ -158,26 +125,12 @@ impl Lockstep {
         }))
     }
 
-    /// Waits up to `timeout` seconds until every frame of `tick` was sent; whether that is so.
-    fn wait_complete(&self, py: Python<'_>, tick: u64, timeout: f64) -> PyResult<bool> {
+    /// Waits up to `timeout` seconds until every frame of the last tick was sent; whether that is so.
+    fn wait_complete(&self, py: Python<'_>, timeout: f64) -> PyResult<bool> {
         fork::check()?;
         let timeout = Timeout::new(Some(timeout))?;
         let found = (self.complete).until(py, timeout, Duration::ZERO, || {
-            self.with(|state| {
-                let Some(participant) = &mut state.participant else {
-                    return Ok(None);
-                };
-                if participant.epoch() != state.last.0 {
-                    // The simulator was restarted: no more frames of that tick will come.
-                    return Ok(Some(()));
-                }
-                match participant.is_complete(tick) {
-                    Ok(is_complete) => Ok(is_complete.then_some(())),
-                    Err(LockstepError::Bus(error)) => Err(error.into()),
-                    // The simulator is ending, or was restarted.
-                    Err(_) => Ok(None),
-                }
-            })
+            self.with(|steps| Ok(asked(steps.is_complete())?.then_some(())))
         })?;
         let found = found.map_err(|failure| self.raise(failure))?;
         Ok(found.is_some())
@@ -186,34 +139,34 @@ impl Lockstep {
     /// Acknowledges the last tick now.
     fn acknowledge(&self, py: Python<'_>) -> PyResult<()> {
         fork::check()?;
-        py.detach(|| self.with(State::acknowledge))
+        py.detach(|| self.with(|steps| Ok(steps.acknowledge()?)))
             .map_err(|failure| self.raise(failure))
     }
 
     /// First tick that waits for this participant; `None` while it has no place.
     #[getter]
     fn first_tick(&self) -> Option<u64> {
-        let state = self.state.lock();
-        let participant = state.as_ref()?.participant.as_ref()?;
-        Some(participant.first_tick())
+        self.steps.lock().as_ref()?.first_tick()
     }
 
-    /// Number of times that the simulator was restarted and joined again.
+    /// Number of times that the simulator was restarted.
     #[getter]
     fn restarts(&self) -> u64 {
-        self.state.lock().as_ref().map_or(0, |state| state.restarts)
+        let steps = self.steps.lock();
+        steps.as_ref().map_or(0, |steps| steps.restarts())
     }
 
-    /// Descriptor that becomes readable when a tick may have ended.
-    fn fileno(&self, py: Python<'_>) -> PyResult<i32> {
-        self.snapshots.waker().fileno(py)
+    /// Descriptor that becomes readable when a tick may have begun, with `is_whole` when one may be
+    /// complete.
+    fn fileno(&self, py: Python<'_>, is_whole: bool) -> PyResult<i32> {
+        self.waker(ready(is_whole)).fileno(py)
     }
 
     /// Leaves lockstep: the simulator waits no longer.
     fn close(&self, py: Python<'_>) {
         if fork::check().is_ok() {
-            py.detach(|| drop(self.state.lock().take()));
-            self.snapshots.waker().close(py);
+            py.detach(|| drop(self.steps.lock().take()));
+            self.begun.close(py);
             self.complete.close(py);
         }
     }

@@ -193,36 +193,54 @@ pub fn spec_of(kind: &str, about: &str) -> PyResult<ResultTopic> {
 }
 
 /// What a result says besides what its inputs do.
-#[derive(Debug)]
-pub struct Said<'a> {
-    pub tick: Option<u64>,
-    pub sim_nanos: Option<u64>,
-    pub size_px: Option<(u32, u32)>,
-    pub space: Option<&'a str>,
-    pub pose: Option<([f64; 3], [f64; 4])>,
-    pub intrinsics_px: Option<[f64; 4]>,
+#[pyclass(frozen, module = "gantry._native")]
+pub struct Said {
+    tick: Option<u64>,
+    sim_nanos: Option<u64>,
+    size_px: Option<(u32, u32)>,
+    space: Option<Space>,
+    pose: Option<Pose>,
+    intrinsics_px: Option<[f64; 4]>,
 }
 
-impl Said<'_> {
-    /// Writes it into a header; what is `None` stays.
-    pub fn put(self, header: &mut ResultHeader) -> PyResult<()> {
+#[pymethods]
+impl Said {
+    #[new]
+    #[pyo3(signature = (*, tick, sim_nanos, size_px, space, pose, intrinsics_px))]
+    fn new(
+        tick: Option<u64>,
+        sim_nanos: Option<u64>,
+        size_px: Option<(u32, u32)>,
+        space: Option<&str>,
+        pose: Option<([f64; 3], [f64; 4])>,
+        intrinsics_px: Option<[f64; 4]>,
+    ) -> PyResult<Self> {
         let names: Vec<&str> = Space::ALL.iter().map(|it| it.name()).collect();
-        let space = self
-            .space
-            .map(|name| named("space", name, Space::from_name(name), &names))
-            .transpose()?;
+        Ok(Said {
+            tick,
+            sim_nanos,
+            size_px,
+            space: space
+                .map(|name| named("space", name, Space::from_name(name), &names))
+                .transpose()?,
+            pose: pose.map(|(translation_m, rotation_xyzw)| Pose {
+                translation_m,
+                rotation_xyzw,
+            }),
+            intrinsics_px,
+        })
+    }
+}
+
+impl Said {
+    /// Writes it into a header; what is `None` stays.
+    pub fn put(&self, header: &mut ResultHeader) {
         header.tick = self.tick.unwrap_or(header.tick);
         header.sim_nanos = self.sim_nanos.unwrap_or(header.sim_nanos);
         (header.width, header.height) = self.size_px.unwrap_or((header.width, header.height));
-        header.space = space.map_or(header.space, |space| space as u32);
+        header.space = self.space.map_or(header.space, |space| space as u32);
         header.intrinsics_px = self.intrinsics_px.unwrap_or(header.intrinsics_px);
-        if let Some((translation_m, rotation_xyzw)) = self.pose {
-            header.world_from_space = Pose {
-                translation_m,
-                rotation_xyzw,
-            };
-        }
-        Ok(())
+        header.world_from_space = self.pose.unwrap_or(header.world_from_space);
     }
 }
 
@@ -233,7 +251,7 @@ pub fn format_of(name: &str) -> PyResult<PixelFormat> {
 }
 
 /// The type of elements of this name.
-pub fn element_of(name: &str) -> PyResult<ElementType> {
+fn element_of(name: &str) -> PyResult<ElementType> {
     let names: Vec<&str> = ElementType::ALL.iter().map(|it| it.name()).collect();
     let found = ElementType::from_name(name);
     named("type of elements", name, found, &names)
@@ -244,11 +262,14 @@ impl Loan {
         fork::check()?;
         match &mut *self.loan.lock() {
             Some(loan) => act(loan),
-            None => Err(errors::gantry(
-                "this loan was sent or dropped; loan again for the next result",
-            )),
+            None => Err(gone()),
         }
     }
+}
+
+/// A loan is used that is no longer open.
+pub fn gone() -> PyErr {
+    errors::gantry("this loan was sent or dropped; loan again for the next result")
 }
 
 fn named<T>(what: &str, name: &str, found: Option<T>, all: &[&str]) -> PyResult<T> {
@@ -260,16 +281,17 @@ fn named<T>(what: &str, name: &str, found: Option<T>, all: &[&str]) -> PyResult<
     })
 }
 
-/// Sizes as a header has them.
-pub fn sizes_u32(sizes: &[usize]) -> PyResult<Vec<u32>> {
-    sizes
+/// Elements and sizes of a tensor as a header has them.
+pub fn tensor_of(element: &str, sizes: &[usize]) -> PyResult<(ElementType, Vec<u32>)> {
+    let sizes: PyResult<Vec<u32>> = sizes
         .iter()
         .map(|size| {
             u32::try_from(*size).map_err(|_| {
                 PyValueError::new_err(format!("a size of {size} is more than 2^32 - 1"))
             })
         })
-        .collect()
+        .collect();
+    Ok((element_of(element)?, sizes?))
 }
 
 #[pymethods]
@@ -321,8 +343,7 @@ impl Loan {
 
     /// Says that the body is a tensor of the named elements.
     fn set_tensor(&self, element: &str, sizes: Vec<usize>) -> PyResult<()> {
-        let element = element_of(element)?;
-        let sizes = sizes_u32(&sizes)?;
+        let (element, sizes) = tensor_of(element, &sizes)?;
         self.with(|loan| loan.set_tensor(element, &sizes).map_err(errors::bus))
     }
 
@@ -332,25 +353,11 @@ impl Loan {
     }
 
     /// Fills in what the inputs do not say; what is `None` stays.
-    #[pyo3(signature = (*, tick, sim_nanos, size_px, space, pose, intrinsics_px))]
-    fn describe(
-        &self,
-        tick: Option<u64>,
-        sim_nanos: Option<u64>,
-        size_px: Option<(u32, u32)>,
-        space: Option<&str>,
-        pose: Option<([f64; 3], [f64; 4])>,
-        intrinsics_px: Option<[f64; 4]>,
-    ) -> PyResult<()> {
-        let said = Said {
-            tick,
-            sim_nanos,
-            size_px,
-            space,
-            pose,
-            intrinsics_px,
-        };
-        self.with(|loan| said.put(loan.header_mut()))
+    fn describe(&self, said: PyRef<'_, Said>) -> PyResult<()> {
+        self.with(|loan| {
+            said.put(loan.header_mut());
+            Ok(())
+        })
     }
 
     /// Sends the result. Returns the number of readers that received it.

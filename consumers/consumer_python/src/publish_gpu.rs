@@ -16,7 +16,7 @@ use crate::dlpack::{Array, Foreign, Interface};
 use crate::errors;
 use crate::fork::{self, Owned};
 use crate::place::Place;
-use crate::publish::{Said, element_of, format_of, sizes_u32, spec_of};
+use crate::publish::{Said, format_of, gone, spec_of, tensor_of};
 use crate::result::Input;
 
 type SharedPort = Arc<Owned<Port>>;
@@ -171,10 +171,6 @@ impl GpuPublisher {
     }
 }
 
-fn gone() -> PyErr {
-    errors::gantry("this loan was sent or dropped; loan again for the next result")
-}
-
 impl GpuLoan {
     fn with<T>(&self, act: impl FnOnce(&mut Made) -> PyResult<T>) -> PyResult<T> {
         fork::check()?;
@@ -213,8 +209,7 @@ impl GpuLoan {
 
     /// Says that the body is a tensor of the named elements.
     fn set_tensor(&self, element: &str, sizes: Vec<usize>) -> PyResult<()> {
-        let element = element_of(element)?;
-        let sizes = sizes_u32(&sizes)?;
+        let (element, sizes) = tensor_of(element, &sizes)?;
         self.header(|header| {
             let set = header.set_tensor(element, &sizes);
             set.map_err(|fault| PyValueError::new_err(fault.to_string()))
@@ -227,24 +222,11 @@ impl GpuLoan {
     }
 
     /// Fills in what the inputs do not say; what is `None` stays.
-    #[pyo3(signature = (*, tick, sim_nanos, space, pose, intrinsics_px))]
-    fn describe(
-        &self,
-        tick: Option<u64>,
-        sim_nanos: Option<u64>,
-        space: Option<&str>,
-        pose: Option<([f64; 3], [f64; 4])>,
-        intrinsics_px: Option<[f64; 4]>,
-    ) -> PyResult<()> {
-        let said = Said {
-            tick,
-            sim_nanos,
-            size_px: None,
-            space,
-            pose,
-            intrinsics_px,
-        };
-        self.header(|header| said.put(header))
+    fn describe(&self, said: PyRef<'_, Said>) -> PyResult<()> {
+        self.header(|header| {
+            said.put(header);
+            Ok(())
+        })
     }
 
     /// A DLPack capsule of the slot, writeable.

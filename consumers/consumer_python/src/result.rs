@@ -13,15 +13,15 @@ use pyo3::types::{PyBytes, PyString, PyType};
 
 use consumer_gpu::ResultOnGpu;
 use consumer_kit::FollowedDocument;
-use schema_bus::{Answerable, BusError, ResultSample, names};
+use schema_bus::{Answerable, Answered, BusError, ResultSample, names};
 use schema_frames::{InputRecord, ResultHeader, ResultType};
+use schema_types::MonoTime;
 
 use crate::dlpack::{Array, Interface, stream_address};
 use crate::errors;
 use crate::fork::{self, Owned};
 use crate::frame::Sample;
 use crate::place::Place;
-use crate::recorded::FromBytes;
 use crate::view::{self, Access, Memory, Shape};
 
 /// Who keeps a payload in place.
@@ -169,7 +169,8 @@ impl Outcome {
             }
             Keeper::Bytes(_bytes, topic) if topic.is_empty() => false,
             Keeper::Bytes(_bytes, topic) => {
-                act(&FromBytes::result(&self.header, topic));
+                let sent = MonoTime(self.header.published_mono_nanos);
+                act(&Answered::by_result(&self.header, topic, sent));
                 true
             }
         }

@@ -18,7 +18,7 @@ use schema_recording::messages::{Batch, Entry};
 use schema_recording::write::{ChunkCompression, Recording};
 
 use crate::errors;
-use crate::publish::{Said, element_of, format_of, sizes_u32, spec_of};
+use crate::publish::{Said, format_of, gone, spec_of, tensor_of};
 use crate::result::Input;
 
 /// A file of results under construction: `FILE.part` until it is finished.
@@ -239,10 +239,6 @@ impl FileDraft {
     }
 }
 
-fn gone() -> PyErr {
-    errors::gantry("this loan was sent or dropped; loan again for the next result")
-}
-
 #[pymethods]
 impl FileDraft {
     #[new]
@@ -274,7 +270,7 @@ impl FileDraft {
 
     /// Says that the body is a tensor of the named elements.
     fn set_tensor(&self, element: &str, sizes: Vec<usize>) -> PyResult<()> {
-        let (element, sizes) = (element_of(element)?, sizes_u32(&sizes)?);
+        let (element, sizes) = tensor_of(element, &sizes)?;
         self.with(|draft| {
             let set = draft.header_mut().set_tensor(element, &sizes);
             set.map_err(|fault| errors::result(&fault, ""))
@@ -287,25 +283,11 @@ impl FileDraft {
     }
 
     /// Fills in what the inputs do not say; what is `None` stays.
-    #[pyo3(signature = (*, tick, sim_nanos, size_px, space, pose, intrinsics_px))]
-    fn describe(
-        &self,
-        tick: Option<u64>,
-        sim_nanos: Option<u64>,
-        size_px: Option<(u32, u32)>,
-        space: Option<&str>,
-        pose: Option<([f64; 3], [f64; 4])>,
-        intrinsics_px: Option<[f64; 4]>,
-    ) -> PyResult<()> {
-        let said = Said {
-            tick,
-            sim_nanos,
-            size_px,
-            space,
-            pose,
-            intrinsics_px,
-        };
-        self.with(|draft| said.put(draft.header_mut()))
+    fn describe(&self, said: PyRef<'_, Said>) -> PyResult<()> {
+        self.with(|draft| {
+            said.put(draft.header_mut());
+            Ok(())
+        })
     }
 
     /// Bytes of the body that it describes.

@@ -9,7 +9,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyString;
 
 use consumer_gpu::{Device, FrameOnGpu, GpuError, GpuResults, GpuTopic, ResultOnGpu};
-use schema_bus::{Bus, BusError, Frame, FrameReader, ReaderCounts, ResultReader, ResultSample};
+use consumer_kit::{Sample, SampleReader, Take};
+use schema_bus::{Bus, Frame, ReaderCounts};
 
 use crate::errors;
 use crate::fork::{self, Owned};
@@ -36,43 +37,21 @@ pub struct Reader {
     place: Arc<Place>,
 }
 
-/// What a topic carries.
+/// Where a topic is read.
 enum Port {
-    Frames(FrameReader),
-    Results(ResultReader),
+    Here(SampleReader),
     OnGpu(Box<GpuTopic>),
     ResultsOnGpu(Box<GpuResults>),
 }
 
 /// What was taken from it.
 enum Found {
-    Frame(Frame),
-    Result(ResultSample),
+    Here(Sample),
     OnGpu(FrameOnGpu),
     ResultOnGpu(ResultOnGpu),
 }
 
-/// Which sample to take if several wait.
-#[derive(Clone, Copy)]
-enum Which {
-    Oldest,
-    Newest,
-}
-
 impl Port {
-    fn open(bus: &Bus, topic: &str) -> Result<Port, BusError> {
-        match bus.frame_reader(topic) {
-            Ok(reader) => Ok(Port::Frames(reader)),
-            // It exists, and carries something else.
-            Err(error @ BusError::OtherKind { .. }) => match bus.result_reader(topic) {
-                Ok(reader) => Ok(Port::Results(reader)),
-                Err(BusError::OtherKind { .. }) => Err(error),
-                Err(other) => Err(other),
-            },
-            Err(other) => Err(other),
-        }
-    }
-
     fn open_on_gpu(bus: &Bus, topic: &str, device: Device) -> Result<Port, GpuError> {
         Ok(match bus.result_kind(topic) {
             Some(_) => Port::ResultsOnGpu(Box::new(GpuResults::open(bus, topic, device)?)),
@@ -94,29 +73,23 @@ impl Port {
         match self {
             Port::OnGpu(topic) => topic.has_moved(),
             Port::ResultsOnGpu(topic) => topic.has_moved(),
-            Port::Frames(_) | Port::Results(_) => false,
+            Port::Here(_) => false,
         }
     }
 
-    fn take(&mut self, bus: &Bus, which: Which) -> Result<Option<Found>, Failure> {
-        Ok(match (self, which) {
-            (Port::OnGpu(topic), Which::Oldest) => topic.next(bus)?.map(Found::OnGpu),
-            (Port::OnGpu(topic), Which::Newest) => topic.latest(bus)?.map(Found::OnGpu),
-            (Port::ResultsOnGpu(topic), Which::Oldest) => topic.next(bus)?.map(Found::ResultOnGpu),
-            (Port::ResultsOnGpu(topic), Which::Newest) => {
-                topic.latest(bus)?.map(Found::ResultOnGpu)
-            }
-            (Port::Frames(reader), Which::Oldest) => reader.next()?.map(Found::Frame),
-            (Port::Frames(reader), Which::Newest) => reader.latest()?.map(Found::Frame),
-            (Port::Results(reader), Which::Oldest) => reader.next()?.map(Found::Result),
-            (Port::Results(reader), Which::Newest) => reader.latest()?.map(Found::Result),
+    fn take(&mut self, bus: &Bus, take: Take) -> Result<Option<Found>, Failure> {
+        Ok(match (self, take) {
+            (Port::OnGpu(topic), Take::All) => topic.next(bus)?.map(Found::OnGpu),
+            (Port::OnGpu(topic), Take::Newest) => topic.latest(bus)?.map(Found::OnGpu),
+            (Port::ResultsOnGpu(topic), Take::All) => topic.next(bus)?.map(Found::ResultOnGpu),
+            (Port::ResultsOnGpu(topic), Take::Newest) => topic.latest(bus)?.map(Found::ResultOnGpu),
+            (Port::Here(reader), take) => reader.take(take)?.map(Found::Here),
         })
     }
 
     fn counts(&self) -> ReaderCounts {
         match self {
-            Port::Frames(reader) => reader.counts(),
-            Port::Results(reader) => reader.counts(),
+            Port::Here(reader) => reader.counts(),
             Port::OnGpu(topic) => topic.counts(),
             Port::ResultsOnGpu(topic) => topic.counts(),
         }
@@ -124,8 +97,7 @@ impl Port {
 
     fn has_writer(&self) -> bool {
         match self {
-            Port::Frames(reader) => reader.has_writer(),
-            Port::Results(reader) => reader.has_writer(),
+            Port::Here(reader) => reader.has_writer(),
             Port::OnGpu(topic) => topic.has_writer(),
             Port::ResultsOnGpu(topic) => topic.has_writer(),
         }
@@ -179,10 +151,10 @@ impl Reader {
         })
     }
 
-    fn look(&self, which: Which) -> Result<Option<Found>, Failure> {
+    fn look(&self, take: Take) -> Result<Option<Found>, Failure> {
         let mut port = self.port.lock();
         let port: &mut Port = port.as_mut().ok_or(Failure::Closed)?;
-        let found = port.take(self.place.bus(), which);
+        let found = port.take(self.place.bus(), take);
         if port.has_moved()
             && let Some((event, fallback)) = port.on_gpu()
         {
@@ -211,7 +183,7 @@ impl Reader {
     ) -> PyResult<Option<Py<PyAny>>> {
         let object = match found {
             Ok(None) => return Ok(None),
-            Ok(Some(Found::Frame(frame))) => self.show(py, frame),
+            Ok(Some(Found::Here(Sample::Frame(frame)))) => self.show(py, frame),
             Ok(Some(Found::OnGpu(frame))) => {
                 self.warn_of_fallback(py)?;
                 let blank = self.blank.lock().take();
@@ -223,7 +195,7 @@ impl Reader {
                 let about = self.about_of_results();
                 Outcome::on_gpu(py, result, &self.topic, about, &self.place)
             }
-            Ok(Some(Found::Result(result))) => {
+            Ok(Some(Found::Here(Sample::Result(result)))) => {
                 let about = self.about_of_results();
                 Outcome::shared(py, result, &self.topic, about, &self.place)
             }
@@ -260,12 +232,12 @@ impl Reader {
     fn wait(
         &self,
         py: Python<'_>,
-        which: Which,
+        take: Take,
         timeout: Option<f64>,
         busy_wait: f64,
     ) -> PyResult<Option<Py<PyAny>>> {
         fork::check()?;
-        let first = self.look(which);
+        let first = self.look(take);
         if !matches!(first, Ok(None)) {
             return self.finish(py, first);
         }
@@ -276,7 +248,7 @@ impl Reader {
             ))
         })?;
         self.prepare(py)?;
-        let found = self.waker.until(py, timeout, busy, || self.look(which))?;
+        let found = self.waker.until(py, timeout, busy, || self.look(take))?;
         self.finish(py, found)
     }
 }
@@ -294,16 +266,16 @@ impl Reader {
             let bus = place.bus();
             // The event first, so that no sample comes between the two.
             let waker = Waker::new(bus.listener(topic)?);
-            let port = Port::open(bus, topic)?;
+            let port = SampleReader::open(bus, topic)?;
             let about = match &port {
-                Port::Results(_) => Some(About::follow(&place, topic)?),
+                SampleReader::Results(_) => Some(About::follow(&place, topic)?),
                 _ => None,
             };
             Ok((waker, port, about))
         });
         let (waker, port, about) = opened.map_err(errors::bus)?;
         Ok(Reader {
-            port: Mutex::new(Some(Owned::new(port))),
+            port: Mutex::new(Some(Owned::new(Port::Here(port)))),
             waker,
             about: about.map(|about| Py::new(py, about)).transpose()?,
             blank: Mutex::new(None),
@@ -337,7 +309,7 @@ impl Reader {
     /// `SchemaVersionError` for one that breaks the contract; the next call continues after it.
     fn poll(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
         fork::check()?;
-        self.finish(py, self.look(Which::Oldest))
+        self.finish(py, self.look(Take::All))
     }
 
     /// Takes the next sample; waits up to `timeout` seconds for it (None: without a limit).
@@ -352,7 +324,7 @@ impl Reader {
         timeout: Option<f64>,
         busy_wait: f64,
     ) -> PyResult<Option<Py<PyAny>>> {
-        self.wait(py, Which::Oldest, timeout, busy_wait)
+        self.wait(py, Take::All, timeout, busy_wait)
     }
 
     /// Takes the newest sample, and waits as `next` does if there is none.
@@ -365,15 +337,15 @@ impl Reader {
         timeout: Option<f64>,
         busy_wait: f64,
     ) -> PyResult<Option<Py<PyAny>>> {
-        self.wait(py, Which::Newest, timeout, busy_wait)
+        self.wait(py, Take::Newest, timeout, busy_wait)
     }
 
     /// Type of the topic's results; None for a topic of frames, or if closed.
     #[getter]
     fn result(&self) -> Option<&'static str> {
         match &**self.port.lock().as_ref()? {
-            Port::Frames(_) | Port::OnGpu(_) => None,
-            Port::Results(reader) => Some(reader.kind().name()),
+            Port::Here(SampleReader::Frames(_)) | Port::OnGpu(_) => None,
+            Port::Here(SampleReader::Results(reader)) => Some(reader.kind().name()),
             Port::ResultsOnGpu(topic) => Some(topic.kind().name()),
         }
     }

@@ -108,7 +108,7 @@ enum At {
 
 impl Snapshots {
     /// Follows `world/snapshot` from now on.
-    pub fn follow(py: Python<'_>, place: &Arc<Place>) -> PyResult<Self> {
+    fn follow(py: Python<'_>, place: Arc<Place>) -> PyResult<Self> {
         let bus = place.bus();
         let opened = py.detach(|| {
             if !bus.exists(names::WORLD_SNAPSHOT) {
@@ -124,17 +124,12 @@ impl Snapshots {
         Ok(Snapshots {
             trail: Mutex::new(Some(Owned::new(trail))),
             waker,
-            place: place.clone(),
+            place,
         })
     }
 
-    /// The event that every snapshot notifies.
-    pub fn waker(&self) -> &Waker {
-        &self.waker
-    }
-
     /// The newest snapshot, if one has come.
-    pub fn look(&self) -> Result<Option<Arc<WorldAt>>, Failure> {
+    fn look(&self) -> Result<Option<Arc<WorldAt>>, Failure> {
         let mut trail = self.trail.lock();
         let trail = trail.as_mut().ok_or(Failure::Closed)?;
         Ok(trail.newest(self.place.bus())?)
@@ -159,7 +154,7 @@ impl Snapshots {
 impl Snapshots {
     #[new]
     fn open(py: Python<'_>, domain: &str) -> PyResult<Self> {
-        Self::follow(py, &Place::of(domain)?)
+        Self::follow(py, Place::of(domain)?)
     }
 
     /// The snapshot of exactly this tick; waits for it up to `timeout` seconds. `None` if it has

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use schema_bus::mono_now;
 use schema_frames::JournalFile;
+use schema_stages::Stage;
 use schema_types::Tick;
 use simd_frames::hash::BytesHash;
 
@@ -18,8 +19,19 @@ use crate::history::{Act, History, Played};
 use crate::participants::Participants;
 use crate::ports::{Ports, State};
 use crate::sensing::{DueSensors, Parting, Sensing, Surroundings};
-use crate::stages;
 use crate::world::LiveWorld;
+
+/// Requests of clients, and controls. Stages up to a tick's scene count their processor time always;
+/// `gantry bench tick --profile` shows them. Those of frames are in `simd_frames`.
+static COMMANDS: Stage = Stage::new("commands");
+/// The world's step: vehicles, people, lights, weather.
+static PHYSICS: Stage = Stage::new("physics");
+/// Snapshot and documents.
+static SNAPSHOT: Stage = Stage::new("snapshot");
+
+/// Least time between two looks after those that the world waits for. One lists all nodes of the bus,
+/// which takes longer than a tick; acknowledgements wake the daemon several times a tick.
+const LOOK_EVERY_NANOS: u64 = 50_000_000;
 
 /// The parts of the daemon.
 ///
@@ -40,6 +52,8 @@ pub struct Daemon {
     faults: Faults,
     /// The tick that participants were told is complete.
     told: Tick,
+    /// When those that the world waits for were looked after last.
+    looked_nanos: u64,
 }
 
 impl Daemon {
@@ -68,6 +82,7 @@ impl Daemon {
             again: None,
             faults: Faults::default(),
             told: Tick(0),
+            looked_nanos: mono_now().0,
         };
         daemon.publish_documents();
         daemon.send_snapshot()?;
@@ -316,11 +331,16 @@ impl Daemon {
             .show_again(world, &self.clock, bus, &mut self.faults)
     }
 
-    /// Looks after those that the world waits for: participants, workers and clients.
+    /// Looks after those that the world waits for: participants, workers and clients. Does nothing
+    /// until some time after the last look.
     pub fn look_after_all(&mut self) {
-        let (bus, acks) = (self.ports.bus(), self.ports.acks());
         let now_nanos = mono_now().0;
-        if (self.participants).look_after(&self.clock, bus, acks, now_nanos) {
+        if now_nanos.saturating_sub(self.looked_nanos) < LOOK_EVERY_NANOS {
+            return;
+        }
+        self.looked_nanos = now_nanos;
+        let (bus, acks) = (self.ports.bus(), self.ports.acks());
+        if self.participants.look_after(&self.clock, bus, acks) {
             self.ports.touch_info();
             // While the world stands still, no tick says who is left.
             self.publish_documents();
@@ -349,7 +369,7 @@ impl Daemon {
         self.clock.start_tick();
         self.keep_up();
         {
-            let _span = stages::COMMANDS.span();
+            let _span = COMMANDS.span();
             self.serve_commands();
             if !self.may_start() {
                 return false;
@@ -392,13 +412,13 @@ impl Daemon {
 
     /// Moves the world by one tick.
     pub fn step_physics(&mut self) {
-        let _span = stages::PHYSICS.span();
+        let _span = PHYSICS.span();
         self.world.step(self.clock.period_nanos());
     }
 
     /// Publishes the actors' states after the current tick, and the documents that changed.
     pub fn publish_snapshot(&mut self) -> anyhow::Result<()> {
-        let _span = stages::SNAPSHOT.span();
+        let _span = SNAPSHOT.span();
         self.send_snapshot()?;
         self.publish_documents();
         Ok(())

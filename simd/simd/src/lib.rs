@@ -20,7 +20,6 @@ mod ports;
 mod sensing;
 mod settings;
 mod setup;
-mod stages;
 mod tick_loop;
 mod world;
 

@@ -14,10 +14,6 @@ use crate::settings::cli::OnLostClient;
 pub use clients::CLEANING_NANOS;
 use clients::Clients;
 
-/// Least time between two looks for participants whose process is gone. A look lists all nodes of the
-/// bus, which takes longer than a tick; acknowledgements wake the daemon several times a tick.
-const LOOK_EVERY_NANOS: u64 = 50_000_000;
-
 /// Most ticks one cue can ask for: a day at 100 Hz; more is surely a mistake in units.
 const MAX_CUE: u64 = 8_640_000;
 
@@ -30,8 +26,6 @@ pub struct Participants {
     awaited_names: Vec<String>,
     /// Idle time after which a living participant is removed.
     timeout_nanos: Option<u64>,
-    /// When participants were looked after last.
-    looked_nanos: u64,
     on_lost_client: OnLostClient,
 }
 
@@ -44,7 +38,6 @@ impl Participants {
             n_awaited: settings.run.n_awaited_participants,
             awaited_names: settings.awaited_participants.clone(),
             timeout_nanos: settings.run.lockstep_timeout_nanos,
-            looked_nanos: now_nanos,
             on_lost_client: settings.run.on_lost_client,
         }
     }
@@ -120,17 +113,7 @@ impl Participants {
 
     /// Removes lockstep participants whose process is gone, and idle ones if a time-out is set. Says
     /// for whom the world waits long. Returns whether any were removed.
-    pub fn look_after(
-        &mut self,
-        clock: &Clock,
-        bus: &Bus,
-        acks: &AckReader,
-        now_nanos: u64,
-    ) -> bool {
-        if now_nanos.saturating_sub(self.looked_nanos) < LOOK_EVERY_NANOS {
-            return false;
-        }
-        self.looked_nanos = now_nanos;
+    pub fn look_after(&mut self, clock: &Clock, bus: &Bus, acks: &AckReader) -> bool {
         let Tick(tick) = clock.tick();
         let is_awaited = self.n_awaited > 0 || !self.awaited_names.is_empty();
         let look = Look {

@@ -12,6 +12,7 @@ use std::time::Duration;
 use anyhow::ensure;
 use schema_bus::Bus;
 use schema_frames::{CollisionEvent, DebugKind, DebugShape, RenderedRecord};
+use schema_stages::Stage;
 use schema_types::{ActorId, SimTime};
 use sensor_core::PoseHistory;
 use sensor_core::scene::{Overlay, Scene, SceneAssets};
@@ -23,12 +24,14 @@ use simd_frames::topic::{Audience, FrameCounts};
 use crate::clock::Clock;
 use crate::faults::Faults;
 use crate::participants::Participants;
-use crate::stages;
 use crate::world::LiveWorld;
 use debug_shapes::{DebugShapes, Visible};
 pub use sharing::Surroundings;
 use spectator::Still;
 pub use workers::{Parting, Workers};
+
+/// What sensors see, made of the world.
+static SCENE: Stage = Stage::new("scene");
 
 /// Sensors, and the workers that make frames for them.
 pub struct Sensing {
@@ -212,7 +215,7 @@ impl Sensing {
     /// # Errors
     /// When the scenery cannot be shown.
     pub fn schedule(&mut self, world: &mut LiveWorld, clock: &Clock) -> anyhow::Result<DueSensors> {
-        let scene_span = stages::SCENE.span();
+        let scene_span = SCENE.span();
         world.stream_scenery(&mut self.sensors, clock)?;
         let visible = self.shapes.at(clock.now());
         let mut scene = self.scene_with(visible, world, clock);
@@ -232,7 +235,7 @@ impl Sensing {
     /// Gives the scene its past if a sensor that fires needs it, and remembers the scene for as long
     /// as one will.
     fn look_back(&mut self, scene: &mut Scene, firings: &Firings, world: &LiveWorld) {
-        let _span = stages::SCENE.span();
+        let _span = SCENE.span();
         let Some(keep_from) = self.sensors.look_back_to(scene.sim_time) else {
             self.history.clear();
             return;

@@ -1,5 +1,7 @@
 //! Why an actor was not made, not removed or not changed.
 
+use std::collections::BTreeMap;
+
 use schema_frames::limits::{MAX_ACTOR_TEXT_BYTES, MAX_ACTORS, TextLimit};
 use schema_types::ActorId;
 
@@ -101,6 +103,29 @@ pub(crate) struct BadAttribute {
     pub value: String,
     /// What is allowed instead, as the end of a sentence.
     pub allowed: String,
+}
+
+/// The attributes of a type with the `given` ones in their place. `refusal` is told name, value and all
+/// attributes, and says what is allowed instead.
+///
+/// # Errors
+/// The first given attribute that is refused.
+pub(crate) fn checked_attributes(
+    mut attributes: BTreeMap<String, String>,
+    given: &BTreeMap<String, String>,
+    refusal: impl Fn(&str, &str, &BTreeMap<String, String>) -> Option<String>,
+) -> Result<BTreeMap<String, String>, BadAttribute> {
+    for (name, value) in given {
+        if let Some(allowed) = refusal(name, value, &attributes) {
+            return Err(BadAttribute {
+                name: name.clone(),
+                value: value.clone(),
+                allowed,
+            });
+        }
+        attributes.insert(name.clone(), value.clone());
+    }
+    Ok(attributes)
 }
 
 impl BadAttribute {

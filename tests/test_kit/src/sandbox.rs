@@ -108,6 +108,15 @@ impl Sandbox {
         self.spawn_program(binary, &binary_path(binary), args, &[])
     }
 
+    /// Runs `gantry up` on a launch file of this text, which is written as `test.toml`.
+    pub fn up(&self, launch: &str, more: &[&str]) -> Process {
+        let file = self.write("test.toml", launch);
+        let (file, data) = (file.display().to_string(), self.path("data"));
+        let data = data.display().to_string();
+        let words = ["up", &file, "--data", &data, "--domain", &self.domain];
+        self.spawn("gantry", &[&words[..], more].concat())
+    }
+
     /// Starts any program in this sandbox with extra environment.
     pub fn spawn_program(
         &self,

@@ -3,12 +3,13 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use schema_frames::{Modality, SemanticLidarPoint};
-use sensor_camera::{CameraRenderer, Output, Place, View, ViewJob, ViewSpec};
+use sensor_camera::{CameraRenderer, View, ViewSpec};
 use sensor_core::Scene;
 use sensor_gpu::Gpu;
 use sensor_spec::Intrinsics;
 
 use crate::oracle::{Detail, Met, Oracle};
+use crate::shot::shot;
 
 /// What a camera saw in all [`Modality`]s but colour.
 pub struct Frames {
@@ -43,30 +44,7 @@ pub fn two_firings(
     poses: [Isometry3<f64>; 2],
 ) -> Frames {
     let mut view = View::new(gpu, ViewSpec::pinhole(lens));
-    let mut bytes: Vec<Vec<u8>> = LABELS
-        .iter()
-        .map(|modality| vec![0xa5; view.payload_bytes(*modality)])
-        .collect();
-    for (scene, world_from_sensor) in scenes.into_iter().zip(poses) {
-        let outputs = LABELS
-            .iter()
-            .zip(&mut bytes)
-            .map(|(m, bytes)| Output {
-                modality: *m,
-                place: Place::Memory(bytes),
-            })
-            .collect();
-        let job = ViewJob {
-            view: &mut view,
-            world_from_sensor,
-            outputs,
-        };
-        renderer
-            .render(scene, vec![job])
-            .expect("the request is in order")
-            .wait()
-            .expect("the device works");
-    }
+    let [_, bytes] = [0, 1].map(|at| shot(renderer, scenes[at], &mut view, poses[at], &LABELS));
     let [depth, class, instance, flow, normals] = bytes.try_into().expect("one per modality");
     let normals = normals
         .chunks_exact(8)

@@ -9,9 +9,11 @@ pub mod oracle;
 pub mod peer;
 pub mod separate;
 pub mod sheet;
+mod shot;
 pub mod stage;
 pub mod tiles;
 pub mod weathers;
 
 pub use measure::{Cameras, Figures};
+pub use shot::shot;
 pub use stage::Stage;

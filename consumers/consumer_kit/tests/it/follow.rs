@@ -4,39 +4,11 @@
 use std::time::{Duration, Instant};
 
 use consumer_kit::{FollowedDocument, Follower, Lockstep, LockstepError, MAX_WAIT, Steps, Take};
-use schema_bus::{Bus, BusOptions, FramePublisher, FrameTopic, Notifier, SnapshotPublisher, names};
+use schema_bus::{Bus, FramePublisher, FrameTopic, Notifier, SnapshotPublisher, names};
 use schema_frames::command::CommandReply;
 use schema_frames::{ActorRecord, Modality, ReplyBatch, SnapshotHeader};
 
-struct Place(tempfile::TempDir, String);
-
-impl Place {
-    fn new(name: &str) -> Place {
-        Place(
-            tempfile::tempdir().unwrap(),
-            format!("gk{}_{name}_", std::process::id()),
-        )
-    }
-
-    fn bus(&self, program: &str) -> Bus {
-        let options = BusOptions {
-            iceoryx_root: Some(self.0.path().join("iox")),
-            prefix: Some(self.1.clone()),
-        };
-        Bus::open_with("d", program, &options).unwrap()
-    }
-}
-
-impl Drop for Place {
-    /// Removes the one file that iceoryx2 keeps for ever; the prefix is never used again.
-    fn drop(&mut self) {
-        for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&self.1) {
-                let _ = std::fs::remove_file(entry.path());
-            }
-        }
-    }
-}
+use crate::place::Place;
 
 /// Publishes one IMU and snapshots as the daemon would.
 struct Daemon {

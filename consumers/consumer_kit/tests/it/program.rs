@@ -3,36 +3,10 @@
 use std::time::{Duration, Instant};
 
 use consumer_kit::{FollowedResult, Program, ProgramError, Publisher, Take};
-use schema_bus::{Bus, BusOptions, FramePublisher, FrameReader, FrameTopic, Notifier};
+use schema_bus::{Bus, FramePublisher, FrameReader, FrameTopic, Notifier};
 use schema_frames::{Box2d, Modality, ResultType};
 
-struct Place(tempfile::TempDir, String);
-
-impl Place {
-    fn new(name: &str) -> Place {
-        let prefix = format!("gp{}_{name}_", std::process::id());
-        Place(tempfile::tempdir().unwrap(), prefix)
-    }
-
-    fn bus(&self, program: &str) -> Bus {
-        let options = BusOptions {
-            iceoryx_root: Some(self.0.path().join("iox")),
-            prefix: Some(self.1.clone()),
-        };
-        Bus::open_with("d", program, &options).unwrap()
-    }
-}
-
-impl Drop for Place {
-    /// Removes the one file that iceoryx2 keeps for ever; the prefix is never used again.
-    fn drop(&mut self) {
-        for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&self.1) {
-                let _ = std::fs::remove_file(entry.path());
-            }
-        }
-    }
-}
+use crate::place::Place;
 
 /// A sensor of the daemon.
 struct Sensor {

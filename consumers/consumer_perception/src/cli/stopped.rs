@@ -9,12 +9,12 @@ use schema_types::files::read_text;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
+use super::kept::KeptError;
 use crate::capture::Capture;
-use crate::hidden::Hidden;
-use crate::kept::KeptError;
 use crate::run::Source;
 use crate::suite::Suite;
 use crate::truth_pass::TruthRecording;
+use crate::truth_pass::hidden::Hidden;
 
 /// What was run, beside the runs.
 const STATE: &str = "stopped.json";

@@ -1,7 +1,5 @@
 //! What makes a task: its measure, and what is said of it before and after a scenario.
 
-use std::collections::BTreeMap;
-
 use consumer_truth::scenario::Scenario;
 use schema_frames::About;
 use serde::Deserialize;
@@ -14,6 +12,7 @@ use crate::evidence::queries::{Answers, Association};
 use crate::picture::Picture;
 use crate::report::TaskScore;
 use crate::suite::TaskKind;
+use crate::tasks::tally::Tally;
 
 /// What is scored, and how.
 #[derive(Clone, Debug, PartialEq)]
@@ -122,7 +121,7 @@ pub trait Measure: Send + Sync {
     /// What one moment's truth and one result give.
     type Part: Send;
     /// Parts, added up.
-    type Total: Clone + Send + Sync;
+    type Total: Tally;
 
     /// The metric that stands for the task.
     fn headline(&self) -> Headline;
@@ -152,15 +151,6 @@ pub trait Measure: Send + Sync {
 
     /// Adds a part.
     fn add(&self, total: &mut Self::Total, part: &Self::Part);
-
-    /// Adds another scenario's total.
-    fn merge(&self, total: &mut Self::Total, other: &Self::Total);
-
-    /// All metrics by name.
-    fn named(&self, total: &Self::Total) -> BTreeMap<String, f64>;
-
-    /// Truths that were scored, and those that were ignored.
-    fn counts(&self, total: &Self::Total) -> (u64, u64);
 
     /// Strata of the truths within a moment: what divides, and which part.
     fn strata(&self) -> Vec<(&'static str, &'static str)> {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use schema_frames::{About, ResultType};
 
-use super::{AnyTask, Context, Drawn, Measure, Plan, Reading, Scored, Spec, Worst};
+use super::{AnyTask, Context, Drawn, Measure, Plan, Reading, Scored, Spec, Tally, Worst};
 use crate::capture::{Capture, Mode};
 use crate::evidence::moment::Moment;
 use crate::evidence::queries::Answers;
@@ -63,15 +63,14 @@ impl<M: Measure> Totals<M> {
         }
     }
 
-    fn merge(&mut self, measure: &M, other: &Totals<M>) {
-        measure.merge(&mut self.offline, &other.offline);
-        for (own, other) in self.streaming.iter_mut().zip(&other.streaming) {
-            measure.merge(own, other);
-        }
-        for (own, other) in self.strata.iter_mut().zip(&other.strata) {
-            measure.merge(&mut own[0], &other[0]);
-            measure.merge(&mut own[1], &other[1]);
-        }
+    fn take_in(&mut self, other: &Totals<M>) {
+        self.offline.take_in(&other.offline);
+        let streaming = self.streaming.iter_mut().zip(&other.streaming);
+        let strata = self.strata.iter_mut().zip(&other.strata);
+        let strata = strata.flat_map(|(own, other)| own.iter_mut().zip(other));
+        streaming
+            .chain(strata)
+            .for_each(|(own, other)| own.take_in(other));
     }
 
     fn add_strata(&mut self, measure: &M, moment: &Moment<'_>, part: &M::Part, which: usize) {
@@ -261,7 +260,7 @@ impl<M: Measure> TaskRun<M> {
     fn score(&self, totals: &Totals<M>) -> TaskScore {
         let measure = &self.measure;
         let headline = measure.headline();
-        let value = |total: &M::Total| measure.named(total).get(headline.metric).copied();
+        let value = |total: &M::Total| total.named().get(headline.metric).copied();
         let timed = self.mode == Mode::Streaming;
         let mut curve = Vec::new();
         if timed {
@@ -276,9 +275,8 @@ impl<M: Measure> TaskRun<M> {
         let strata = names
             .zip(&totals.strata)
             .map(|((by, part), [offline, streaming])| {
-                let (n, _) = measure.counts(if timed { streaming } else { offline });
-                let exists =
-                    |total: &M::Total| value(total).filter(|_| measure.counts(total).0 > 0);
+                let (n, _) = if timed { streaming } else { offline }.counts();
+                let exists = |total: &M::Total| value(total).filter(|_| total.counts().0 > 0);
                 Stratum {
                     by: by.into(),
                     part: part.into(),
@@ -293,16 +291,16 @@ impl<M: Measure> TaskRun<M> {
         } else {
             &totals.offline
         };
-        let (n_scored, n_ignored) = measure.counts(scored);
+        let (n_scored, n_ignored) = scored.counts();
         TaskScore {
             task: self.spec.name.clone(),
             topic: self.spec.topic.clone(),
             headline: headline.metric.into(),
             unit: headline.unit.into(),
             higher_is_better: headline.higher_is_better,
-            offline: measure.named(&totals.offline),
+            offline: totals.offline.named(),
             streaming: match timed {
-                true => measure.named(&totals.streaming[0]),
+                true => totals.streaming[0].named(),
                 false => BTreeMap::new(),
             },
             curve,
@@ -363,7 +361,7 @@ impl<M: Measure> AnyTask for TaskRun<M> {
             ));
         }
         scored.score = self.score(&self.now);
-        self.all.merge(&self.measure, &self.now);
+        self.all.take_in(&self.now);
         Ok(scored)
     }
 

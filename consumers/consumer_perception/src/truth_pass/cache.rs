@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use crate::hidden::MAKING;
+use super::hidden::MAKING;
 
 /// Age after which a recording that was never finished is rubbish of a benchmark that was killed.
 const UNFINISHED_AGE: Duration = Duration::from_secs(24 * 3600);

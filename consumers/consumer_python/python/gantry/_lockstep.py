@@ -42,12 +42,15 @@ class Lockstep:
     run is joined under the same name; if none comes back for `PATIENCE` seconds, the loop ends.
     """
 
+    # Whether a tick is waited for until every frame of it was sent.
+    _is_whole = False
+
     def __init__(self, name: str, domain: str, timeout: float) -> None:
         #: Name of the participant.
         self.name: str = name
         self._domain = domain
         self._native = appear(lambda: native.Lockstep(domain, name, timeout), timeout)
-        self._readable = Readable(self._native.fileno)
+        self._readable = Readable(lambda: self._native.fileno(self._is_whole))
         self._closed = False
         self._last = 0
 
@@ -88,7 +91,7 @@ class Lockstep:
         """
         if self._closed:
             raise GantryError(f"lockstep {self.name!r} was left")
-        if not self._native.wait_complete(self._last, timeout):
+        if not self._native.wait_complete(timeout):
             raise TimedOutError(
                 f"tick {self._last} was not complete within {timeout} s; the simulator draws slowly, or has ended. Pass a longer timeout="
             )
@@ -115,7 +118,9 @@ class Lockstep:
         )
 
     def _take(self, timeout: float | None) -> Tick | None:
-        found = self._native.next(timeout)
+        return self._tick(self._native.next(timeout, self._is_whole))
+
+    def _tick(self, found: tuple[int, int, tuple[bytes, bytes]] | None) -> Tick | None:
         if found is None:
             return None
         number, _, parts = found
@@ -179,6 +184,16 @@ class Lockstep:
             yield tick
 
 
+class _WholeTicks(Lockstep):
+    """Ticks that are waited for until every frame of them was sent: one wake-up for each."""
+
+    _is_whole = True
+
+    def begun(self) -> Tick | None:
+        """Returns the next tick if it has begun, though frames of it are still made."""
+        return self._tick(self._native.next(0.0, False))
+
+
 class LockstepRow(Row):
     """What the topics sent of one tick in lockstep, by topic; a topic that sent nothing is not in it."""
 
@@ -197,16 +212,16 @@ class LockstepRows:
         self._topics: dict[str, Topic[Any]] = {}
         self._heads: dict[str, Any] = {}
         self._results_secs = results_secs
-        self._lockstep: Lockstep | None = None
+        self._lockstep: _WholeTicks | None = None
         try:
             for topic in topics:
                 self._topics[topic] = open_topic(topic, domain, timeout)
             # Joined last, so that every topic is open at the first tick.
-            self._lockstep = Lockstep(name, domain, timeout)
+            self._lockstep = _WholeTicks(name, domain, timeout)
         except BaseException:
             self.close()
             raise
-        self._place: Lockstep = self._lockstep
+        self._place: _WholeTicks = self._lockstep
 
     def __enter__(self) -> LockstepRows:
         return self
@@ -246,7 +261,9 @@ class LockstepRows:
 
     def next(self, timeout: float | None = PATIENCE, *, or_none: bool = False) -> LockstepRow | None:
         """Acknowledges the last row, and waits for the next. Raises as `Lockstep.next`."""
-        tick = self._place.next(timeout, or_none=or_none)
+        tick = self._place.next(timeout, or_none=True) or self._place.begun()
+        if tick is None and not or_none:
+            self._place._timed_out(timeout)
         return None if tick is None else self._row(tick)
 
     def _row(self, tick: Tick) -> LockstepRow:

@@ -179,8 +179,7 @@ class Publisher:
             else:
                 loan.set_list(sizes[0], item.itemsize, 0)
             _name_inputs(loan, answers)
-            nanos = None if sim_time is None else round(sim_time * 1e9)
-            loan.describe(tick=tick, sim_nanos=nanos, size_px=None, space=space, pose=pose, intrinsics_px=intrinsics_px)
+            loan.describe(said(tick, sim_time, space, pose, intrinsics_px))
             strides, by = [], item.itemsize
             for size in reversed(sizes):
                 strides.append(by)
@@ -244,8 +243,7 @@ class Publisher:
             loan.write(0, records)
             loan.write(len(records), tail)
             _name_inputs(loan, answers)
-            nanos = None if sim_time is None else round(sim_time * 1e9)
-            loan.describe(tick=tick, sim_nanos=nanos, size_px=size_px, space=space, pose=pose, intrinsics_px=intrinsics_px)
+            loan.describe(said(tick, sim_time, space, pose, intrinsics_px, size_px))
             return int(loan.send())
         finally:
             loan.give_back()
@@ -295,6 +293,19 @@ class Publisher:
             shape = f"(h, w, {parts})" if parts else "(h, w)"
             raise ValueError(f"pixels of {format} are arrays {shape} of {item}, not {tuple(sizes)} of {dtype}")
         return item, format
+
+
+def said(
+    tick: int | None,
+    sim_time: float | None,
+    space: str | None,
+    pose: Pose | None,
+    intrinsics_px: Sequence[float] | None,
+    size_px: tuple[int, int] | None = None,
+) -> native.Said:
+    """Returns what a result says besides what its inputs do."""
+    nanos = None if sim_time is None else round(sim_time * 1e9)
+    return native.Said(tick=tick, sim_nanos=nanos, size_px=size_px, space=space, pose=pose, intrinsics_px=intrinsics_px)
 
 
 def _name_inputs(loan: native.Loan | native.GpuLoan, answers: Answered) -> None:

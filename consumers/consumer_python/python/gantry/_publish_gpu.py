@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ._dtypes import PIXELS
 from ._load import native
 from ._pose import Pose
-from ._publish import _PIXEL_TYPES, Answered, Loan, Publisher, _name_inputs
+from ._publish import _PIXEL_TYPES, Answered, Loan, Publisher, _name_inputs, said
 
 #: DLPack's kinds of memory.
 _CPU, _CUDA, _CUDA_HOST, _CUDA_MANAGED = 1, 2, 3, 13
@@ -174,8 +174,7 @@ class GpuPublisher(Publisher):
         else:
             loan.set_tensor(name, sizes)
         _name_inputs(loan, answers)
-        nanos = None if sim_time is None else round(sim_time * 1e9)
-        loan.describe(tick=tick, sim_nanos=nanos, space=space, pose=pose, intrinsics_px=intrinsics_px)
+        loan.describe(said(tick, sim_time, space, pose, intrinsics_px))
 
     def _taken(self, data: Any) -> native.Foreign | npt.NDArray[Any]:
         """Takes the memory of a tensor on the device; anything else as an array of numpy."""

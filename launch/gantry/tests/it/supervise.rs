@@ -16,17 +16,7 @@ const SLEEPER: &str = "echo $$ > NAME.pid; exec sleep 100000";
 const MULE: &str = "trap \"\" INT TERM; echo $$ > NAME.pid; while :; do sleep 0.01; done";
 
 fn up(sandbox: &Sandbox, launch: &str, more: &[&str]) -> Process {
-    let file = sandbox.write("test.toml", &format!("version = 1\n{launch}"));
-    let data = sandbox.path("data");
-    let words = [
-        "up",
-        file.to_str().unwrap(),
-        "--data",
-        data.to_str().unwrap(),
-        "--domain",
-        sandbox.domain(),
-    ];
-    sandbox.spawn("gantry", &[&words[..], more].concat())
+    sandbox.up(&format!("version = 1\n{launch}"), more)
 }
 
 /// A process of the launch file that runs a shell script.

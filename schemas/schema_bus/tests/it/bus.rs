@@ -7,14 +7,14 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use schema_bus::{
-    Bus, BusError, BusOptions, CommandError, FrameTopic, LoanError, TopicKind, WaitSet, names,
-};
+use schema_bus::{Bus, BusError, CommandError, FrameTopic, LoanError, TopicKind, WaitSet, names};
 use schema_frames::command::CommandReply;
 use schema_frames::{
     ActorRecord, Command as Order, CommandBatch, Modality, ReplyBatch, SnapshotHeader,
     VehicleControl, VehicleControlRecord,
 };
+
+use crate::place::Place;
 
 const RGB: FrameTopic = FrameTopic {
     max_payload_bytes: 16 * 8 * 4,
@@ -23,60 +23,6 @@ const RGB: FrameTopic = FrameTopic {
     buffer: 2,
     borrowed: 3,
 };
-
-/// A private place; dropped, it asserts that no file of its prefix is left in /dev/shm.
-struct Place {
-    folder: tempfile::TempDir,
-    prefix: String,
-}
-
-impl Place {
-    fn new(name: &str) -> Place {
-        Place {
-            folder: tempfile::tempdir().unwrap(),
-            prefix: format!("gt{}_{name}_", std::process::id()),
-        }
-    }
-
-    fn options(&self) -> BusOptions {
-        BusOptions {
-            iceoryx_root: Some(self.folder.path().join("iceoryx2")),
-            prefix: Some(self.prefix.clone()),
-        }
-    }
-
-    fn bus(&self, program: &str) -> Bus {
-        Bus::open_with("d", program, &self.options()).unwrap()
-    }
-
-    /// Files of this place in shared memory, but for the one that iceoryx2 keeps for ever by
-    /// design.
-    fn left_over(&self) -> Vec<String> {
-        let names = std::fs::read_dir("/dev/shm")
-            .unwrap()
-            .map(|entry| entry.unwrap().file_name().into_string().unwrap());
-        names
-            .filter(|name| name.starts_with(&self.prefix) && !name.ends_with(".global_mgmt"))
-            .collect()
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        if !std::thread::panicking() {
-            assert_eq!(self.left_over(), Vec::<String>::new(), "left in /dev/shm");
-        }
-        for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
-            if entry
-                .file_name()
-                .to_string_lossy()
-                .starts_with(&self.prefix)
-            {
-                let _ = std::fs::remove_file(entry.path());
-            }
-        }
-    }
-}
 
 fn send(publisher: &schema_bus::FramePublisher, epoch: u64, seq: u64, fill: u8) -> usize {
     let mut loan = publisher.loan(16 * 8 * 4).unwrap();
@@ -249,16 +195,10 @@ fn a_restarted_writer_is_noticed_by_a_reader_that_stayed() {
 #[test]
 fn another_schema_is_refused_with_a_sentence_before_opening() {
     let place = Place::new("skew");
-    let options = place.options();
     // A publisher of another version, made with iceoryx2 itself.
     use iceoryx2::prelude::*;
-    let mut config = iceoryx2::config::Config::global_config().clone();
-    config.global.set_root_path(
-        &Path::new(options.iceoryx_root.unwrap().to_str().unwrap().as_bytes()).unwrap(),
-    );
-    config.global.prefix = FileName::new(options.prefix.unwrap().as_bytes()).unwrap();
     let node = NodeBuilder::new()
-        .config(&config)
+        .config(&place.config())
         .create::<ipc::Service>()
         .unwrap();
     let attributes = AttributeSpecifier::new()
@@ -696,7 +636,7 @@ fn a_private_config_file_is_what_iceoryx2_reads() {
 
 /// Starts the example `bus_child`.
 fn start_child(place: &Place, role: &str) -> std::process::Child {
-    let root = place.options().iceoryx_root.unwrap();
+    let root = place.root();
     let test = std::env::current_exe().unwrap();
     let built = test.parent().and_then(std::path::Path::parent);
     Command::new(built.unwrap().join("examples/bus_child"))

@@ -13,10 +13,12 @@ use std::os::fd::{AsRawFd as _, OwnedFd};
 
 use iceoryx2::prelude::*;
 use nix::sys::socket::{AddressFamily, SockFlag, SockType, UnixAddr, connect, socket};
-use schema_bus::{Bus, BusOptions, FrameTopic, GpuDevice, names};
+use schema_bus::{FrameTopic, GpuDevice, names};
 use schema_frames::command::RequestHeader;
 use schema_frames::control::ControlHeader;
 use schema_frames::{DocumentHeader, FrameHeader, Modality, SnapshotHeader};
+
+use crate::place::Place;
 
 macro_rules! raw_headers {
     ($($raw:ident $n:literal $name:literal;)*) => {$(
@@ -64,54 +66,13 @@ impl Random {
     }
 }
 
-struct Place {
-    folder: tempfile::TempDir,
-    prefix: String,
-}
-
-impl Place {
-    fn new(name: &str) -> Place {
-        Place {
-            folder: tempfile::tempdir().unwrap(),
-            prefix: format!("gh{}_{name}_", std::process::id()),
-        }
-    }
-
-    fn bus(&self) -> Bus {
-        let options = BusOptions {
-            iceoryx_root: Some(self.folder.path().join("iox")),
-            prefix: Some(self.prefix.clone()),
-        };
-        Bus::open_with("d", "victim", &options).unwrap()
-    }
-
-    fn foreign_node(&self) -> Node<ipc::Service> {
-        let mut config = iceoryx2::config::Config::global_config().clone();
-        let root = self.folder.path().join("iox");
-        config.global.set_root_path(
-            &iceoryx2::prelude::Path::new(root.to_str().unwrap().as_bytes()).unwrap(),
-        );
-        config.global.prefix = FileName::new(self.prefix.as_bytes()).unwrap();
-        NodeBuilder::new()
-            .config(&config)
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create()
-            .unwrap()
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
-            if entry
-                .file_name()
-                .to_string_lossy()
-                .starts_with(&self.prefix)
-            {
-                let _ = std::fs::remove_file(entry.path());
-            }
-        }
-    }
+/// A node of a program that does not know us.
+fn foreign_node(place: &Place) -> Node<ipc::Service> {
+    NodeBuilder::new()
+        .config(&place.config())
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .create()
+        .unwrap()
 }
 
 macro_rules! hostile_writer {
@@ -145,13 +106,13 @@ macro_rules! send {
 
 #[test]
 fn frames_of_any_bytes_are_refused_or_whole() {
-    let place = Place::new("frames");
-    let bus = place.bus();
+    let place = Place::with_foreigners("frames");
+    let bus = place.bus("victim");
     let _service = bus
         .frame_service("ego/front/depth", FrameTopic::new(Modality::Depth, 1024))
         .unwrap();
     let mut reader = bus.frame_reader("ego/front/depth").unwrap();
-    let node = place.foreign_node();
+    let node = foreign_node(&place);
     let writer = hostile_writer!(node, "ego/front/depth", RawFrame);
     let mut good = FrameHeader::new(Modality::Depth);
     good.set_image(8, 8);
@@ -187,9 +148,9 @@ fn frames_of_any_bytes_are_refused_or_whole() {
 
 #[test]
 fn snapshots_documents_and_controls_of_any_bytes_are_refused_or_whole() {
-    let place = Place::new("rest");
-    let bus = place.bus();
-    let node = place.foreign_node();
+    let place = Place::with_foreigners("rest");
+    let bus = place.bus("victim");
+    let node = foreign_node(&place);
     let mut random = Random(2);
 
     let _snapshots = bus.snapshot_publisher(4).unwrap();
@@ -272,10 +233,10 @@ fn snapshots_documents_and_controls_of_any_bytes_are_refused_or_whole() {
 
 #[test]
 fn requests_of_any_bytes_become_an_error_text() {
-    let place = Place::new("requests");
-    let bus = place.bus();
+    let place = Place::with_foreigners("requests");
+    let bus = place.bus("victim");
     let mut server = bus.command_server().unwrap();
-    let node = place.foreign_node();
+    let node = foreign_node(&place);
     let name = "d/control/world".try_into().unwrap();
     let service = node
         .service_builder(&name)
@@ -348,16 +309,14 @@ fn silent_peer(iceoryx_root: &std::path::Path) -> OwnedFd {
 
 #[test]
 fn peers_that_ask_for_no_gpu_memory_keep_nobody_waiting() {
-    let place = Place::new("silent");
-    let bus = place.bus();
+    let place = Place::with_foreigners("silent");
+    let bus = place.bus("victim");
     let server = bus.gpu_server(GpuDevice::default()).unwrap();
     let _offered = server.offer("ego/front/rgb", FrameTopic::on_gpu(2));
     // Each peer has two seconds, and the reader waits as long for its answer: it must not wait for one
     // peer after the other. They are more than the server keeps at once.
-    let peers: Vec<OwnedFd> = (0..100)
-        .map(|_| silent_peer(&place.folder.path().join("iox")))
-        .collect();
-    let offer = place.bus().gpu_offer("ego/front/rgb").unwrap();
+    let peers: Vec<OwnedFd> = (0..100).map(|_| silent_peer(&place.root())).collect();
+    let offer = place.bus("victim").gpu_offer("ego/front/rgb").unwrap();
     assert_eq!(offer.producer, server.producer());
     drop(peers);
 }

@@ -4,57 +4,10 @@
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::*;
-use schema_bus::{Bus, BusOptions, Exchange, FrameTopic, Newest, ResultTopic, TopicKind, Watch};
+use schema_bus::{Bus, Exchange, FrameTopic, Newest, ResultTopic, TopicKind, Watch};
 use schema_frames::{Modality, ResultType, Scalar, VehicleControlRecord};
 
-/// A private place on the bus.
-struct Place {
-    folder: tempfile::TempDir,
-    prefix: String,
-}
-
-impl Place {
-    fn new(name: &str) -> Place {
-        Place {
-            folder: tempfile::tempdir().unwrap(),
-            prefix: format!("lk{}_{name}_", std::process::id()),
-        }
-    }
-
-    fn bus(&self, program: &str) -> Bus {
-        let options = BusOptions {
-            iceoryx_root: Some(self.folder.path().join("iceoryx2")),
-            prefix: Some(self.prefix.clone()),
-        };
-        Bus::open_with("d", program, &options).unwrap()
-    }
-
-    /// iceoryx2's own configuration of this place, for a program that does not know us.
-    fn config(&self) -> Config {
-        let mut config = Config::default();
-        let root = self.folder.path().join("iceoryx2");
-        let root = root.to_str().unwrap().as_bytes().to_vec();
-        config
-            .global
-            .set_root_path(&iceoryx2::prelude::Path::new(&root).unwrap());
-        config.global.prefix = FileName::new(self.prefix.as_bytes()).unwrap();
-        config
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
-            if entry
-                .file_name()
-                .to_string_lossy()
-                .starts_with(&self.prefix)
-            {
-                let _ = std::fs::remove_file(entry.path());
-            }
-        }
-    }
-}
+use crate::place::Place;
 
 /// The newest sample of the only writer of `topic`.
 fn newest(bus: &Bus, watch: &mut Watch, topic: &str) -> Option<Newest> {
@@ -70,7 +23,7 @@ fn newest(bus: &Bus, watch: &mut Watch, topic: &str) -> Option<Newest> {
 
 #[test]
 fn services_name_their_ports_and_looking_opens_none() {
-    let place = Place::new("ports");
+    let place = Place::with_foreigners("ports");
     let (simd, viewer) = (place.bus("simd"), place.bus("viewer"));
     let spec = FrameTopic::new(Modality::Imu, 72);
     let imu = simd.frame_publisher("ego/imu/imu", spec).unwrap();
@@ -116,7 +69,7 @@ fn services_name_their_ports_and_looking_opens_none() {
 
 #[test]
 fn the_newest_sample_is_seen_without_a_reader() {
-    let place = Place::new("newest");
+    let place = Place::with_foreigners("newest");
     let (simd, top) = (place.bus("simd"), place.bus("top"));
     let mut watch = top.watch();
     let pixels = 16 * 8 * 4;
@@ -162,7 +115,7 @@ fn the_newest_sample_is_seen_without_a_reader() {
 
 #[test]
 fn growing_segments_and_every_kind_of_header_are_seen() {
-    let place = Place::new("kinds");
+    let place = Place::with_foreigners("kinds");
     let (simd, top) = (place.bus("simd"), place.bus("top"));
     let mut watch = top.watch();
     let mut info = simd.document_publisher("world/info").unwrap();
@@ -206,7 +159,7 @@ fn growing_segments_and_every_kind_of_header_are_seen() {
 
 #[test]
 fn slots_of_a_grown_segment_are_found_while_readers_hold_samples() {
-    let place = Place::new("grown");
+    let place = Place::with_foreigners("grown");
     let (writer, reader, top) = (place.bus("writer"), place.bus("reader"), place.bus("top"));
     let mut watch = top.watch();
     let text = writer
@@ -252,7 +205,7 @@ fn slots_of_a_grown_segment_are_found_while_readers_hold_samples() {
 
 #[test]
 fn samples_of_other_programs_are_read_as_bytes() {
-    let place = Place::new("other");
+    let place = Place::with_foreigners("other");
     let node = NodeBuilder::new()
         .config(&place.config())
         .create::<ipc_threadsafe::Service>()

@@ -3,4 +3,5 @@
 mod bus;
 mod hostile;
 mod looking;
+mod place;
 mod results;

@@ -3,58 +3,13 @@
 
 use std::time::{Duration, Instant};
 
-use schema_bus::{Bus, BusError, BusOptions, FrameTopic, ResultTopic, TopicKind};
+use schema_bus::{BusError, FrameTopic, ResultTopic, TopicKind};
 use schema_frames::result::MAX_INPUTS;
 use schema_frames::{
     About, Box2d, BytesSchema, ElementType, Modality, PixelFormat, ResultType, Space, Track,
 };
 
-/// A private place on the bus.
-struct Place {
-    folder: tempfile::TempDir,
-    prefix: String,
-}
-
-impl Place {
-    fn new(name: &str) -> Place {
-        Place {
-            folder: tempfile::tempdir().unwrap(),
-            prefix: format!("gr{}_{name}_", std::process::id()),
-        }
-    }
-
-    fn bus(&self, program: &str) -> Bus {
-        let options = BusOptions {
-            iceoryx_root: Some(self.folder.path().join("iceoryx2")),
-            prefix: Some(self.prefix.clone()),
-        };
-        Bus::open_with("d", program, &options).unwrap()
-    }
-
-    /// Files of this place in shared memory, but for the one that iceoryx2 keeps for ever.
-    fn left_over(&self) -> Vec<String> {
-        std::fs::read_dir("/dev/shm")
-            .unwrap()
-            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-            .filter(|name| name.starts_with(&self.prefix) && !name.ends_with(".global_mgmt"))
-            .collect()
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        let left = self.left_over();
-        for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
-            let name = entry.file_name();
-            if name.to_string_lossy().starts_with(&self.prefix) {
-                let _ = std::fs::remove_file(entry.path());
-            }
-        }
-        if !std::thread::panicking() {
-            assert_eq!(left, Vec::<String>::new(), "left in /dev/shm");
-        }
-    }
-}
+use crate::place::Place;
 
 fn person() -> Box2d {
     Box2d {

@@ -40,7 +40,7 @@ use crate::common;
 use eight::Eight;
 use images::{FOCAL_PX, Images, VIEW_PX};
 use inputs::{N_INSTANCES, N_TRIANGLES, N_VERTICES};
-use unit::Unit;
+use unit::{Unit, Written};
 
 /// What is generated: a shader, the functions that are called from outside, and where they go.
 struct Generated {
@@ -125,7 +125,7 @@ fn with_unit<T>(text: &str, f: impl FnOnce(&mut Unit<'_>) -> T) -> T {
 
 impl Generated {
     /// The generated module, and the one that calls its functions by number.
-    fn code(&self) -> Result<[String; 2], String> {
+    fn code(&self) -> Written<[String; 2]> {
         with_unit(&self.text, |unit| {
             let code = generator::generated(unit, self.roots, self.shade)?;
             Ok([code, calls_writer::calls(unit, self.module, self.maps)?])
@@ -182,7 +182,7 @@ fn a_shader_beyond_the_generator_is_refused_with_a_sentence() {
         };
         let error = of.code().expect_err(text);
         assert!(
-            error.contains(expected),
+            error.to_string().contains(expected),
             "{error:?} instead of {expected:?}"
         );
     }

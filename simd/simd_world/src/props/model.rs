@@ -7,7 +7,7 @@ use schema_frames::document::{BodyBox, CatalogueEntry};
 use schema_types::Class;
 use simd_body::prop::{PropShape, PropStyle};
 
-use crate::errors::BadAttribute;
+use crate::errors::{self, BadAttribute};
 
 /// One kind of prop: name behind `static.prop.`; family; length, width and height in centimetres;
 /// two colours.
@@ -209,18 +209,9 @@ impl PropModel {
         &self,
         given: &BTreeMap<String, String>,
     ) -> Result<BTreeMap<String, String>, BadAttribute> {
-        let mut attributes = self.attributes();
-        for (name, value) in given {
-            if let Some(allowed) = self.refusal(name, value) {
-                return Err(BadAttribute {
-                    name: name.clone(),
-                    value: value.clone(),
-                    allowed,
-                });
-            }
-            attributes.insert(name.clone(), value.clone());
-        }
-        Ok(attributes)
+        errors::checked_attributes(self.attributes(), given, |name, value, _| {
+            self.refusal(name, value)
+        })
     }
 
     /// What it weighs: its attribute `mass`, or what things of its family weigh per volume of their

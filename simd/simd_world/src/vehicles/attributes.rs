@@ -6,7 +6,7 @@ use schema_frames::document::CatalogueEntry;
 use simd_body::BodyStyle;
 
 use super::model::VehicleModel;
-use crate::errors::BadAttribute;
+use crate::errors::{self, BadAttribute};
 
 /// Attributes that describe a vehicle and cannot be set; the rest can.
 const FIXED_ATTRIBUTES: &[&str] = &[
@@ -91,44 +91,32 @@ pub(crate) fn checked_attributes(
     model: &VehicleModel,
     given: &BTreeMap<String, String>,
 ) -> Result<BTreeMap<String, String>, BadAttribute> {
-    let mut attributes = attributes(model);
-    for (name, value) in given {
-        check(name, value, &attributes)?;
-        attributes.insert(name.clone(), value.clone());
-    }
-    Ok(attributes)
+    errors::checked_attributes(attributes(model), given, refusal)
 }
 
-fn check(name: &str, value: &str, known: &BTreeMap<String, String>) -> Result<(), BadAttribute> {
-    let refuse = |allowed: String| BadAttribute {
-        name: name.to_owned(),
-        value: value.to_owned(),
-        allowed,
-    };
+/// What is allowed instead of a value.
+fn refusal(name: &str, value: &str, known: &BTreeMap<String, String>) -> Option<String> {
     if FIXED_ATTRIBUTES.contains(&name) {
-        return if known.get(name).is_some_and(|is| is == value) {
-            Ok(())
-        } else {
-            Err(refuse(format!("it is fixed at {:?}", known[name])))
-        };
+        let is_so = known.get(name).is_some_and(|is| is == value);
+        return (!is_so).then(|| format!("it is fixed at {:?}", known[name]));
     }
     match name {
         "color" if parse_color(value).is_none() => {
-            Err(refuse("it must be \"r,g,b\" with each 0 to 255".to_owned()))
+            Some("it must be \"r,g,b\" with each 0 to 255".to_owned())
         }
         "sticky_control" if !["true", "false"].contains(&value) => {
-            Err(refuse("it must be true or false".to_owned()))
+            Some("it must be true or false".to_owned())
         }
         // Selects CARLA's rider; here all riders look alike.
         "driver_id" if known.contains_key(name) => match value.parse::<u32>() {
-            Ok(_) => Ok(()),
-            Err(_) => Err(refuse("it must be a whole number from 0".to_owned())),
+            Ok(_) => None,
+            Err(_) => Some("it must be a whole number from 0".to_owned()),
         },
-        "color" | "sticky_control" => Ok(()),
-        _ => Err(refuse(format!(
+        "color" | "sticky_control" => None,
+        _ => Some(format!(
             "a vehicle has only {}",
             known.keys().cloned().collect::<Vec<_>>().join(", ")
-        ))),
+        )),
     }
 }
 

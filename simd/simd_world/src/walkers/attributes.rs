@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::model::WalkerModel;
-use crate::errors::BadAttribute;
+use crate::errors::{self, BadAttribute};
 
 /// The model's attributes with the `given` ones in their place.
 ///
@@ -13,33 +13,24 @@ pub(crate) fn checked_attributes(
     model: &WalkerModel,
     given: &BTreeMap<String, String>,
 ) -> Result<BTreeMap<String, String>, BadAttribute> {
-    let mut attributes = model.attributes();
-    for (name, value) in given {
-        check(name, value, &attributes)?;
-        attributes.insert(name.clone(), value.clone());
-    }
-    Ok(attributes)
+    errors::checked_attributes(model.attributes(), given, refusal)
 }
 
-fn check(name: &str, value: &str, known: &BTreeMap<String, String>) -> Result<(), BadAttribute> {
-    let refuse = |allowed: String| BadAttribute {
-        name: name.to_owned(),
-        value: value.to_owned(),
-        allowed,
-    };
+/// What is allowed instead of a value.
+fn refusal(name: &str, value: &str, known: &BTreeMap<String, String>) -> Option<String> {
     let Some(is) = known.get(name) else {
-        return Err(refuse(format!(
+        return Some(format!(
             "this walker has only {}",
             known.keys().cloned().collect::<Vec<_>>().join(", ")
-        )));
+        ));
     };
     match name {
         "is_invincible" | "use_wheelchair" if value != "true" && value != "false" => {
-            Err(refuse("it must be true or false".to_owned()))
+            Some("it must be true or false".to_owned())
         }
         // CARLA's scripts only read the speed; how fast a walker goes follows from its control.
-        "is_invincible" | "use_wheelchair" | "speed" => Ok(()),
-        _ if is == value => Ok(()),
-        _ => Err(refuse(format!("it is fixed at {is:?}"))),
+        "is_invincible" | "use_wheelchair" | "speed" => None,
+        _ if is == value => None,
+        _ => Some(format!("it is fixed at {is:?}")),
     }
 }

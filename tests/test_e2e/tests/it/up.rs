@@ -27,20 +27,6 @@ restart = {{ policy = \"on-failure\" }}
     )
 }
 
-fn up(sandbox: &Sandbox, launch: &str, more: &[&str]) -> Process {
-    let file = sandbox.write("test.toml", launch);
-    let data = sandbox.path("data");
-    let words = [
-        "up",
-        file.to_str().unwrap(),
-        "--data",
-        data.to_str().unwrap(),
-        "--domain",
-        sandbox.domain(),
-    ];
-    sandbox.spawn("gantry", &[&words[..], more].concat())
-}
-
 /// Processes whose command line names the sandbox's domain.
 fn processes_of(sandbox: &Sandbox) -> Vec<(i32, String)> {
     let entries = std::fs::read_dir("/proc").expect("proc is there");
@@ -104,20 +90,20 @@ fn size(path: &Path) -> u64 {
 #[test]
 fn some_seconds_give_a_recording_and_a_view_and_leave_nothing() {
     let sandbox = Sandbox::new("up");
-    up(
-        &sandbox,
-        &pipeline(),
-        &[
-            "--for",
-            "5s",
-            "--record",
-            "drive.mcap",
-            "--view",
-            "save:drive.rrd",
-        ],
-    )
-    .wait()
-    .expect_code(0);
+    sandbox
+        .up(
+            &pipeline(),
+            &[
+                "--for",
+                "5s",
+                "--record",
+                "drive.mcap",
+                "--view",
+                "save:drive.rrd",
+            ],
+        )
+        .wait()
+        .expect_code(0);
     assert_whole_files(&sandbox);
     assert_clean(&sandbox);
 }
@@ -125,8 +111,7 @@ fn some_seconds_give_a_recording_and_a_view_and_leave_nothing() {
 #[test]
 fn ctrl_c_in_the_middle_ends_well_with_whole_files() {
     let sandbox = Sandbox::new("ctrl-c");
-    let gantry = up(
-        &sandbox,
+    let gantry = sandbox.up(
         &pipeline(),
         &["--record", "drive.mcap", "--view", "save:drive.rrd"],
     );
@@ -145,7 +130,7 @@ fn ctrl_c_in_the_middle_ends_well_with_whole_files() {
 #[test]
 fn a_killed_simulator_ends_the_pipeline_with_a_failure_and_no_leftovers() {
     let sandbox = Sandbox::new("up-kill");
-    let mut gantry = up(&sandbox, &pipeline(), &["--view", "save:drive.rrd"]);
+    let mut gantry = sandbox.up(&pipeline(), &["--view", "save:drive.rrd"]);
     gantry.wait_line("processes are up");
     kill(pid_of(&sandbox, "simd"), Signal::SIGKILL).unwrap();
     let ended = gantry.wait();
@@ -157,7 +142,7 @@ fn a_killed_simulator_ends_the_pipeline_with_a_failure_and_no_leftovers() {
 #[test]
 fn a_killed_driver_is_restarted_and_drives_on() {
     let sandbox = Sandbox::new("up-driver");
-    let mut gantry = up(&sandbox, &pipeline(), &["--view", "none"]);
+    let mut gantry = sandbox.up(&pipeline(), &["--view", "none"]);
     gantry.wait_line("driving vehicles=5");
     let first = pid_of(&sandbox, "gantry-drive");
     kill(first, Signal::SIGKILL).unwrap();
@@ -187,7 +172,7 @@ fn a_daemon_whose_gpu_fails_is_restarted_and_its_clients_go_on() {
             "cmd = [\"simd\", \"--lose-gpu-when\", {file:?}]\nrestart = {{ policy = \"on-failure\" }}\n"
         ),
     );
-    let mut gantry = up(&sandbox, &launch, &["--view", "none"]);
+    let mut gantry = sandbox.up(&launch, &["--view", "none"]);
     gantry.wait_line("driving vehicles=5");
     let driver = pid_of(&sandbox, "gantry-drive");
     std::fs::write(&file, "").unwrap();
@@ -207,19 +192,19 @@ fn a_daemon_whose_gpu_fails_is_restarted_and_its_clients_go_on() {
 #[test]
 fn a_dry_run_tells_everything_and_starts_nothing() {
     let sandbox = Sandbox::new("up-dry");
-    let ended = up(
-        &sandbox,
-        &pipeline(),
-        &[
-            "--dry-run",
-            "--record",
-            "drive.mcap",
-            "--set",
-            "scenario.seed=9",
-        ],
-    )
-    .wait()
-    .expect_code(0);
+    let ended = sandbox
+        .up(
+            &pipeline(),
+            &[
+                "--dry-run",
+                "--record",
+                "drive.mcap",
+                "--set",
+                "scenario.seed=9",
+            ],
+        )
+        .wait()
+        .expect_code(0);
     for text in [
         "seed = 9",
         "[sensor.roof]",
@@ -235,41 +220,36 @@ fn a_dry_run_tells_everything_and_starts_nothing() {
 #[test]
 fn what_is_wrong_is_said_before_anything_starts() {
     let sandbox = Sandbox::new("up-wrong");
-    let ended = up(
-        &sandbox,
-        &pipeline().replace("rate_hz = 10", "rate_hs = 10"),
-        &[],
-    )
-    .wait()
-    .expect_code(2);
+    let ended = sandbox
+        .up(&pipeline().replace("rate_hz = 10", "rate_hs = 10"), &[])
+        .wait()
+        .expect_code(2);
     assert!(
         ended.says("unknown key \"rate_hs\"") && ended.says("did you mean \"rate_hz\"?"),
         "{:?}",
         ended.lines
     );
-    let ended = up(
-        &sandbox,
-        &pipeline().replace("\"gantry-drive\"", "\"gantry-drove\""),
-        &[],
-    )
-    .wait()
-    .expect_code(2);
+    let ended = sandbox
+        .up(
+            &pipeline().replace("\"gantry-drive\"", "\"gantry-drove\""),
+            &[],
+        )
+        .wait()
+        .expect_code(2);
     assert!(
         ended.says("there is no program \"gantry-drove\""),
         "{:?}",
         ended.lines
     );
-    let ended = up(&sandbox, &pipeline(), &["--set", "sensor.front.rate_hz=7"])
+    let ended = sandbox
+        .up(&pipeline(), &["--set", "sensor.front.rate_hz=7"])
         .wait()
         .expect_code(2);
     assert!(ended.says("rate_hz"), "{:?}", ended.lines);
     std::fs::write(sandbox.path("there.mcap"), "mine").unwrap();
-    let ended = up(
-        &sandbox,
-        &pipeline(),
-        &["--record", "there.mcap", "--for", "1s"],
-    )
-    .wait();
+    let ended = sandbox
+        .up(&pipeline(), &["--record", "there.mcap", "--for", "1s"])
+        .wait();
     assert_ne!(ended.code(), 0, "{:?}", ended.lines);
     assert_eq!(
         std::fs::read_to_string(sandbox.path("there.mcap")).unwrap(),

@@ -19,17 +19,7 @@ ready = { service = \"world/snapshot\" }
 ";
 
 fn up(sandbox: &Sandbox, processes: &str, more: &[&str]) -> Process {
-    let file = sandbox.write("test.toml", &format!("{WORLD}{processes}"));
-    let data = sandbox.path("data");
-    let words = [
-        "up",
-        file.to_str().unwrap(),
-        "--data",
-        data.to_str().unwrap(),
-        "--domain",
-        sandbox.domain(),
-    ];
-    sandbox.spawn("gantry", &[&words[..], more].concat())
+    sandbox.up(&format!("{WORLD}{processes}"), more)
 }
 
 /// A driver that takes part under the name of its process, once the file `NAME.go` is there.

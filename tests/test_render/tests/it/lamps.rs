@@ -6,11 +6,11 @@ use schema_frames::document::Weather;
 use schema_frames::scenery::LampChange;
 use schema_frames::{ActorKind, Command, CommandReply, Modality};
 use schema_types::ActorId;
-use sensor_camera::{CameraRenderer, Output, Place, Quality, View, ViewJob, ViewSpec};
+use sensor_camera::{CameraRenderer, Quality, View, ViewSpec};
 use sensor_core::{Material, Mesh};
 use sensor_gpu::{Gpu, GpuOptions};
 use sensor_spec::{ExposureMode, Intrinsics, OpticsSpec};
-use test_render::{Stage, weathers};
+use test_render::{Stage, shot, weathers};
 
 struct Eye {
     gpu: Gpu,
@@ -58,28 +58,14 @@ impl Eye {
             },
         );
         let modalities = [&[Modality::Rgb][..], &EXACT].concat();
-        let mut bytes: Vec<Vec<u8>> = modalities
-            .iter()
-            .map(|modality| vec![0; view.payload_bytes(*modality)])
-            .collect();
-        let outputs = modalities
-            .iter()
-            .zip(&mut bytes)
-            .map(|(m, bytes)| Output {
-                modality: *m,
-                place: Place::Memory(bytes),
-            })
-            .collect();
-        let job = ViewJob {
-            view: &mut view,
+        let scene = stage.scene(weathers::named(weather).unwrap());
+        let mut bytes = shot(
+            &mut self.renderer,
+            &scene,
+            &mut view,
             world_from_sensor,
-            outputs,
-        };
-        self.renderer
-            .render(&stage.scene(weathers::named(weather).unwrap()), vec![job])
-            .unwrap()
-            .wait()
-            .unwrap();
+            &modalities,
+        );
         let rgb = bytes
             .remove(0)
             .chunks_exact(4)

@@ -4,10 +4,10 @@
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schema_frames::Modality;
 use schema_frames::document::Weather;
-use sensor_camera::{CameraRenderer, Output, Place, Quality, View, ViewJob, ViewSpec};
+use sensor_camera::{CameraRenderer, Quality, View, ViewSpec};
 use sensor_gpu::{Gpu, GpuOptions};
 use sensor_spec::{Intrinsics, OpticsSpec};
-use test_render::Stage;
+use test_render::{Stage, shot};
 
 const SIZE_PX: [u32; 2] = [160, 120];
 
@@ -63,28 +63,14 @@ impl Eye {
             Modality::Instance,
             Modality::Normals,
         ];
-        let mut bytes: Vec<Vec<u8>> = modalities
-            .iter()
-            .map(|modality| vec![0; view.payload_bytes(*modality)])
-            .collect();
-        let outputs = modalities
-            .iter()
-            .zip(&mut bytes)
-            .map(|(m, bytes)| Output {
-                modality: *m,
-                place: Place::Memory(bytes),
-            })
-            .collect();
-        let job = ViewJob {
-            view: &mut view,
+        let scene = self.stage.scene(weather);
+        let mut bytes = shot(
+            &mut self.renderer,
+            &scene,
+            &mut view,
             world_from_sensor,
-            outputs,
-        };
-        self.renderer
-            .render(&self.stage.scene(weather), vec![job])
-            .unwrap()
-            .wait()
-            .unwrap();
+            &modalities,
+        );
         let light = |byte: u8| (f64::from(byte) / 255.0).powf(2.2);
         let rgb = bytes
             .remove(0)

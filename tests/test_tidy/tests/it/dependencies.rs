@@ -9,6 +9,10 @@ use test_tidy::repository;
 /// Most crates of which there are two versions or more: each is built twice.
 const MAX_DOUBLE: usize = 60;
 
+/// Most outside packages that `Cargo.lock` names. A sixth of them are for other systems or for benches
+/// of others, and never built here.
+const MAX_LOCKED: usize = 800;
+
 fn deny() -> toml::Table {
     let text = std::fs::read_to_string(repository().join("deny.toml")).expect("deny.toml");
     text.parse().expect("deny.toml is TOML")
@@ -128,6 +132,16 @@ fn few_crates_are_built_in_two_versions() {
         "{} crates: {double:?}",
         double.len()
     );
+}
+
+#[test]
+fn few_outside_packages_are_locked() {
+    let text = std::fs::read_to_string(repository().join("Cargo.lock")).expect("Cargo.lock");
+    let lock: toml::Table = text.parse().expect("Cargo.lock is TOML");
+    let all = lock["package"].as_array().expect("a list of packages");
+    let n_outside = all.iter().filter(|one| one.get("source").is_some()).count();
+    assert!(n_outside > 0, "none is found");
+    assert!(n_outside <= MAX_LOCKED, "{n_outside} are locked");
 }
 
 #[test]

@@ -1,5 +1,8 @@
 //! No import inside a crate points up or round in a circle.
 
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
 use test_tidy::circles::{file_circles, folder_circles};
 use test_tidy::modules::{CrateFiles, read_crate};
 use test_tidy::{files, relative, repository};
@@ -127,6 +130,36 @@ fn circles_between_folders_are_found_where_files_have_none() {
     let (files, folders) = circles_of(&sources);
     assert!(files.is_empty(), "{files:?}");
     assert_eq!(folders, [["x", "y"]]);
+}
+
+/// Crates of many ideas, of which a reader takes one room at a time.
+const ROOMY: [&str; 3] = [
+    "schemas/schema_bus/src",
+    "simd/simd/src",
+    "consumers/consumer_perception/src",
+];
+/// Most source files on one level of them.
+const MAX_FILES: usize = 15;
+
+#[test]
+fn no_room_has_more_files_than_a_reader_keeps_in_mind() {
+    let mut rooms: BTreeMap<PathBuf, usize> = BTreeMap::new();
+    for file in files(&["rs"]) {
+        let room = file.parent().expect("a file lies in a folder").to_owned();
+        if ROOMY
+            .iter()
+            .any(|of| room.starts_with(repository().join(of)))
+        {
+            *rooms.entry(room).or_default() += 1;
+        }
+    }
+    assert!(rooms.len() > 2 * ROOMY.len(), "{} rooms", rooms.len());
+    let wrong: Vec<String> = rooms
+        .iter()
+        .filter(|(_, n)| **n > MAX_FILES)
+        .map(|(room, n)| format!("{}: {n} files", relative(room)))
+        .collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 /// A reader that sees nothing would find no circles.

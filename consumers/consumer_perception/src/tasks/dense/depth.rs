@@ -1,6 +1,5 @@
 //! Depth of every pixel, in metres along the optical axis: KITTI's and Eigen's errors.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use consumer_metrics::depth::{Collector, Settings};
@@ -126,19 +125,6 @@ impl Measure for Depth {
 
     fn add(&self, total: &mut Collector, part: &Part) {
         total.merge(&part.all);
-    }
-
-    fn merge(&self, total: &mut Collector, other: &Collector) {
-        total.merge(other);
-    }
-
-    fn named(&self, total: &Collector) -> BTreeMap<String, f64> {
-        total.scores().named()
-    }
-
-    fn counts(&self, total: &Collector) -> (u64, u64) {
-        let scores = total.scores();
-        (scores.n_scored, scores.n_ignored)
     }
 
     fn strata(&self) -> Vec<(&'static str, &'static str)> {

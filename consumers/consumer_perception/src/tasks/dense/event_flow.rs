@@ -4,8 +4,6 @@
 //! minus where they were at its beginning. DSEC's stands on those of the beginning; the displacements
 //! are of the same points.
 
-use std::collections::BTreeMap;
-
 use consumer_metrics::event_flow::Collector;
 use schema_frames::Modality;
 
@@ -83,19 +81,6 @@ impl Measure for EventFlow {
 
     fn add(&self, total: &mut Collector, part: &Collector) {
         total.merge(part);
-    }
-
-    fn merge(&self, total: &mut Collector, other: &Collector) {
-        total.merge(other);
-    }
-
-    fn named(&self, total: &Collector) -> BTreeMap<String, f64> {
-        total.scores().named()
-    }
-
-    fn counts(&self, total: &Collector) -> (u64, u64) {
-        let scores = total.scores();
-        (scores.n_scored, scores.n_ignored)
     }
 
     fn bad(&self, part: &Collector) -> Option<Bad> {

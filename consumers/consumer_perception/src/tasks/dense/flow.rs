@@ -7,7 +7,7 @@
 //!   point was by more than [`SLACK`]. The four pixels round the place are asked, and one that shows
 //!   the point is enough.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use consumer_metrics::flow::{Collector, Masks};
@@ -226,19 +226,6 @@ impl Measure for Flow {
 
     fn add(&self, total: &mut Collector, part: &Collector) {
         total.merge(part);
-    }
-
-    fn merge(&self, total: &mut Collector, other: &Collector) {
-        total.merge(other);
-    }
-
-    fn named(&self, total: &Collector) -> BTreeMap<String, f64> {
-        total.scores().named()
-    }
-
-    fn counts(&self, total: &Collector) -> (u64, u64) {
-        let scores = total.scores();
-        (scores.all.n_scored, scores.n_ignored)
     }
 
     fn bad(&self, part: &Collector) -> Option<Bad> {

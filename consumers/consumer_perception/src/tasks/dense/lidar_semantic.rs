@@ -4,7 +4,7 @@
 //! takes the label of the nearest labelled point in the world within [`REACH_M`], and is unanswered
 //! without one. Of the answered frame itself these are the same points.
 
-use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::collections::{HashMap, VecDeque};
 
 use consumer_metrics::classes::{Collector, Settings};
 use nalgebra::{Isometry3, Point3};
@@ -16,7 +16,7 @@ use super::semantic::{bad, ignored};
 use crate::evidence::moment::Moment;
 use crate::suite::SuiteFault;
 use crate::tasks::Unreadable;
-use crate::tasks::classes::{name_of, semantic_table, semantic_targets};
+use crate::tasks::classes::{semantic_table, semantic_targets};
 use crate::tasks::spaces::EgoPoses;
 use crate::tasks::{Bad, Context, Headline, Measure, Reading, Spec};
 
@@ -296,22 +296,6 @@ impl Measure for LidarSemantic {
 
     fn add(&self, total: &mut Collector, part: &Collector) {
         total.merge(part);
-    }
-
-    fn merge(&self, total: &mut Collector, other: &Collector) {
-        total.merge(other);
-    }
-
-    fn named(&self, total: &Collector) -> BTreeMap<String, f64> {
-        let scores = total.scores();
-        let mut named = scores.named();
-        named.extend(scores.named_classes(name_of));
-        named
-    }
-
-    fn counts(&self, total: &Collector) -> (u64, u64) {
-        let scores = total.scores();
-        (scores.n_scored, scores.n_ignored)
     }
 
     fn bad(&self, part: &Collector) -> Option<Bad> {

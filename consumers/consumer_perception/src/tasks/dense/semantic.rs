@@ -1,7 +1,5 @@
 //! A class for every pixel: mean intersection over union.
 
-use std::collections::BTreeMap;
-
 use consumer_metrics::classes::{Collector, Settings};
 use schema_frames::Modality;
 
@@ -11,7 +9,7 @@ use crate::picture::Picture;
 use crate::picture::pixels::Pixels;
 use crate::suite::SuiteFault;
 use crate::tasks::Unreadable;
-use crate::tasks::classes::{name_of, semantic_table, semantic_targets};
+use crate::tasks::classes::{semantic_table, semantic_targets};
 use crate::tasks::{Bad, Drawn, Headline, Measure, Reading, Spec};
 
 /// Classes that do not count.
@@ -112,22 +110,6 @@ impl Measure for Semantic {
 
     fn add(&self, total: &mut Collector, part: &Collector) {
         total.merge(part);
-    }
-
-    fn merge(&self, total: &mut Collector, other: &Collector) {
-        total.merge(other);
-    }
-
-    fn named(&self, total: &Collector) -> BTreeMap<String, f64> {
-        let scores = total.scores();
-        let mut named = scores.named();
-        named.extend(scores.named_classes(name_of));
-        named
-    }
-
-    fn counts(&self, total: &Collector) -> (u64, u64) {
-        let scores = total.scores();
-        (scores.n_scored, scores.n_ignored)
     }
 
     fn bad(&self, part: &Collector) -> Option<Bad> {

@@ -1,6 +1,5 @@
 //! Disparity of a pair of cameras, in pixels of the left image: KITTI 2015's errors.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use consumer_metrics::stereo::{Collector, disparity_px};
@@ -170,19 +169,6 @@ impl Measure for Stereo {
 
     fn add(&self, total: &mut Collector, part: &Part) {
         total.merge(&part.all);
-    }
-
-    fn merge(&self, total: &mut Collector, other: &Collector) {
-        total.merge(other);
-    }
-
-    fn named(&self, total: &Collector) -> BTreeMap<String, f64> {
-        total.scores().named()
-    }
-
-    fn counts(&self, total: &Collector) -> (u64, u64) {
-        let scores = total.scores();
-        (scores.n_scored, scores.n_ignored)
     }
 
     fn strata(&self) -> Vec<(&'static str, &'static str)> {

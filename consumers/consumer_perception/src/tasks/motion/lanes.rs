@@ -7,7 +7,6 @@
 
 mod marks;
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use consumer_metrics::lanes::{Collector, Line, Settings};
@@ -21,7 +20,7 @@ use crate::picture::Picture;
 use crate::tasks::Unreadable;
 use crate::tasks::objects::detect::records;
 use crate::tasks::spaces::{EgoPoses, is_finite};
-use crate::tasks::{Bad, Context, Drawn, Headline, Measure, Reading, Spec};
+use crate::tasks::{Bad, Context, Drawn, Headline, Measure, Reading, Spec, Tally as _};
 
 /// Nearest place ahead that counts, and the usual farthest, metres.
 const AHEAD_M: (f64, f64) = (3.0, 40.0);
@@ -293,24 +292,10 @@ impl Measure for Lanes {
         debug_assert!(added.is_ok(), "the lists belong together");
     }
 
-    fn merge(&self, total: &mut Collector, other: &Collector) {
-        let merged = total.merge(other);
-        debug_assert!(merged.is_ok(), "the settings are the same");
-    }
-
-    fn named(&self, total: &Collector) -> BTreeMap<String, f64> {
-        total.scores().named()
-    }
-
-    fn counts(&self, total: &Collector) -> (u64, u64) {
-        let scores = total.scores();
-        (scores.n_truths, scores.n_ignored)
-    }
-
     fn bad(&self, part: &Part) -> Option<Bad> {
         let mut one = self.empty();
         self.add(&mut one, part);
-        let f1 = *self.named(&one).get("F1")?;
+        let f1 = *one.named().get("F1")?;
         (f1 < 1.0).then(|| Bad {
             badness: 1.0 - f1,
             why: format!("F1 {f1:.2} of {} lines", part.truths.len()),

@@ -5,8 +5,6 @@
 //! errors are over steps of [`STEP_M`], and KITTI's segments begin once a second, so that neither
 //! depends on the rate of queries.
 
-use std::collections::BTreeMap;
-
 use consumer_metrics::odometry::{Collector, Settings, Step};
 use nalgebra::Isometry3;
 use schema_frames::{Odometry as OdometryRecord, PoseEstimate, ResultType};
@@ -97,18 +95,5 @@ impl Measure for Odometry {
 
     fn add(&self, total: &mut Collector, part: &Part) {
         total.add(&part.truth, part.result.as_ref());
-    }
-
-    fn merge(&self, total: &mut Collector, other: &Collector) {
-        total.merge(other);
-    }
-
-    fn named(&self, total: &Collector) -> BTreeMap<String, f64> {
-        total.scores().named()
-    }
-
-    fn counts(&self, total: &Collector) -> (u64, u64) {
-        let scores = total.scores();
-        (scores.n_poses, scores.n_missing)
     }
 }

@@ -1,6 +1,6 @@
 //! Boxes in space: nuScenes' detection metrics, in the world at the time of the query.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 
 use consumer_metrics::detection3d::{
     Box3, ClassRule, Collector, Detection, Settings, Truth, matches,
@@ -214,25 +214,6 @@ impl Measure for Boxes3d {
 
     fn add(&self, total: &mut Collector, part: &Part) {
         total.add(&part.truths, &part.detections);
-    }
-
-    fn merge(&self, total: &mut Collector, other: &Collector) {
-        total.merge(other);
-    }
-
-    fn named(&self, total: &Collector) -> BTreeMap<String, f64> {
-        let scores = total.scores();
-        let mut named = scores.named();
-        named.extend(scores.named_classes(name_of));
-        named
-    }
-
-    fn counts(&self, total: &Collector) -> (u64, u64) {
-        let scores = total.scores();
-        let of = scores.classes.values();
-        of.fold((0, 0), |(n, ignored), class| {
-            (n + class.n_truths, ignored + class.n_ignored)
-        })
     }
 
     fn strata(&self) -> Vec<(&'static str, &'static str)> {

@@ -1,7 +1,5 @@
 //! Objects in an image, as boxes or masks: COCO's average precision against what exact images show.
 
-use std::collections::BTreeMap;
-
 use bytemuck::AnyBitPattern;
 use consumer_metrics::average_precision::{Collector, Detection, Pairs, Region, Truth};
 
@@ -23,7 +21,7 @@ pub const DISTANCES_M: [(f64, f64, &str); 5] = [
     (80.0, f64::INFINITY, "80-"),
 ];
 
-/// Occlusions of strata: KITTI's levels as `consumer_export` divides them.
+/// Occlusions of strata: KITTI's levels as `consumer_sets` divides them.
 pub const OCCLUSIONS: [(f64, f64, &str); 3] = [
     (0.0, 0.1, "0-0.1"),
     (0.1, 0.5, "0.1-0.5"),
@@ -250,25 +248,6 @@ impl<S: Shape> Measure for Detect<S> {
 
     fn add(&self, total: &mut Collector, part: &Self::Part) {
         total.add_pairs(&part.pairs);
-    }
-
-    fn merge(&self, total: &mut Collector, other: &Collector) {
-        total.merge(other);
-    }
-
-    fn named(&self, total: &Collector) -> BTreeMap<String, f64> {
-        let scores = total.scores();
-        let mut named = scores.named();
-        named.extend(scores.named_classes(name_of));
-        named
-    }
-
-    fn counts(&self, total: &Collector) -> (u64, u64) {
-        let scores = total.scores();
-        let of = scores.classes.values();
-        of.fold((0, 0), |(n, ignored), class| {
-            (n + class.n_truths, ignored + class.n_ignored)
-        })
     }
 
     fn strata(&self) -> Vec<(&'static str, &'static str)> {

@@ -1,8 +1,6 @@
 //! Objects that keep their numbers: HOTA, CLEAR MOT and identity metrics, with boxes in the image
 //! compared by overlap, and boxes in space by the distance of their centres (similarity 0.5 at 2 m).
 
-use std::collections::BTreeMap;
-
 use consumer_metrics::tracking::{Collector, Frame, Settings, centre_similarity, iou_similarity};
 use nalgebra::{Isometry3, Vector3};
 use schema_frames::Track;
@@ -232,19 +230,6 @@ impl Measure for Tracking {
         };
         let added = total.add(frame);
         debug_assert!(added.is_ok(), "the lists belong together");
-    }
-
-    fn merge(&self, total: &mut Collector, other: &Collector) {
-        total.merge(other);
-    }
-
-    fn named(&self, total: &Collector) -> BTreeMap<String, f64> {
-        total.scores().named()
-    }
-
-    fn counts(&self, total: &Collector) -> (u64, u64) {
-        let scores = total.scores();
-        (scores.n_truths, scores.n_ignored)
     }
 
     fn bad(&self, part: &Part) -> Option<Bad> {

@@ -38,8 +38,9 @@ pub struct Answered {
 }
 
 impl Answered {
-    /// What a result takes over from a result of `topic`.
-    pub(crate) fn by_result(header: &ResultHeader, topic: &str, taken: MonoTime) -> Answered {
+    /// What a result takes over from a result of `topic`, for those that have it elsewhere than on the
+    /// bus.
+    pub fn by_result(header: &ResultHeader, topic: &str, taken: MonoTime) -> Answered {
         Answered {
             input: InputRecord {
                 tick: header.tick,
@@ -61,8 +62,9 @@ impl Answered {
         }
     }
 
-    /// What a result takes over from a frame of `topic`.
-    pub(crate) fn by_frame(header: &FrameHeader, topic: &str, taken: MonoTime) -> Answered {
+    /// What a result takes over from a frame of `topic`, for those that have it elsewhere than on the
+    /// bus.
+    pub fn by_frame(header: &FrameHeader, topic: &str, taken: MonoTime) -> Answered {
         Answered {
             input: InputRecord {
                 tick: header.tick,
@@ -82,6 +84,12 @@ impl Answered {
             intrinsics_px: header.intrinsics_px,
             size_px: (header.width, header.height),
         }
+    }
+}
+
+impl Answerable for Answered {
+    fn answered(&self) -> Answered {
+        *self
     }
 }
 

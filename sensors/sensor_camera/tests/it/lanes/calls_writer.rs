@@ -4,7 +4,7 @@
 use naga::{Function, Handle, ScalarKind, TypeInner};
 
 use super::statements::turbofish;
-use super::unit::{Unit, name_of};
+use super::unit::{Unit, Written, name_of};
 
 /// The generated functions of a shader that have arguments and a result.
 pub fn functions_of<'m>(unit: &Unit<'m>) -> Vec<(Handle<Function>, &'m Function)> {
@@ -17,8 +17,8 @@ pub fn functions_of<'m>(unit: &Unit<'m>) -> Vec<(Handle<Function>, &'m Function)
         .collect()
 }
 
-fn argument(unit: &Unit<'_>, inner: &TypeInner, next: &mut usize) -> Result<String, String> {
-    let mut list = |n: u32, part: &TypeInner| -> Result<String, String> {
+fn argument(unit: &Unit<'_>, inner: &TypeInner, next: &mut usize) -> Written<String> {
+    let mut list = |n: u32, part: &TypeInner| -> Written<String> {
         let parts: Result<Vec<_>, _> = (0..n).map(|_| argument(unit, part, next)).collect();
         Ok(format!("[{}]", parts?.join(", ")))
     };
@@ -50,7 +50,7 @@ fn argument(unit: &Unit<'_>, inner: &TypeInner, next: &mut usize) -> Result<Stri
             let name = name.ok_or("a struct without a name")?;
             Ok(format!("module::{name}::<L> {{ {} }}", fields.join(", ")))
         }
-        _ => Err(format!("an argument of type {inner:?}")),
+        _ => Err(format!("an argument of type {inner:?}").into()),
     }
 }
 
@@ -88,7 +88,7 @@ fn results(unit: &Unit<'_>, inner: &TypeInner, path: &str, out: &mut Vec<String>
 
 /// The module for the generated one at this path, for maps of this type. Every call is a function by
 /// itself, because the compiler takes minutes for all in one; arrays run only what reads nothing.
-pub fn calls(unit: &Unit<'_>, module: &str, maps: &str) -> Result<String, String> {
+pub fn calls(unit: &Unit<'_>, module: &str, maps: &str) -> Written<String> {
     let (mut structs, mut arms, mut pure_arms) = (String::new(), String::new(), String::new());
     let functions = functions_of(unit);
     for (number, (handle, function)) in functions.iter().enumerate() {

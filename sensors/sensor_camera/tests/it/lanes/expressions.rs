@@ -8,7 +8,7 @@ use naga::{
     LocalVariable, MathFunction as Math, Module, SampleLevel, ScalarKind, TypeInner, UnaryOperator,
 };
 
-use super::unit::{Unit, name_of};
+use super::unit::{Unit, Written, name_of};
 
 /// Where a pointer leads.
 #[derive(Clone)]
@@ -146,7 +146,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
         self.info[expression].ty.inner_with(types)
     }
 
-    fn scalar_kind(&self, expression: Handle<Expression>) -> Result<ScalarKind, String> {
+    fn scalar_kind(&self, expression: Handle<Expression>) -> Written<ScalarKind> {
         let scalar = self.inner(expression).scalar();
         Ok(scalar.ok_or("a scalar or vector is expected")?.kind)
     }
@@ -171,7 +171,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
     }
 
     /// Writes what is evaluated here.
-    pub fn emit(&mut self, range: &naga::Range<Expression>) -> Result<(), String> {
+    pub fn emit(&mut self, range: &naga::Range<Expression>) -> Written<()> {
         for expression in range.clone() {
             if self.is_pointer(expression) || self.uniform(expression).is_some() {
                 continue;
@@ -200,7 +200,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
     }
 
     /// The text of a value that is cheap to repeat.
-    pub fn atom(&mut self, expression: Handle<Expression>) -> Result<String, String> {
+    pub fn atom(&mut self, expression: Handle<Expression>) -> Written<String> {
         let value = self.value(expression)?;
         if is_name(&value) {
             return Ok(value);
@@ -211,18 +211,18 @@ impl<'u, 'm> Expressions<'u, 'm> {
         Ok(name)
     }
 
-    fn literal(literal: &Literal) -> Result<String, String> {
+    fn literal(literal: &Literal) -> Written<String> {
         Ok(match literal {
             Literal::F32(x) => format!("L::splat({x:?})"),
             Literal::U32(x) => format!("word::<L>({x})"),
             Literal::I32(x) => format!("word::<L>({x}i32 as u32)"),
             Literal::Bool(x) => format!("L::mask({x})"),
-            _ => return Err(format!("the literal {literal:?} has no lanes")),
+            _ => return Err(format!("the literal {literal:?} has no lanes").into()),
         })
     }
 
     /// A constant of the module.
-    fn constant(&mut self, expression: Handle<Expression>) -> Result<String, String> {
+    fn constant(&mut self, expression: Handle<Expression>) -> Written<String> {
         let module = self.unit.module;
         match &module.global_expressions[expression] {
             Expression::Literal(literal) => Self::literal(literal),
@@ -236,7 +236,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
             Expression::Splat { size, value } => {
                 Ok(format!("[{}; {}]", self.constant(*value)?, *size as u8))
             }
-            other => Err(format!("a constant of {other:?}")),
+            other => Err(format!("a constant of {other:?}").into()),
         }
     }
 
@@ -261,14 +261,14 @@ impl<'u, 'm> Expressions<'u, 'm> {
     }
 
     /// The type that a pointer leads to, if it is not a component of a vector.
-    fn pointee(&self, pointer: Handle<Expression>) -> Result<&'m TypeInner, String> {
+    fn pointee(&self, pointer: Handle<Expression>) -> Written<&'m TypeInner> {
         match self.inner(pointer) {
             TypeInner::Pointer { base, .. } => Ok(self.unit.inner(*base)),
-            other => Err(format!("a part of {other:?} is no place")),
+            other => Err(format!("a part of {other:?} is no place").into()),
         }
     }
 
-    fn place(&mut self, pointer: Handle<Expression>) -> Result<Place, String> {
+    fn place(&mut self, pointer: Handle<Expression>) -> Written<Place> {
         match self.function.expressions[pointer] {
             Expression::LocalVariable(local) => Ok(Place::Local(self.locals[&local].clone())),
             Expression::GlobalVariable(global) => {
@@ -282,7 +282,8 @@ impl<'u, 'm> Expressions<'u, 'm> {
                     space => Err(format!(
                         "{}: variables of {space:?} have no lanes",
                         self.unit.global_name(global)
-                    )),
+                    )
+                    .into()),
                 }
             }
             Expression::AccessIndex { base, index } => self.part(base, Ok(index)),
@@ -290,7 +291,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
                 Some(index) => self.part(base, Ok(index)),
                 None => self.part(base, Err(index)),
             },
-            ref other => Err(format!("a pointer from {other:?}")),
+            ref other => Err(format!("a pointer from {other:?}").into()),
         }
     }
 
@@ -299,7 +300,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
         &mut self,
         base: Handle<Expression>,
         index: Result<u32, Handle<Expression>>,
-    ) -> Result<Place, String> {
+    ) -> Written<Place> {
         let of = self.pointee(base)?;
         let place = self.place(base)?;
         match (place, of, index) {
@@ -311,7 +312,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
                 )))
             }
             (Place::Local(path), _, Ok(index)) => Ok(Place::Local(format!("{path}[{index}]"))),
-            (Place::Local(_), _, Err(_)) => Err("a variable cannot be indexed by lanes".to_owned()),
+            (Place::Local(_), _, Err(_)) => Err("a variable cannot be indexed by lanes".into()),
             (
                 Place::Memory {
                     global,
@@ -333,7 +334,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
                     }
                     TypeInner::Array { stride, .. } => stride / 4,
                     TypeInner::Vector { .. } => 1,
-                    _ => return Err(format!("a part of {of:?} in memory")),
+                    _ => return Err(format!("a part of {of:?} in memory").into()),
                 };
                 let n = match of {
                     TypeInner::Array { size, .. } => Unit::array_len(*size),
@@ -375,13 +376,13 @@ impl<'u, 'm> Expressions<'u, 'm> {
         lanes: Option<&str>,
         further: u32,
         inner: &TypeInner,
-    ) -> Result<String, String> {
+    ) -> Written<String> {
         match inner {
             TypeInner::Scalar(scalar) => {
                 let is_number = match scalar.kind {
                     ScalarKind::Float => true,
                     ScalarKind::Uint | ScalarKind::Sint => false,
-                    kind => return Err(format!("{kind:?} in memory")),
+                    kind => return Err(format!("{kind:?} in memory").into()),
                 };
                 Ok(match (lanes, is_number) {
                     (None, true) => format!("number::<L>({memory}[{further}])"),
@@ -416,7 +417,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
                 let name = self.unit.struct_name(inner)?;
                 Ok(format!("{name}::<L> {{ {} }}", fields.join(", ")))
             }
-            _ => Err(format!("{inner:?} in memory")),
+            _ => Err(format!("{inner:?} in memory").into()),
         }
     }
 
@@ -424,7 +425,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
         &mut self,
         expression: Handle<Expression>,
         pointer: Handle<Expression>,
-    ) -> Result<String, String> {
+    ) -> Written<String> {
         let inner = self.inner(expression);
         match self.place(pointer)? {
             Place::Local(path) => Ok(path),
@@ -451,13 +452,14 @@ impl<'u, 'm> Expressions<'u, 'm> {
     }
 
     /// The variable, or the part of one, that a store writes.
-    pub fn target(&mut self, pointer: Handle<Expression>) -> Result<String, String> {
+    pub fn target(&mut self, pointer: Handle<Expression>) -> Written<String> {
         match self.place(pointer)? {
             Place::Local(path) => Ok(path),
             Place::Memory { global, .. } => Err(format!(
                 "{} is written: only variables are",
                 self.unit.global_name(global)
-            )),
+            )
+            .into()),
         }
     }
 
@@ -468,7 +470,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
         result: Handle<Expression>,
         operands: &[Handle<Expression>],
         f: impl Fn(&[String]) -> String,
-    ) -> Result<String, String> {
+    ) -> Written<String> {
         let Some(n) = self.size(result) else {
             let texts: Result<Vec<_>, _> = operands.iter().map(|e| self.value(*e)).collect();
             return Ok(f(&texts?));
@@ -493,7 +495,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
     }
 
     /// A call of a helper whose arguments are whole vectors.
-    fn whole(&mut self, name: &str, operands: &[Handle<Expression>]) -> Result<String, String> {
+    fn whole(&mut self, name: &str, operands: &[Handle<Expression>]) -> Written<String> {
         let texts: Result<Vec<_>, _> = operands.iter().map(|e| self.value(*e)).collect();
         Ok(format!("{name}({})", texts?.join(", ")))
     }
@@ -504,7 +506,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
         op: Op,
         left: Handle<Expression>,
         right: Handle<Expression>,
-    ) -> Result<String, String> {
+    ) -> Written<String> {
         let kind = self.scalar_kind(left)?;
         let both = |pattern: &'static str| {
             move |t: &[String]| pattern.replace("$a", &t[0]).replace("$b", &t[1])
@@ -513,7 +515,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
         let pattern = match (kind, op) {
             (ScalarKind::Bool, Op::LogicalAnd | Op::And) => "L::and($a, $b)",
             (ScalarKind::Bool, Op::LogicalOr | Op::InclusiveOr) => "L::or($a, $b)",
-            (ScalarKind::Bool, _) => return Err(format!("{op:?} of booleans")),
+            (ScalarKind::Bool, _) => return Err(format!("{op:?} of booleans").into()),
             (_, Op::Add) => "$a.add($b)",
             (_, Op::Subtract) => "$a.sub($b)",
             (_, Op::Multiply) => "$a.mul($b)",
@@ -548,7 +550,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
             (_, Op::ShiftLeft) => "$a.shl($b)",
             (ScalarKind::Uint, Op::ShiftRight) => "$a.shr($b)",
             (ScalarKind::Sint, Op::ShiftRight) => "$a.shr_signed($b)",
-            _ => return Err(format!("{op:?} of {kind:?}")),
+            _ => return Err(format!("{op:?} of {kind:?}").into()),
         };
         self.by_component(result, &[left, right], both(pattern))
     }
@@ -558,7 +560,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
         result: Handle<Expression>,
         fun: Math,
         operands: &[Handle<Expression>],
-    ) -> Result<String, String> {
+    ) -> Written<String> {
         let kind = self.scalar_kind(operands[0])?;
         let pattern = match (fun, kind) {
             (Math::Dot, ScalarKind::Float) => return self.whole("dot", operands),
@@ -597,7 +599,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
             (Math::Mix, _) => "mix($a, $b, $c)",
             (Math::SmoothStep, _) => "smoothstep($a, $b, $c)",
             (Math::FirstTrailingBit, _) => "first_trailing_bit::<L>($a)",
-            _ => return Err(format!("the function {fun:?} of {kind:?} has no lanes")),
+            _ => return Err(format!("the function {fun:?} of {kind:?} has no lanes").into()),
         };
         self.by_component(result, operands, |t| {
             let mut text = pattern.to_owned();
@@ -614,7 +616,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
         expr: Handle<Expression>,
         to: ScalarKind,
         convert: bool,
-    ) -> Result<String, String> {
+    ) -> Written<String> {
         use ScalarKind::{Bool, Float, Sint, Uint};
         let from = self.scalar_kind(expr)?;
         let pattern = match (from, to, convert) {
@@ -627,7 +629,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
             (Uint, Float, true) => "$a.from_unsigned()",
             (Bool, Float, true) => "number_of::<L>($a)",
             (Bool, Sint | Uint, true) => "word_of::<L>($a)",
-            _ => return Err(format!("{from:?} as {to:?}")),
+            _ => return Err(format!("{from:?} as {to:?}").into()),
         };
         self.by_component(result, &[expr], |t| pattern.replace("$a", &t[0]))
     }
@@ -636,7 +638,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
         &mut self,
         expression: Handle<Expression>,
         components: &[Handle<Expression>],
-    ) -> Result<String, String> {
+    ) -> Written<String> {
         match self.inner(expression) {
             inner @ TypeInner::Struct { members, .. } => {
                 let mut fields = Vec::new();
@@ -668,7 +670,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
         }
     }
 
-    fn image(&mut self, expression: Handle<Expression>) -> Result<String, String> {
+    fn image(&mut self, expression: Handle<Expression>) -> Written<String> {
         let (image, verb, inputs) = match &self.function.expressions[expression] {
             Expression::ImageSample {
                 image,
@@ -691,7 +693,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
                     "compared",
                     vec![("at", *coordinate), ("depth", *depth)],
                 ),
-                _ => return Err("a sample without a level".to_owned()),
+                _ => return Err("a sample without a level".into()),
             },
             Expression::ImageLoad {
                 image,
@@ -702,10 +704,10 @@ impl<'u, 'm> Expressions<'u, 'm> {
             } if self.whole_constant(*level) == Some(0) => {
                 (*image, "loaded", vec![("at", *coordinate)])
             }
-            other => return Err(format!("the image operation {other:?}")),
+            other => return Err(format!("the image operation {other:?}").into()),
         };
         let Expression::GlobalVariable(image) = self.function.expressions[image] else {
-            return Err("an image that is no variable".to_owned());
+            return Err("an image that is no variable".into());
         };
         let name = format!("{}_{verb}", self.unit.global_name(image));
         let (mut texts, mut parameters) = (Vec::new(), Vec::new());
@@ -723,7 +725,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
     }
 
     /// The text of a value.
-    pub fn value(&mut self, expression: Handle<Expression>) -> Result<String, String> {
+    pub fn value(&mut self, expression: Handle<Expression>) -> Written<String> {
         if let Some(name) = self.known.get(&expression) {
             return Ok(name.clone());
         }
@@ -737,12 +739,12 @@ impl<'u, 'm> Expressions<'u, 'm> {
                 let init = self.unit.module.constants[*handle].init;
                 self.constant(init)
             }
-            Expression::Override(_) => Err("an override that is no boolean".to_owned()),
+            Expression::Override(_) => Err("an override that is no boolean".into()),
             Expression::ZeroValue(ty) => self.unit.zero(self.unit.inner(*ty)),
             Expression::Compose { components, .. } => self.compose(expression, components),
             Expression::Access { base, index } => match self.whole_constant(*index) {
                 Some(index) => Ok(format!("{}[{index}]", self.atom(*base)?)),
-                None => Err("a value is indexed by lanes".to_owned()),
+                None => Err("a value is indexed by lanes".into()),
             },
             Expression::AccessIndex { base, index } => {
                 let of = self.inner(*base);
@@ -810,7 +812,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
                 let join = match fun {
                     naga::RelationalFunction::All => "L::and",
                     naga::RelationalFunction::Any => "L::or",
-                    other => return Err(format!("the relation {other:?}")),
+                    other => return Err(format!("the relation {other:?}").into()),
                 };
                 Ok((1..n).fold(format!("{vector}[0]"), |text, i| {
                     format!("{join}({text}, {vector}[{i}])")
@@ -841,12 +843,12 @@ impl<'u, 'm> Expressions<'u, 'm> {
                     further: 0,
                 } = self.place(*list)?
                 else {
-                    return Err("the length of a part of a list".to_owned());
+                    return Err("the length of a part of a list".into());
                 };
                 self.unit.note_memory(global, None)?;
                 let ty = self.unit.module.global_variables[global].ty;
                 let TypeInner::Array { stride, .. } = self.unit.inner(ty) else {
-                    return Err("the length of what is no list".to_owned());
+                    return Err("the length of what is no list".into());
                 };
                 let name = self.unit.global_name(global);
                 Ok(format!(
@@ -854,7 +856,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
                     stride / 4
                 ))
             }
-            other => Err(format!("the expression {other:?} has no lanes")),
+            other => Err(format!("the expression {other:?} has no lanes").into()),
         }
     }
 }

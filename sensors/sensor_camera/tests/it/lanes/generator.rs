@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use naga::{AddressSpace, Block, Module, Statement, TypeInner};
 
 use super::statements::function_text;
-use super::unit::{Unit, name_of};
+use super::unit::{Unit, Written, name_of};
 
 const HEAD: &str = "\
 //! Generated from WGSL by the test `lanes` of `sensor_camera`; `./gantry bless` writes it anew.
@@ -22,7 +22,7 @@ use $::vectors::{cross, dot, length, normalize, reflect, zip2, zip3, zip4};
 ";
 
 /// These functions and all that they call.
-fn reached(module: &Module, roots: &[&str]) -> Result<BTreeSet<usize>, String> {
+fn reached(module: &Module, roots: &[&str]) -> Written<BTreeSet<usize>> {
     let mut found = BTreeSet::new();
     for root in roots {
         let mut functions = module.functions.iter();
@@ -63,7 +63,7 @@ fn callees(block: &Block, found: &mut BTreeSet<usize>) {
 
 /// Generates the module of these functions and all that they call, for which `shade` is the path of
 /// `sensor_shade`.
-pub fn generated(unit: &mut Unit<'_>, roots: &[&str], shade: &str) -> Result<String, String> {
+pub fn generated(unit: &mut Unit<'_>, roots: &[&str], shade: &str) -> Written<String> {
     let module = unit.module;
     let reached = reached(module, roots)?;
     let mut functions = String::new();
@@ -108,14 +108,14 @@ pub fn generated(unit: &mut Unit<'_>, roots: &[&str], shade: &str) -> Result<Str
     ))
 }
 
-fn overrides(unit: &Unit<'_>) -> Result<String, String> {
+fn overrides(unit: &Unit<'_>) -> Written<String> {
     let (mut fields, mut defaults) = (String::new(), String::new());
     for (_, of) in unit.module.overrides.iter() {
         let name = of.name.as_deref().ok_or("an override without a name")?;
         let name = name.to_lowercase();
         let init = of.init.map(|init| &unit.module.global_expressions[init]);
         let Some(naga::Expression::Literal(naga::Literal::Bool(init))) = init else {
-            return Err(format!("the override {name} is no boolean with a value"));
+            return Err(format!("the override {name} is no boolean with a value").into());
         };
         fields += &format!("    pub {name}: bool,\n");
         defaults += &format!("            {name}: {init},\n");
@@ -129,7 +129,7 @@ fn overrides(unit: &Unit<'_>) -> Result<String, String> {
 }
 
 /// Uniforms and lists, as many words of each as are read.
-fn bound(unit: &Unit<'_>) -> Result<String, String> {
+fn bound(unit: &Unit<'_>) -> Written<String> {
     let mut fields = String::new();
     for (handle, variable) in unit.module.global_variables.iter() {
         let is_memory = matches!(

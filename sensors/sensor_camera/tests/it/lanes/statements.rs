@@ -3,7 +3,7 @@
 use naga::{Block, Expression, Function, Handle, Literal, Statement, TypeInner};
 
 use super::expressions::{Expressions, uniform};
-use super::unit::{Needs, Unit};
+use super::unit::{Needs, Unit, Written};
 
 /// A loop that is open.
 struct OpenLoop {
@@ -140,7 +140,7 @@ pub fn turbofish(needs: Needs) -> &'static str {
 }
 
 /// A function in Rust.
-pub fn function_text<'m>(unit: &mut Unit<'m>, handle: Handle<Function>) -> Result<String, String> {
+pub fn function_text<'m>(unit: &mut Unit<'m>, handle: Handle<Function>) -> Written<String> {
     let module = unit.module;
     let info = unit.info;
     let function = &module.functions[handle];
@@ -159,11 +159,11 @@ pub fn function_text<'m>(unit: &mut Unit<'m>, handle: Handle<Function>) -> Resul
     };
     statements
         .function(&name, function)
-        .map_err(|error| format!("function {name}: {error}"))
+        .map_err(|error| format!("function {name}: {error}").into())
 }
 
 impl<'u, 'm> Statements<'u, 'm> {
-    fn function(mut self, name: &str, function: &'m Function) -> Result<String, String> {
+    fn function(mut self, name: &str, function: &'m Function) -> Written<String> {
         let mut parameters = Vec::new();
         if self.needs.bound {
             parameters.push("bound: &Bound<'_, M>".to_owned());
@@ -218,7 +218,7 @@ impl<'u, 'm> Statements<'u, 'm> {
     }
 
     /// Statements between braces; names of expressions end with them.
-    fn inside(&mut self, block: &'m Block, mask: &str) -> Result<(), String> {
+    fn inside(&mut self, block: &'m Block, mask: &str) -> Written<()> {
         let known = self.text.known.clone();
         self.text.indent += 1;
         self.block(block, mask)?;
@@ -227,12 +227,12 @@ impl<'u, 'm> Statements<'u, 'm> {
         Ok(())
     }
 
-    fn block(&mut self, block: &'m Block, mask: &str) -> Result<(), String> {
+    fn block(&mut self, block: &'m Block, mask: &str) -> Written<()> {
         let statements: Vec<&'m Statement> = block.iter().collect();
         self.sequence(&statements, mask)
     }
 
-    fn sequence(&mut self, statements: &[&'m Statement], mask: &str) -> Result<(), String> {
+    fn sequence(&mut self, statements: &[&'m Statement], mask: &str) -> Written<()> {
         for (i, statement) in statements.iter().enumerate() {
             self.statement(statement, mask)?;
             let by_lane = self.depth > 0;
@@ -272,7 +272,7 @@ impl<'u, 'm> Statements<'u, 'm> {
         &mut self,
         condition: Handle<Expression>,
         [accept, reject]: [&'m Block; 2],
-    ) -> Result<bool, String> {
+    ) -> Written<bool> {
         let function = self.text.function;
         let store_of = |block: &'m Block| match block.last() {
             Some(Statement::Store { pointer, value }) => match function.expressions[*pointer] {
@@ -322,7 +322,7 @@ impl<'u, 'm> Statements<'u, 'm> {
         condition: Handle<Expression>,
         [accept, reject]: [&'m Block; 2],
         mask: &str,
-    ) -> Result<(), String> {
+    ) -> Written<()> {
         if let Some(text) = self.text.uniform(condition) {
             self.text.line(&format!("if {text} {{"));
             self.inside(accept, mask)?;
@@ -362,7 +362,7 @@ impl<'u, 'm> Statements<'u, 'm> {
         Ok(())
     }
 
-    fn statement(&mut self, statement: &'m Statement, mask: &str) -> Result<(), String> {
+    fn statement(&mut self, statement: &'m Statement, mask: &str) -> Written<()> {
         match statement {
             Statement::Emit(range) => self.text.emit(range),
             Statement::Block(block) => self.block(block, mask),
@@ -455,7 +455,7 @@ impl<'u, 'm> Statements<'u, 'm> {
                 let callee = self.text.unit.function_name(*function);
                 let call = format!("{callee}{}({})", turbofish(needs), texts.join(", "));
                 let Some(result) = result else {
-                    return Err(format!("{callee} is called for no result"));
+                    return Err(format!("{callee} is called for no result").into());
                 };
                 let given = self.text.function.named_expressions.get(result);
                 let name = self.text.fresh(given.map_or("t", String::as_str));
@@ -463,13 +463,13 @@ impl<'u, 'm> Statements<'u, 'm> {
                 self.text.known.insert(*result, name);
                 Ok(())
             }
-            other => Err(format!("the statement {other:?} has no lanes")),
+            other => Err(format!("the statement {other:?} has no lanes").into()),
         }
     }
 
-    fn leave(&mut self, value: Option<Handle<Expression>>, mask: &str) -> Result<(), String> {
+    fn leave(&mut self, value: Option<Handle<Expression>>, mask: &str) -> Written<()> {
         let (Some(value), Some(inner)) = (value, self.result) else {
-            return Err("a return without a value".to_owned());
+            return Err("a return without a value".into());
         };
         if self.depth == 0 {
             let text = if self.returns_by_lane {

@@ -7,6 +7,31 @@ use naga::{
     ArraySize, Function, GlobalVariable, Handle, Module, Scalar, ScalarKind, Type, TypeInner,
 };
 
+/// Why a part of a shader cannot be written over lanes.
+#[derive(Debug)]
+pub struct Unwritten(String);
+
+/// What was written, if lanes can do it.
+pub type Written<T> = Result<T, Unwritten>;
+
+impl From<String> for Unwritten {
+    fn from(why: String) -> Self {
+        Unwritten(why)
+    }
+}
+
+impl From<&str> for Unwritten {
+    fn from(why: &str) -> Self {
+        Unwritten(why.to_owned())
+    }
+}
+
+impl std::fmt::Display for Unwritten {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
 /// What a function takes beside its own arguments.
 #[derive(Clone, Copy, Default)]
 pub struct Needs {
@@ -81,14 +106,14 @@ impl<'m> Unit<'m> {
     }
 
     /// The name of a struct, which is noted as used.
-    pub fn struct_name(&mut self, inner: &TypeInner) -> Result<String, String> {
+    pub fn struct_name(&mut self, inner: &TypeInner) -> Written<String> {
         let handle = self.struct_handle(inner).ok_or("a struct without a type")?;
         self.structs.insert(handle);
         let name = self.module.types[handle].name.clone();
-        name.ok_or_else(|| "a struct without a name".to_owned())
+        Ok(name.ok_or("a struct without a name")?)
     }
 
-    pub fn scalar_type(scalar: Scalar) -> Result<&'static str, String> {
+    pub fn scalar_type(scalar: Scalar) -> Written<&'static str> {
         match (scalar.kind, scalar.width) {
             (ScalarKind::Float, 4) => Ok("L"),
             (ScalarKind::Uint | ScalarKind::Sint, 4) => Ok("L::Words"),
@@ -96,7 +121,8 @@ impl<'m> Unit<'m> {
             _ => Err(format!(
                 "a scalar of {} bytes, {:?}: only f32, u32, i32 and bool have lanes",
                 scalar.width, scalar.kind
-            )),
+            )
+            .into()),
         }
     }
 
@@ -108,7 +134,7 @@ impl<'m> Unit<'m> {
     }
 
     /// The type of a value in Rust.
-    pub fn rust_type(&mut self, inner: &TypeInner) -> Result<String, String> {
+    pub fn rust_type(&mut self, inner: &TypeInner) -> Written<String> {
         match inner {
             TypeInner::Scalar(scalar) => Ok(Self::scalar_type(*scalar)?.to_owned()),
             TypeInner::Vector { size, scalar } => Ok(format!(
@@ -122,12 +148,12 @@ impl<'m> Unit<'m> {
                 Ok(format!("[{}; {n}]", self.rust_type(base)?))
             }
             TypeInner::Struct { .. } => Ok(format!("{}<L>", self.struct_name(inner)?)),
-            _ => Err(format!("a value of type {inner:?} has no lanes")),
+            _ => Err(format!("a value of type {inner:?} has no lanes").into()),
         }
     }
 
     /// The zero of a type.
-    pub fn zero(&mut self, inner: &TypeInner) -> Result<String, String> {
+    pub fn zero(&mut self, inner: &TypeInner) -> Written<String> {
         match inner {
             TypeInner::Scalar(scalar) => Ok(match scalar.kind {
                 ScalarKind::Float => "L::splat(0.0)",
@@ -154,21 +180,15 @@ impl<'m> Unit<'m> {
                 let name = self.struct_name(inner)?;
                 Ok(format!("{name}::<L> {{ {} }}", fields.join(", ")))
             }
-            _ => Err(format!("a value of type {inner:?} has no zero")),
+            _ => Err(format!("a value of type {inner:?} has no zero").into()),
         }
     }
 
     /// `a` in the lanes of the mask, else `b`, all of them names.
-    pub fn blend(
-        &mut self,
-        inner: &TypeInner,
-        mask: &str,
-        a: &str,
-        b: &str,
-    ) -> Result<String, String> {
+    pub fn blend(&mut self, inner: &TypeInner, mask: &str, a: &str, b: &str) -> Written<String> {
         let of_parts = |unit: &mut Self, n: u32, part: &TypeInner| {
             if !(2..=4).contains(&n) {
-                return Err(format!("an array of {n} as a variable: 2 to 4 have lanes"));
+                return Err(format!("an array of {n} as a variable: 2 to 4 have lanes").into());
             }
             let part = unit.blend(part, mask, "a", "b")?;
             Ok(format!("zip{n}({a}, {b}, |a, b| {part})"))
@@ -193,17 +213,13 @@ impl<'m> Unit<'m> {
                 let name = self.struct_name(inner)?;
                 Ok(format!("{name}::<L>::blend({mask}, {a}, {b})"))
             }
-            _ => Err(format!("a value of type {inner:?} cannot be blended")),
+            _ => Err(format!("a value of type {inner:?} cannot be blended").into()),
         }
     }
 
     /// Notes that words of a uniform or list are read, up to before `end` or, if the place is not
     /// known, all.
-    pub fn note_memory(
-        &mut self,
-        global: Handle<GlobalVariable>,
-        end: Option<u32>,
-    ) -> Result<(), String> {
+    pub fn note_memory(&mut self, global: Handle<GlobalVariable>, end: Option<u32>) -> Written<()> {
         let ty = self.module.global_variables[global].ty;
         let size = match self.inner(ty) {
             TypeInner::Array { size, stride, .. } => {

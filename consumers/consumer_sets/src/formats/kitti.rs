@@ -15,7 +15,7 @@ use schema_frames::{FrameHeader, Modality};
 use serde_json::{Value, json};
 
 use super::family::{Cloud, Motion, camera_pair, first_topic};
-use crate::exporter::{DoneScenario, Exporter, Format, last_number};
+use crate::exporter::{DoneScenario, Exporter, Format, last_number, splits};
 use crate::options::Options;
 use crate::picture;
 use crate::tree::{Job, PartFile, Tree};
@@ -181,13 +181,7 @@ impl Exporter for Kitti {
     }
 
     fn finish(&mut self, done: &[DoneScenario], tree: &Tree) -> anyhow::Result<()> {
-        let mut splits: Vec<&str> = done
-            .iter()
-            .map(|scenario| scenario.split.as_str())
-            .collect();
-        splits.sort_unstable();
-        splits.dedup();
-        for split in splits {
+        for split in splits(done) {
             let mut frames = String::new();
             let mut sequences = String::new();
             let mut first = 0;

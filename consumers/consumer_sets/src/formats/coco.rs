@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use super::objects::{Object, cameras, image_name, keys, objects, wants};
 use crate::classes;
-use crate::exporter::{DoneScenario, Exporter, Format, last_number};
+use crate::exporter::{DoneScenario, Exporter, Format, last_number, splits};
 use crate::options::{MaskForm, Options};
 use crate::picture;
 use crate::tree::{Job, PartFile, Tree};
@@ -154,13 +154,7 @@ impl Exporter for Coco {
     }
 
     fn finish(&mut self, done: &[DoneScenario], tree: &Tree) -> anyhow::Result<()> {
-        let mut splits: Vec<&str> = done
-            .iter()
-            .map(|scenario| scenario.split.as_str())
-            .collect();
-        splits.sort_unstable();
-        splits.dedup();
-        for split in splits {
+        for split in splits(done) {
             let path = format!("annotations/instances_{split}.json");
             let mut file = tree.begin(&path)?;
             let cannot = || format!("cannot write {}", tree.path(&path).display());

@@ -69,6 +69,14 @@ pub fn last_number(done: &[DoneScenario], name: &str) -> u64 {
     last.unwrap_or(0)
 }
 
+/// The parts of the set, each once, in alphabetical order.
+pub fn splits(done: &[DoneScenario]) -> Vec<&str> {
+    let mut splits: Vec<&str> = done.iter().map(|done| done.split.as_str()).collect();
+    splits.sort_unstable();
+    splits.dedup();
+    splits
+}
+
 /// One format. Scenarios come one after the other: `begin`, `tick` …, `end`; then `finish` once.
 ///
 /// An export that was stopped is continued with a new exporter: scenarios that were done are handed

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use super::objects::{Object, cameras, image_name, keys, objects, wants};
 use crate::classes;
-use crate::exporter::{DoneScenario, Exporter, Format};
+use crate::exporter::{DoneScenario, Exporter, Format, splits};
 use crate::options::Options;
 use crate::picture;
 use crate::tree::Tree;
@@ -134,12 +134,7 @@ impl Exporter for Yolo {
     }
 
     fn finish(&mut self, done: &[DoneScenario], tree: &Tree) -> anyhow::Result<()> {
-        let mut splits: Vec<&str> = done
-            .iter()
-            .map(|scenario| scenario.split.as_str())
-            .collect();
-        splits.sort_unstable();
-        splits.dedup();
+        let splits = splits(done);
         let mut text = String::from("# Paths count from this file's folder.\npath: .\n");
         // Trainers insist on both parts; one that is not there is the other.
         for part in ["train", "val"] {

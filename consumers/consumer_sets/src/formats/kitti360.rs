@@ -21,7 +21,7 @@ use super::family::{
     world_from_carrier,
 };
 use crate::classes;
-use crate::exporter::{DoneScenario, Exporter, Format};
+use crate::exporter::{DoneScenario, Exporter, Format, splits};
 use crate::options::Options;
 use crate::picture;
 use crate::tree::{Job, PartFile, Tree};
@@ -279,13 +279,7 @@ impl Exporter for Kitti360 {
     }
 
     fn finish(&mut self, done: &[DoneScenario], tree: &Tree) -> anyhow::Result<()> {
-        let mut splits: Vec<&str> = done
-            .iter()
-            .map(|scenario| scenario.split.as_str())
-            .collect();
-        splits.sort_unstable();
-        splits.dedup();
-        for split in splits {
+        for split in splits(done) {
             let mut text = String::new();
             for (index, scenario) in done
                 .iter()
