@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import time
 from typing import Any, AsyncIterator, Iterator, Literal, Sequence, overload
 
@@ -50,7 +51,8 @@ class Lockstep:
         self.name: str = name
         self._domain = domain
         self._native = appear(lambda: native.Lockstep(domain, name, timeout), timeout)
-        self._readable = Readable(lambda: self._native.fileno(self._is_whole))
+        # Not by way of `self`: a place that nobody holds any more frees the world at once.
+        self._readable = Readable(functools.partial(self._native.fileno, self._is_whole))
         self._closed = False
         self._last = 0
 
