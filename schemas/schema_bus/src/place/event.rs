@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::ListenerWaitError;
 use iceoryx2::prelude::*;
+use parking_lot::Mutex;
 
 use crate::contract::error::BusError;
 use crate::place::iceoryx_error::other_error;
@@ -50,6 +51,11 @@ impl Notifier {
     }
 }
 
+/// Held while a listener is made. iceoryx2 binds its socket under a file mode mask of its own and
+/// puts back the one that it found; two threads at once would leave the process with that mask, and
+/// no folder or program that it makes from then on could be entered or run.
+static BINDING: Mutex<()> = Mutex::new(());
+
 /// Waits for an event.
 #[derive(Debug)]
 pub struct Listener {
@@ -61,10 +67,11 @@ pub struct Listener {
 impl Listener {
     pub(crate) fn open(node: &BusNode, name: &str) -> Result<Listener, BusError> {
         let (full, service) = make_event(node, name)?;
-        let port = service
-            .listener_builder()
-            .create()
-            .map_err(|e| other_error("listen to", &full, &e))?;
+        let made = {
+            let _alone = BINDING.lock();
+            service.listener_builder().create()
+        };
+        let port = made.map_err(|e| other_error("listen to", &full, &e))?;
         Ok(Listener {
             port,
             name: full,

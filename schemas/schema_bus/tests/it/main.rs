@@ -2,6 +2,7 @@
 
 mod bus;
 mod hostile;
+mod listeners;
 mod looking;
 mod place;
 mod results;
