@@ -3,13 +3,15 @@
 //!
 //! iceoryx2 0.10 makes each such file in two steps: it appears with the permissions of a file in the
 //! making, is filled and synced to disk, and gets its final permissions. Files in the making are
-//! invisible to iceoryx2's cleaning. Four things stay for good therefore:
+//! invisible to iceoryx2's cleaning. A listener's files come before its service knows of it. These
+//! stay for good therefore:
 //!
 //! | Killed while it made | What stays |
 //! |---|---|
 //! | the tag of a service or port | the dead node: its folder is never empty, so it is never removed |
 //! | a service's description | a service that nobody can open or make any more |
 //! | its node | the node's folder, or a node that starts for ever |
+//! | a listener | the listener's state and socket ([`listeners`]) |
 //! | nothing, but removed a node | a node without a state file, which counts as being removed for ever |
 //! | nothing, but removed a service | a service that is being removed for ever, and that nobody can open or make any more |
 //!
@@ -20,11 +22,14 @@
 //! not seen. A service whose tag no node has is nobody's; it must have been so for a few seconds, in
 //! which a process that lives would have removed it.
 
+mod folders;
+mod listeners;
+
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::{DirEntry, File};
-use std::io;
-use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
+use std::fs::File;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
@@ -34,20 +39,10 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::internal::ServiceInternal as _;
 use nix::fcntl::{Flock, FlockArg};
 
-/// Permissions of a static file in the making, `static_storage::file` of iceoryx2-cal.
-const IN_THE_MAKING: u32 = 0o600;
-/// Permissions of a node's context in the making, `process_state` of iceoryx2-bb-posix.
-const CONTEXT_IN_THE_MAKING: u32 = 0o200;
-/// Ends of the names of a node's three files, behind its id and the suffix of its state file. Their
-/// order is that in which they are removed.
-const STATE_FILES: [&str; 3] = ["", "_owner_lock", "_context"];
-/// How old the files of a process must be that is gone as far as can be seen from here.
-const CERTAIN_AGE: Duration = Duration::from_secs(5);
+use folders::{CERTAIN_AGE, Identity, Place, entries, in_the_making};
+
 /// A folder that changed longer ago than this changes its time again with its next change.
 const CERTAIN_CHANGE: Duration = Duration::from_secs(1);
-
-/// What tells a file from another one of the same name.
-type Identity = (u64, i64, i64);
 
 /// Since when this process has seen that no node has the tag of a service, by the service's file.
 static NOBODYS: Mutex<BTreeMap<PathBuf, (Identity, Instant)>> = Mutex::new(BTreeMap::new());
@@ -57,12 +52,24 @@ static NOBODYS: Mutex<BTreeMap<PathBuf, (Identity, Instant)>> = Mutex::new(BTree
 pub(crate) struct Leftovers {
     /// When the folder of services had last changed while no service was in the making.
     quiet_since: Mutex<Option<SystemTime>>,
+    /// Whether this process has looked for listeners of processes that are gone, and left none whose
+    /// node is still to be removed.
+    has_looked: AtomicBool,
+}
+
+/// What iceoryx2's own cleaning came to.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cleaned {
+    /// There may be dead nodes that it could not remove.
+    pub has_dead: bool,
+    /// It removed nodes.
+    pub has_removed: bool,
 }
 
 impl Leftovers {
-    /// Removes it. `has_dead` says that there may be dead nodes that iceoryx2 could not remove.
-    /// What cannot be removed is left to the next sweep, or to whoever may.
-    pub fn sweep(&self, config: &Config, has_dead: bool) {
+    /// Removes it. What cannot be removed is left to the next sweep, or to whoever may.
+    pub fn sweep(&self, config: &Config, cleaned: Cleaned) {
+        let Cleaned { has_dead, .. } = cleaned;
         let place = Place::new(config);
         // One process at a time; the others have nothing to do then.
         let Ok(folder) = File::open(&place.nodes) else {
@@ -82,6 +89,10 @@ impl Leftovers {
             }
         }
         self.sweep_services(config, &place, is_dead);
+        if cleaned.has_removed || has_dead || !self.has_looked.load(Ordering::Relaxed) {
+            let is_done = listeners::sweep(config, &place);
+            self.has_looked.store(is_done, Ordering::Relaxed);
+        }
     }
 
     fn sweep_services(&self, config: &Config, place: &Place, is_dead: impl Fn(u128) -> bool) {
@@ -173,149 +184,6 @@ fn remove_service(config: &Config, path: &Path, hash: &str) {
     let _ = std::fs::remove_file(path);
 }
 
-/// iceoryx2's folders and the names in them.
-struct Place {
-    nodes: PathBuf,
-    services: PathBuf,
-    prefix: String,
-    state_suffix: String,
-    details_suffix: String,
-    tag_suffix: String,
-    service_suffix: String,
-}
-
-impl Place {
-    fn new(config: &Config) -> Place {
-        let global = &config.global;
-        Place {
-            nodes: PathBuf::from(global.node_dir().to_string()),
-            services: PathBuf::from(global.service_dir().to_string()),
-            prefix: global.prefix.to_string(),
-            state_suffix: global.node.monitor_suffix.to_string(),
-            details_suffix: global.node.static_config_suffix.to_string(),
-            tag_suffix: global.node.service_tag_suffix.to_string(),
-            service_suffix: global.service.static_config_storage_suffix.to_string(),
-        }
-    }
-
-    /// What stands between the prefix and `suffix` in a file's name.
-    fn name_within(&self, entry: &DirEntry, suffix: &str) -> Option<String> {
-        let name = entry.file_name();
-        let rest = name.to_str()?.strip_prefix(&self.prefix)?;
-        Some(rest.strip_suffix(suffix)?.to_owned())
-    }
-
-    fn folder(&self, id: u128) -> PathBuf {
-        self.nodes.join(id.to_string())
-    }
-
-    /// One of a node's three files.
-    fn state_file(&self, id: u128, end: &str) -> PathBuf {
-        self.nodes
-            .join(format!("{}{id}{}{end}", self.prefix, self.state_suffix))
-    }
-
-    /// All nodes of which a folder or file is there, and whether the state file is.
-    fn node_ids(&self) -> BTreeMap<u128, bool> {
-        let mut ids = BTreeMap::new();
-        for entry in entries(&self.nodes) {
-            let by_folder = entry
-                .file_name()
-                .to_str()
-                .and_then(|name| name.parse().ok());
-            if let Some(id) = by_folder {
-                ids.entry(id).or_insert(false);
-                continue;
-            }
-            for end in STATE_FILES {
-                let suffix = format!("{}{end}", self.state_suffix);
-                let id = self.name_within(&entry, &suffix);
-                if let Some(id) = id.and_then(|id| id.parse().ok()) {
-                    *ids.entry(id).or_insert(false) |= end.is_empty();
-                }
-            }
-        }
-        ids
-    }
-
-    /// Whether the node's context is final and its state file is gone: it had been made, and was
-    /// being removed. The order of the two looks counts.
-    fn is_removed(&self, id: u128) -> bool {
-        self.is_complete(id) && is_missing(&self.state_file(id, ""))
-    }
-
-    /// Whether the node was made to its end.
-    fn is_complete(&self, id: u128) -> bool {
-        mode(&self.state_file(id, "_context")).is_some_and(|mode| mode != CONTEXT_IN_THE_MAKING)
-    }
-
-    /// Whether the process of a node is gone as far as can be seen from here, and nothing of the node
-    /// has changed for a while. The process is part of the node's id.
-    fn is_certainly_gone(&self, id: u128) -> bool {
-        let [.., p0, p1, p2, p3, _, _, _, _] = id.to_ne_bytes();
-        let pid = u32::from_ne_bytes([p0, p1, p2, p3]);
-        if Path::new(&format!("/proc/{pid}")).exists() {
-            return false;
-        }
-        let files = STATE_FILES.map(|end| self.state_file(id, end));
-        let mut found = files.into_iter().chain([self.folder(id)]);
-        found.all(|path| {
-            let changed = std::fs::metadata(path).and_then(|about| about.modified());
-            match changed {
-                Ok(changed) => changed.elapsed().is_ok_and(|age| age > CERTAIN_AGE),
-                Err(error) => error.kind() == io::ErrorKind::NotFound,
-            }
-        })
-    }
-
-    /// Removes what iceoryx2 cannot of a node that is dead. A folder with the node's details is left
-    /// to iceoryx2 as long as somebody can find it: these say what the node had open.
-    fn remove_node(&self, id: u128) {
-        let folder = self.folder(id);
-        let is_found = self.is_complete(id) && !is_missing(&self.state_file(id, ""));
-        let mut keeps_details = false;
-        for entry in entries(&folder) {
-            // Processes with another prefix may keep their nodes in the same folder.
-            if self.name_within(&entry, "").is_none() {
-                return;
-            }
-            if in_the_making(&entry.path()).is_some() || !is_found {
-                let _ = std::fs::remove_file(entry.path());
-            } else {
-                keeps_details |= self.name_within(&entry, &self.details_suffix).is_some();
-            }
-        }
-        if keeps_details {
-            return;
-        }
-        match std::fs::remove_dir(&folder) {
-            Ok(()) => {}
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-            Err(_) => return,
-        }
-        for end in STATE_FILES {
-            let _ = std::fs::remove_file(self.state_file(id, end));
-        }
-    }
-
-    /// Hashes of the services of which any node has the tag.
-    fn tagged_services(&self) -> BTreeSet<String> {
-        let mut tagged = BTreeSet::new();
-        for id in self.node_ids().into_keys() {
-            let folder = self.folder(id);
-            let tags = entries(&folder);
-            tagged.extend(tags.filter_map(|entry| self.name_within(&entry, &self.tag_suffix)));
-        }
-        tagged
-    }
-
-    fn nodes_with_tag(&self, hash: &str) -> Vec<u128> {
-        let tag = format!("{}{hash}{}", self.prefix, self.tag_suffix);
-        let has_it = |id: &u128| !is_missing(&self.folder(*id).join(&tag));
-        self.node_ids().into_keys().filter(has_it).collect()
-    }
-}
-
 /// Nodes whose processes do not hold the locks on their state files any more.
 fn dead_nodes(config: &Config) -> BTreeSet<u128> {
     let mut dead = BTreeSet::new();
@@ -329,28 +197,8 @@ fn dead_nodes(config: &Config) -> BTreeSet<u128> {
     dead
 }
 
-fn entries(folder: &Path) -> impl Iterator<Item = DirEntry> {
-    std::fs::read_dir(folder).into_iter().flatten().flatten()
-}
-
-fn mode(path: &Path) -> Option<u32> {
-    let about = std::fs::symlink_metadata(path).ok()?;
-    Some(about.permissions().mode() & 0o777)
-}
-
-fn is_missing(path: &Path) -> bool {
-    std::fs::symlink_metadata(path).is_err_and(|error| error.kind() == io::ErrorKind::NotFound)
-}
-
 /// `None` if the file is gone.
 fn identity(path: &Path) -> Option<Identity> {
     let about = std::fs::symlink_metadata(path).ok()?;
     Some((about.ino(), about.ctime(), about.ctime_nsec()))
-}
-
-/// The identity of a file in the making; `None` if it is final or gone.
-fn in_the_making(path: &Path) -> Option<Identity> {
-    let about = std::fs::symlink_metadata(path).ok()?;
-    let is_it = about.is_file() && about.mode() & 0o777 == IN_THE_MAKING;
-    is_it.then(|| (about.ino(), about.ctime(), about.ctime_nsec()))
 }

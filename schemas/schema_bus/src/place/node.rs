@@ -10,7 +10,7 @@ use iceoryx2::service::Service as _;
 
 use crate::contract::error::BusError;
 use crate::contract::names::{valid_domain, valid_topic};
-use crate::memory::leftovers::Leftovers;
+use crate::memory::leftovers::{Cleaned, Leftovers};
 use crate::memory::root::{Machine, SHM};
 use crate::memory::shortage;
 use crate::place::gpu_socket;
@@ -96,8 +96,11 @@ impl BusNode {
 
     pub fn clean_dead_nodes(&self) -> u64 {
         let cleaned = self.node.try_cleanup_dead_nodes();
-        let has_dead = cleaned.failed_cleanups > 0;
-        self.leftovers.sweep(self.config(), has_dead);
+        let cleaned_up = Cleaned {
+            has_dead: cleaned.failed_cleanups > 0,
+            has_removed: cleaned.cleanups > 0,
+        };
+        self.leftovers.sweep(self.config(), cleaned_up);
         if cleaned.cleanups > 0 {
             gpu_socket::sweep(&self.root());
         }
@@ -106,7 +109,11 @@ impl BusNode {
 
     /// Removes what iceoryx2's cleaning of dead nodes leaves, which keeps services from being made.
     pub fn sweep(&self) {
-        self.leftovers.sweep(self.config(), true);
+        let unknown = Cleaned {
+            has_dead: true,
+            has_removed: true,
+        };
+        self.leftovers.sweep(self.config(), unknown);
     }
 
     pub fn exists(&self, topic: &str) -> bool {

@@ -1,4 +1,6 @@
-//! Listeners of several threads.
+//! Listeners of several threads, and of processes that were killed.
+
+use std::path::{Path, PathBuf};
 
 use schema_bus::names;
 
@@ -28,4 +30,63 @@ fn listeners_made_at_once_leave_the_file_mode_mask() {
         }
     });
     assert_eq!(file_mode_mask(), before);
+}
+
+/// Files of the place's listeners: states in shared memory, and sockets.
+fn files_of_listeners(place: &Place) -> Vec<PathBuf> {
+    let in_memory = place.left_over().into_iter();
+    let states = in_memory.map(|name| Path::new("/dev/shm").join(name));
+    let mut folders = vec![place.folder.path().to_owned()];
+    let mut found: Vec<PathBuf> = states.collect();
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            match path.is_dir() {
+                true => folders.push(path),
+                false => found.push(path),
+            }
+        }
+    }
+    found.retain(|path| {
+        let name = path.to_string_lossy();
+        name.ends_with(".event") || name.ends_with(".event_mgmt")
+    });
+    found.sort();
+    found
+}
+
+/// A process makes the state and the socket of a listener, then tells the service of it. It can be
+/// killed between the two: nobody but the files knows of the listener then.
+#[test]
+fn a_listener_whose_maker_was_killed_is_removed() {
+    let place = Place::new("listeners");
+    let bus = place.bus("one");
+    let mut child = std::process::Command::new("true").spawn().unwrap();
+    let gone = child.id();
+    child.wait().unwrap();
+    let listener = bus.listener(names::WORLD_SNAPSHOT).unwrap();
+    let of_listener = files_of_listeners(&place);
+    assert_eq!(
+        of_listener.len(),
+        2,
+        "a state and a socket: {of_listener:?}"
+    );
+    for path in &of_listener {
+        // The listener's id ends the name; of its four numbers the third is the process.
+        let name = path.file_name().unwrap().to_str().unwrap();
+        let (stem, end) = name.split_once(".event").unwrap();
+        let (start, id) = stem.split_at(stem.rfind('_').map_or(0, |at| at + 1));
+        let mut bytes = id.parse::<u128>().unwrap().to_ne_bytes();
+        let of_process = &mut bytes[8..12];
+        assert_eq!(of_process, std::process::id().to_ne_bytes());
+        of_process.copy_from_slice(&gone.to_ne_bytes());
+        let id = u128::from_ne_bytes(bytes);
+        let left = path.with_file_name(format!("{start}{id}.event{end}"));
+        std::fs::write(left, "").unwrap();
+    }
+    assert_eq!(files_of_listeners(&place).len(), 4);
+    let other = place.bus("two");
+    assert_eq!(files_of_listeners(&place), of_listener);
+    drop((listener, bus, other));
+    assert_eq!(files_of_listeners(&place), Vec::<PathBuf>::new());
 }
