@@ -91,6 +91,9 @@ impl Drop for HeldThread {
 #[cfg(target_arch = "x86_64")]
 fn interrupt(thread: Pid) -> Result<(), Errno> {
     let mut registers = ptrace::getregs(thread)?;
+    if never_waits(thread, &registers) {
+        return Err(Errno::EAGAIN);
+    }
     // No call has this number.
     registers.orig_rax = u64::MAX;
     ptrace::setregs(thread, registers)?;
@@ -109,6 +112,30 @@ fn interrupt(thread: Pid) -> Result<(), Errno> {
     let mut registers = ptrace::getregs(thread)?;
     registers.rax = -i64::from(libc::EINTR) as u64;
     ptrace::setregs(thread, registers)
+}
+
+/// Whether the call at whose entry the thread stands goes to a file, pipe or socket that was told
+/// not to wait: the kernel has nothing to interrupt there, and never returns EINTR.
+#[cfg(target_arch = "x86_64")]
+fn never_waits(thread: Pid, registers: &libc::user_regs_struct) -> bool {
+    let flags = match registers.orig_rax as libc::c_long {
+        libc::SYS_sendto | libc::SYS_recvfrom => registers.r10,
+        libc::SYS_sendmsg | libc::SYS_recvmsg => registers.rdx,
+        libc::SYS_read | libc::SYS_write | libc::SYS_writev | libc::SYS_accept4 => 0,
+        _ => return false,
+    };
+    flags & libc::MSG_DONTWAIT as u64 != 0 || is_nonblocking(thread, registers.rdi)
+}
+
+/// By what `/proc` says of the descriptor; one that is gone blocks nobody.
+#[cfg(target_arch = "x86_64")]
+fn is_nonblocking(thread: Pid, descriptor: u64) -> bool {
+    let Ok(about) = std::fs::read_to_string(format!("/proc/{thread}/fdinfo/{descriptor}")) else {
+        return true;
+    };
+    let flags = about.lines().find_map(|line| line.strip_prefix("flags:"));
+    let flags = flags.and_then(|octal| i32::from_str_radix(octal.trim(), 8).ok());
+    flags.is_some_and(|flags| flags & libc::O_NONBLOCK != 0)
 }
 
 /// Elsewhere the registers have other names.
