@@ -199,10 +199,23 @@ mod tests {
     }
 
     #[test]
-    fn the_last_piece_that_there_can_be_is_a_file_all_the_same() {
+    fn a_file_whose_pieces_are_not_all_there_is_refused() {
         let head = serde_json::to_string(&JournalHead::default()).unwrap() + "\n";
-        let text = head + &entry(1, 0, piece(u32::MAX, b"abc"));
-        let (mut player, _) = open("pieces", &text, None).unwrap();
+        let error = |name: &str, text: &str| {
+            let error = open(name, &(head.clone() + text), None)
+                .err()
+                .expect("refused");
+            format!("{error:#}")
+        };
+        let last = error("last", &entry(1, 0, piece(u32::MAX, b"abc")));
+        assert!(last.contains("piece 4294967295 of a file"), "{last}");
+        let twice = entry(1, 0, piece(0, b"a")) + &entry(2, 0, piece(0, b"ab"));
+        let (mut player, _) = open(
+            "begun",
+            &(head.clone() + &twice + &entry(3, 0, piece(1, b"c"))),
+            None,
+        )
+        .unwrap();
         let files = player.first_files();
         assert!(matches!(&files[..], [Act::File { bytes, .. }] if bytes == b"abc"));
     }

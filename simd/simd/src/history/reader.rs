@@ -21,6 +21,9 @@ const MAX_LINE_BYTES: u64 = 100 << 20;
 const STRETCH_ENTRIES: usize = 4096;
 /// Bytes of lines behind which no further entry is read in the same go.
 const STRETCH_BYTES: usize = 16 << 20;
+/// Most bytes of files, and of their names, of which not all pieces are there: as much as checkpoints
+/// that a request restores may have together.
+const MAX_PIECES_BYTES: usize = 1 << 30;
 
 /// What an entry asks for.
 #[derive(Debug)]
@@ -74,7 +77,16 @@ pub struct JournalReader {
     path: PathBuf,
     line: u64,
     /// Pieces of files that are not complete yet.
-    pieces: BTreeMap<(JournalFile, String), Vec<u8>>,
+    pieces: BTreeMap<(JournalFile, String), Pieces>,
+    /// Bytes of all of them, with their names.
+    pieces_bytes: usize,
+}
+
+/// The beginning of a file.
+#[derive(Debug, Default)]
+struct Pieces {
+    n: u32,
+    bytes: Vec<u8>,
 }
 
 impl JournalReader {
@@ -90,6 +102,7 @@ impl JournalReader {
             path: path.to_owned(),
             line: 0,
             pieces: BTreeMap::new(),
+            pieces_bytes: 0,
         };
         let head = reader.read_line()?;
         if head.is_empty() {
@@ -166,6 +179,50 @@ impl JournalReader {
         ))
     }
 
+    /// Adds a piece to its file; the whole file if it was the last one.
+    fn add_piece(
+        &mut self,
+        key: &(JournalFile, String),
+        piece: u32,
+        bytes: Vec<u8>,
+        is_last: bool,
+    ) -> anyhow::Result<Option<Vec<u8>>> {
+        let name_bytes = key.1.len();
+        if piece == 0
+            && let Some(old) = self.pieces.remove(key)
+        {
+            let old_bytes = old.bytes.len().saturating_add(name_bytes);
+            self.pieces_bytes = self.pieces_bytes.saturating_sub(old_bytes);
+        }
+        let n_before = self.pieces.get(key).map_or(0, |before| before.n);
+        if piece != n_before {
+            bail!(
+                "it is piece {piece} of a file of which {n_before} pieces came before; the journal lacks some"
+            );
+        }
+        let added = if piece == 0 { name_bytes } else { 0 };
+        let total = self
+            .pieces_bytes
+            .saturating_add(added)
+            .saturating_add(bytes.len());
+        if total > MAX_PIECES_BYTES {
+            bail!(
+                "files of which pieces are missing have {total} bytes up to here; {MAX_PIECES_BYTES} are allowed"
+            );
+        }
+        self.pieces_bytes = total;
+        let whole = self.pieces.entry(key.clone()).or_default();
+        whole.n = piece.saturating_add(1);
+        whole.bytes.extend(bytes);
+        if !is_last {
+            return Ok(None);
+        }
+        let whole = self.pieces.remove(key).unwrap_or_default();
+        let whole_bytes = whole.bytes.len().saturating_add(name_bytes);
+        self.pieces_bytes = self.pieces_bytes.saturating_sub(whole_bytes);
+        Ok(Some(whole.bytes))
+    }
+
     /// What an entry asks for; `None` for a piece of a file that is not the last.
     fn decoded(&mut self, act: JournalAct) -> anyhow::Result<Option<Act>> {
         Ok(Some(match act {
@@ -208,15 +265,10 @@ impl JournalReader {
             } => {
                 let bytes = STANDARD.decode(bytes).context("its bytes")?;
                 let key = (of, name);
-                let whole = self.pieces.entry(key.clone()).or_default();
-                if piece == 0 {
-                    whole.clear();
-                }
-                whole.extend(bytes);
-                if piece.saturating_add(1) < n_pieces {
+                let is_last = piece.saturating_add(1) >= n_pieces;
+                let Some(bytes) = self.add_piece(&key, piece, bytes, is_last)? else {
                     return Ok(None);
-                }
-                let bytes = self.pieces.remove(&key).unwrap_or_default();
+                };
                 Act::File {
                     of,
                     name: key.1,
