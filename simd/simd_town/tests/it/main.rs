@@ -6,5 +6,6 @@ mod guide;
 mod imported;
 mod kerbs;
 mod lines;
+mod parked_cars;
 mod scenery;
 mod town;
