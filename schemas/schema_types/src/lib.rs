@@ -3,8 +3,8 @@
 //! Everything here is plain data or pure arithmetic: no clock, no allocation in hot paths, and no
 //! I/O but for [`files`], the one way in which programs open what others wrote.
 //! [`space`] defines the coordinate systems, [`pose`] the transforms between them, [`lens`] the
-//! models of cameras' lenses, [`time`] ticks and clocks, [`id`] and [`class`] what a pixel or a ray can show, and [`noise`] random numbers
-//! that do not depend on who else draws some.
+//! models of cameras' lenses, [`time`] ticks and clocks, [`id`] and [`class`] what a pixel or a ray
+//! can show, and [`noise`] random numbers that do not depend on who else draws some.
 //!
 //! ```
 //! use schema_types::time::TickClock;

@@ -215,7 +215,8 @@ impl Distortion {
             return Some(flat);
         }
         let (at, by) = self.bent(flat);
-        if !(determinant(by) > 0.0) {
+        let is_unfolded = determinant(by) > 0.0;
+        if !is_unfolded {
             return None;
         }
         match &self.tilt {
@@ -249,7 +250,8 @@ impl Distortion {
         let mut error = off(place);
         for _ in 0..STEPS {
             let area = determinant(by);
-            if size(error) == 0.0 || !(area > 0.0) {
+            let is_unfolded = area > 0.0;
+            if size(error) == 0.0 || !is_unfolded {
                 break;
             }
             let step = [
