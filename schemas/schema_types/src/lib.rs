@@ -2,9 +2,9 @@
 //!
 //! Everything here is plain data or pure arithmetic: no clock, no allocation in hot paths, and no
 //! I/O but for [`files`], the one way in which programs open what others wrote.
-//! [`space`] defines the coordinate systems, [`pose`] the transforms between them, [`time`] ticks
-//! and clocks, [`id`] and [`class`] what a pixel or a ray can show, and [`noise`] random numbers
-//! that do not depend on who else draws some.
+//! [`space`] defines the coordinate systems, [`pose`] the transforms between them, [`lens`] the
+//! models of cameras' lenses, [`time`] ticks and clocks, [`id`] and [`class`] what a pixel or a ray
+//! can show, and [`noise`] random numbers that do not depend on who else draws some.
 //!
 //! ```
 //! use schema_types::time::TickClock;
@@ -28,6 +28,7 @@
 
 // Where and when.
 pub mod distortion;
+pub mod lens;
 pub mod pose;
 pub mod space;
 pub mod time;
@@ -44,5 +45,6 @@ pub mod files;
 pub use class::Class;
 pub use distortion::Distortion;
 pub use id::{ActorId, ObjectId};
+pub use lens::{Lens, LensModel};
 pub use pose::Pose;
 pub use time::{MonoTime, SimTime, Tick};

@@ -1,0 +1,259 @@
+//! Lenses: from a direction to the pixel that shows it, and back.
+//!
+//! Directions are in the camera's optical axes, x to the right, y down, z ahead, as all files of
+//! calibration have them. Pixels count from the image's upper left corner, so that the middle of
+//! the first pixel is (0.5, 0.5).
+//! A lens maps a direction to a place in its plane, and [`Plane`] takes that to a pixel. Beyond
+//! the field of a model, where it would fold over or has no image, there is no pixel.
+
+use serde::{Deserialize, Serialize};
+
+mod central;
+mod radial;
+
+/// How a lens maps directions to its plane; θ is the angle to the optical axis.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "model", rename_all = "snake_case", deny_unknown_fields)]
+pub enum LensModel {
+    /// Straight lines stay straight: tan θ.
+    Pinhole {},
+    /// OpenCV's pinhole with distortion.
+    #[serde(rename = "opencv")]
+    OpenCv {
+        /// k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, τx, τy, in OpenCV's order; those that
+        /// are left out at the end are 0.
+        coefficients: Vec<f64>,
+    },
+    /// A mirror, or a lens like one, about which Mei and Rives wrote: a sphere seen from a point
+    /// that is `mirror` away from its middle, then OpenCV's distortion.
+    Unified {
+        /// ξ; 0 is a pinhole.
+        mirror: f64,
+        /// As those of `opencv`.
+        coefficients: Vec<f64>,
+    },
+    /// Kannala and Brandt's, OpenCV's fisheye: θ (1 + k0 θ² + k1 θ⁴ + k2 θ⁶ + k3 θ⁸).
+    KannalaBrandt {
+        /// k0 to k3.
+        coefficients: [f64; 4],
+    },
+    /// NVIDIA's f-theta: a polynomial between pixels from the centre and θ.
+    #[serde(rename = "ftheta")]
+    FTheta {
+        /// From which to which.
+        direction: PolynomialDirection,
+        /// From the constant on, which is 0.
+        polynomial: Vec<f64>,
+    },
+    /// θ.
+    Equidistant {},
+    /// 2 sin(θ / 2).
+    Equisolid {},
+    /// 2 tan(θ / 2).
+    Stereographic {},
+    /// sin θ.
+    Orthographic {},
+    /// Usenko's: two spheres, one after the other, and a pinhole.
+    DoubleSphere {
+        /// Between the spheres' middles.
+        xi: f64,
+        /// Between the second sphere's middle and the pinhole.
+        alpha: f64,
+    },
+    /// Measured radii, joined by straight lines.
+    Table {
+        /// θ, radians: the first is 0, and each is greater than the one before.
+        angles_rad: Vec<f64>,
+        /// Radius in the lens's plane for each of them.
+        radii: Vec<f64>,
+    },
+}
+
+/// What an f-theta polynomial takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PolynomialDirection {
+    /// The distance from the centre, and gives the angle.
+    DistanceToAngle,
+    /// The angle, and gives the distance.
+    AngleToDistance,
+}
+
+/// From a lens's plane to pixels: (fx x + shear_x y + cx, shear_y x + fy y + cy).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    /// fx and fy.
+    pub focal_px: [f64; 2],
+    /// How much x grows with the plane's y, and y with its x.
+    pub shear_px: [f64; 2],
+    /// The pixel on the optical axis.
+    pub centre_px: [f64; 2],
+}
+
+/// A value that no lens has.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{key} is {value}, but {allowed}")]
+pub struct LensError {
+    /// Which one.
+    pub key: &'static str,
+    /// What it is.
+    pub value: String,
+    /// What it may be.
+    pub allowed: &'static str,
+}
+
+/// A lens whose values were checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lens {
+    model: LensModel,
+    plane: Plane,
+    /// 1 / determinant of the plane's matrix.
+    inverse_area: f64,
+    /// θ at which the field ends.
+    max_angle_rad: f64,
+    /// The coefficients of `opencv` and `unified`.
+    distortion: central::Distortion,
+}
+
+impl Lens {
+    /// Checks a lens. Its field ends at `max_angle_rad` at the latest.
+    ///
+    /// # Errors
+    /// The first value that no such lens has.
+    pub fn new(
+        model: LensModel,
+        plane: Plane,
+        max_angle_rad: Option<f64>,
+    ) -> Result<Lens, LensError> {
+        let Plane {
+            focal_px: [fx, fy],
+            shear_px: [dx, dy],
+            centre_px,
+        } = plane;
+        let refused = |key, value: String, allowed| LensError {
+            key,
+            value,
+            allowed,
+        };
+        if ![fx, fy].iter().all(|it| it.is_finite() && *it > 0.0) {
+            let allowed = "both must be greater than 0";
+            return Err(refused("focal_px", format!("[{fx}, {fy}]"), allowed));
+        }
+        let area = fx * fy - dx * dy;
+        if !(area > 0.0 && area.is_finite()) {
+            let allowed = "its product must be less than that of the focal lengths";
+            return Err(refused("shear_px", format!("[{dx}, {dy}]"), allowed));
+        }
+        if !centre_px.iter().all(|it| it.is_finite()) {
+            let allowed = "both must be numbers";
+            return Err(refused("centre_px", format!("{centre_px:?}"), allowed));
+        }
+        let own = check(&model)?;
+        let most = match max_angle_rad {
+            None => own,
+            Some(it) if it > 0.0 && it <= std::f64::consts::PI => it.min(own),
+            Some(it) => {
+                let allowed = "must lie between 0 and π";
+                return Err(refused("max_angle_rad", it.to_string(), allowed));
+            }
+        };
+        let distortion = match &model {
+            LensModel::OpenCv { coefficients } | LensModel::Unified { coefficients, .. } => {
+                central::Distortion::new(coefficients)
+            }
+            _ => central::Distortion::default(),
+        };
+        Ok(Lens {
+            model,
+            plane,
+            inverse_area: 1.0 / area,
+            max_angle_rad: most,
+            distortion,
+        })
+    }
+
+    /// How it maps directions.
+    pub fn model(&self) -> &LensModel {
+        &self.model
+    }
+
+    /// From its plane to pixels.
+    pub fn plane(&self) -> &Plane {
+        &self.plane
+    }
+
+    /// θ at which its field ends, radians.
+    pub fn max_angle_rad(&self) -> f64 {
+        self.max_angle_rad
+    }
+
+    /// The pixel that shows a direction; `None` if it is beyond the field.
+    pub fn project(&self, [x, y, z]: [f64; 3]) -> Option<[f64; 2]> {
+        let aside = x.hypot(y);
+        let theta = aside.atan2(z);
+        // Also refuses what is no number, and a direction of no length.
+        if !(theta <= self.max_angle_rad && aside.hypot(z) > 0.0) {
+            return None;
+        }
+        let [u, v] = if let Some(curve) = radial::Curve::of(&self.model) {
+            let radius = curve.radius(theta, self.max_angle_rad);
+            match aside > 0.0 {
+                true => [x, y].map(|it| it * (radius / aside)),
+                false => [0.0; 2],
+            }
+        } else {
+            let flat = central::flatten(&self.model, [x, y, z])?;
+            self.distortion.apply(flat)?
+        };
+        let Plane {
+            focal_px: [fx, fy],
+            shear_px: [dx, dy],
+            centre_px: [cx, cy],
+        } = self.plane;
+        let pixel = [fx * u + dx * v + cx, dy * u + fy * v + cy];
+        pixel.iter().all(|it| it.is_finite()).then_some(pixel)
+    }
+
+    /// The direction that a pixel shows, of length 1; `None` if it shows none.
+    pub fn unproject(&self, [px, py]: [f64; 2]) -> Option<[f64; 3]> {
+        let Plane {
+            focal_px: [fx, fy],
+            shear_px: [dx, dy],
+            centre_px: [cx, cy],
+        } = self.plane;
+        let [u, v] = [px - cx, py - cy];
+        let at = [
+            (fy * u - dx * v) * self.inverse_area,
+            (fx * v - dy * u) * self.inverse_area,
+        ];
+        if !at.iter().all(|it| it.is_finite()) {
+            return None;
+        }
+        if let Some(curve) = radial::Curve::of(&self.model) {
+            let radius = at[0].hypot(at[1]);
+            let theta = curve.angle(radius, self.max_angle_rad)?;
+            let (sin, cos) = theta.sin_cos();
+            return Some(match radius > 0.0 {
+                true => [sin * at[0] / radius, sin * at[1] / radius, cos],
+                false => [0.0, 0.0, 1.0],
+            });
+        }
+        let flat = self.distortion.undo(at)?;
+        let [x, y, z] = central::unflatten(&self.model, flat)?;
+        // One part in 1e12 of the angle is rounding.
+        let is_seen = x.hypot(y).atan2(z) <= self.max_angle_rad * (1.0 + 1e-12);
+        let length = x.hypot(y).hypot(z);
+        is_seen.then(|| [x, y, z].map(|it| it / length))
+    }
+}
+
+/// θ at which a model's own field ends, if its values are those of a lens.
+fn check(model: &LensModel) -> Result<f64, LensError> {
+    match radial::Curve::of(model) {
+        Some(curve) => curve.check(),
+        None => central::check(model),
+    }
+}
+
+#[cfg(test)]
+mod tests;
