@@ -6,78 +6,11 @@
 //! A lens maps a direction to a place in its plane, and [`Plane`] takes that to a pixel. Beyond
 //! the field of a model, where it would fold over or has no image, there is no pixel.
 
-use serde::{Deserialize, Serialize};
-
 mod central;
+mod model;
 mod radial;
 
-/// How a lens maps directions to its plane; θ is the angle to the optical axis.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "model", rename_all = "snake_case", deny_unknown_fields)]
-pub enum LensModel {
-    /// Straight lines stay straight: tan θ.
-    Pinhole {},
-    /// OpenCV's pinhole with distortion.
-    #[serde(rename = "opencv")]
-    OpenCv {
-        /// k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, τx, τy, in OpenCV's order; those that
-        /// are left out at the end are 0.
-        coefficients: Vec<f64>,
-    },
-    /// A mirror, or a lens like one, about which Mei and Rives wrote: a sphere seen from a point
-    /// that is `mirror` away from its middle, then OpenCV's distortion.
-    Unified {
-        /// ξ; 0 is a pinhole.
-        mirror: f64,
-        /// As those of `opencv`.
-        coefficients: Vec<f64>,
-    },
-    /// Kannala and Brandt's, OpenCV's fisheye: θ (1 + k0 θ² + k1 θ⁴ + k2 θ⁶ + k3 θ⁸).
-    KannalaBrandt {
-        /// k0 to k3.
-        coefficients: [f64; 4],
-    },
-    /// NVIDIA's f-theta: a polynomial between pixels from the centre and θ.
-    #[serde(rename = "ftheta")]
-    FTheta {
-        /// From which to which.
-        direction: PolynomialDirection,
-        /// From the constant on, which is 0.
-        polynomial: Vec<f64>,
-    },
-    /// θ.
-    Equidistant {},
-    /// 2 sin(θ / 2).
-    Equisolid {},
-    /// 2 tan(θ / 2).
-    Stereographic {},
-    /// sin θ.
-    Orthographic {},
-    /// Usenko's: two spheres, one after the other, and a pinhole.
-    DoubleSphere {
-        /// Between the spheres' middles.
-        xi: f64,
-        /// Between the second sphere's middle and the pinhole.
-        alpha: f64,
-    },
-    /// Measured radii, joined by straight lines.
-    Table {
-        /// θ, radians: the first is 0, and each is greater than the one before.
-        angles_rad: Vec<f64>,
-        /// Radius in the lens's plane for each of them.
-        radii: Vec<f64>,
-    },
-}
-
-/// What an f-theta polynomial takes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum PolynomialDirection {
-    /// The distance from the centre, and gives the angle.
-    DistanceToAngle,
-    /// The angle, and gives the distance.
-    AngleToDistance,
-}
+pub use model::{LensError, LensModel, PolynomialDirection};
 
 /// From a lens's plane to pixels: (fx x + shear_x y + cx, shear_y x + fy y + cy).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,18 +21,6 @@ pub struct Plane {
     pub shear_px: [f64; 2],
     /// The pixel on the optical axis.
     pub centre_px: [f64; 2],
-}
-
-/// A value that no lens has.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{key} is {value}, but {allowed}")]
-pub struct LensError {
-    /// Which one.
-    pub key: &'static str,
-    /// What it is.
-    pub value: String,
-    /// What it may be.
-    pub allowed: &'static str,
 }
 
 /// A lens whose values were checked.

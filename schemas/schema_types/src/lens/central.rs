@@ -2,7 +2,7 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use super::{LensError, LensModel};
+use super::model::{LensError, LensModel};
 
 /// Number of OpenCV's coefficients.
 const COEFFICIENTS: usize = 14;

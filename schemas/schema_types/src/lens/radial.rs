@@ -2,7 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use super::{LensError, LensModel, PolynomialDirection};
+use super::model::{LensError, LensModel, PolynomialDirection};
 
 /// Samples between 0 and the end of a field in which a fold is looked for.
 const SAMPLES: usize = 4096;
@@ -50,7 +50,7 @@ impl<'a> Curve<'a> {
     /// Radius at θ, which is at most `max_angle_rad`.
     pub(super) fn radius(&self, theta: f64, max_angle_rad: f64) -> f64 {
         match self {
-            Curve::KannalaBrandt(k) => theta * (1.0 + even(*k, theta)),
+            Curve::KannalaBrandt(k) => theta * (1.0 + even(k, theta)),
             Curve::DistanceToAngle(a) => {
                 // The least distance whose angle is θ: the curve rises up to the field's end.
                 let most = first_reaching(a, max_angle_rad);
