@@ -1,9 +1,8 @@
 //! The bus on real shared memory, each test in a private root with a private prefix, so that
 //! "nothing left" can be asserted.
 
-use std::collections::BTreeSet;
 use std::io::Read as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
@@ -899,26 +898,6 @@ fn a_service_whose_maker_was_killed_meanwhile_can_be_made() {
     assert_eq!(files_below(&services), Vec::<std::path::PathBuf>::new());
 }
 
-/// Files of a place: those in its folder, and those in shared memory.
-fn files_of(place: &Place) -> BTreeSet<PathBuf> {
-    let mut found: BTreeSet<PathBuf> = place
-        .left_over()
-        .into_iter()
-        .map(|name| Path::new("/dev/shm").join(name))
-        .collect();
-    let mut folders = vec![place.folder.path().to_owned()];
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            match path.is_dir() {
-                true => folders.push(path),
-                false => drop(found.insert(path)),
-            }
-        }
-    }
-    found
-}
-
 /// A process that closes a service last marks it as being removed, takes its tag away, and removes
 /// the service's files one after the other. It can be killed between any two of these steps.
 #[test]
@@ -928,10 +907,11 @@ fn a_service_whose_remover_was_killed_can_be_made_again() {
         let place = Place::new("remover");
         {
             let bus = place.bus("one");
-            let before = files_of(&place);
+            let before = place.files();
             let service = bus.frame_service(TOPIC, RGB).unwrap();
             // Open, so that they are still there when they have been removed.
-            let files: Vec<(PathBuf, std::fs::File)> = files_of(&place)
+            let files: Vec<(PathBuf, std::fs::File)> = place
+                .files()
                 .difference(&before)
                 .filter(|path| !path.to_string_lossy().contains("/nodes/"))
                 .map(|path| (path.clone(), std::fs::File::open(path).unwrap()))

@@ -1,6 +1,6 @@
 //! Listeners of several threads, and of processes that were killed.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use schema_bus::names;
 
@@ -34,24 +34,11 @@ fn listeners_made_at_once_leave_the_file_mode_mask() {
 
 /// Files of the place's listeners: states in shared memory, and sockets.
 fn files_of_listeners(place: &Place) -> Vec<PathBuf> {
-    let in_memory = place.left_over().into_iter();
-    let states = in_memory.map(|name| Path::new("/dev/shm").join(name));
-    let mut folders = vec![place.folder.path().to_owned()];
-    let mut found: Vec<PathBuf> = states.collect();
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            match path.is_dir() {
-                true => folders.push(path),
-                false => found.push(path),
-            }
-        }
-    }
+    let mut found = Vec::from_iter(place.files());
     found.retain(|path| {
         let name = path.to_string_lossy();
         name.ends_with(".event") || name.ends_with(".event_mgmt")
     });
-    found.sort();
     found
 }
 

@@ -1,5 +1,6 @@
 //! A private place on the bus for one test, on real shared memory.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -31,6 +32,25 @@ impl Place {
         let mut place = Place::new(name);
         place.is_left_clean = false;
         place
+    }
+
+    /// Files in its folder and in shared memory.
+    pub fn files(&self) -> BTreeSet<PathBuf> {
+        let in_memory = self.left_over().into_iter();
+        let mut found: BTreeSet<PathBuf> = in_memory
+            .map(|name| std::path::Path::new("/dev/shm").join(name))
+            .collect();
+        let mut folders = vec![self.folder.path().to_owned()];
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                match path.is_dir() {
+                    true => folders.push(path),
+                    false => drop(found.insert(path)),
+                }
+            }
+        }
+        found
     }
 
     pub fn root(&self) -> PathBuf {
