@@ -33,7 +33,7 @@ pub struct Lens {
     /// θ at which the field ends.
     max_angle_rad: f64,
     /// The coefficients of `opencv` and `unified`.
-    distortion: central::Distortion,
+    distortion: central::OpenCvDistortion,
 }
 
 impl Lens {
@@ -80,9 +80,9 @@ impl Lens {
         };
         let distortion = match &model {
             LensModel::OpenCv { coefficients } | LensModel::Unified { coefficients, .. } => {
-                central::Distortion::new(coefficients)
+                central::OpenCvDistortion::new(coefficients)
             }
-            _ => central::Distortion::default(),
+            _ => central::OpenCvDistortion::default(),
         };
         Ok(Lens {
             model,

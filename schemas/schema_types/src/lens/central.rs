@@ -83,7 +83,11 @@ pub(super) fn check(model: &LensModel) -> Result<f64, LensError> {
             };
             let end = horizon.acos().min(std::f64::consts::PI - 1e-6);
             let end = if *mirror <= 1.0 { end - 1e-9 } else { end };
-            Ok(within_fold(model, &Distortion::new(coefficients), end))
+            Ok(within_fold(
+                model,
+                &OpenCvDistortion::new(coefficients),
+                end,
+            ))
         }
         LensModel::DoubleSphere { xi, alpha } => {
             if !(-1.0..=1.0).contains(xi) {
@@ -102,7 +106,7 @@ pub(super) fn check(model: &LensModel) -> Result<f64, LensError> {
         }
         LensModel::OpenCv { coefficients } => Ok(within_fold(
             model,
-            &Distortion::new(coefficients),
+            &OpenCvDistortion::new(coefficients),
             FRAC_PI_2 - 1e-9,
         )),
         _ => Ok(FRAC_PI_2 - 1e-9),
@@ -110,7 +114,7 @@ pub(super) fn check(model: &LensModel) -> Result<f64, LensError> {
 }
 
 /// θ up to `end` at which the distortion of the flat plane turns back.
-fn within_fold(model: &LensModel, distortion: &Distortion, end: f64) -> f64 {
+fn within_fold(model: &LensModel, distortion: &OpenCvDistortion, end: f64) -> f64 {
     let rises = |theta: f64| {
         let place = flatten(model, [theta.sin(), 0.0, theta.cos()]);
         place.is_some_and(|[r, _]| distortion.slope(r) > 0.0)
@@ -132,26 +136,26 @@ fn within_fold(model: &LensModel, distortion: &Distortion, end: f64) -> f64 {
 
 /// OpenCV's distortion of a flat plane.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Distortion {
+pub(super) struct OpenCvDistortion {
     /// OpenCV's order.
     k: [f64; COEFFICIENTS],
     /// The tilted plane's matrix and its inverse; `None` if it is not tilted.
     tilt: Option<[[[f64; 3]; 3]; 2]>,
 }
 
-impl Default for Distortion {
+impl Default for OpenCvDistortion {
     fn default() -> Self {
-        Distortion::new(&[])
+        OpenCvDistortion::new(&[])
     }
 }
 
-impl Distortion {
-    pub(super) fn new(coefficients: &[f64]) -> Distortion {
+impl OpenCvDistortion {
+    pub(super) fn new(coefficients: &[f64]) -> OpenCvDistortion {
         let mut k = [0.0; COEFFICIENTS];
         let given = coefficients.len().min(COEFFICIENTS);
         k[..given].copy_from_slice(&coefficients[..given]);
         let is_tilted = k[12] != 0.0 || k[13] != 0.0;
-        Distortion {
+        OpenCvDistortion {
             tilt: is_tilted.then(|| tilt(k[12], k[13])),
             k,
         }
