@@ -2,13 +2,13 @@
 
 use std::collections::VecDeque;
 use std::path::Path;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use launch_cli::{WrongUsage, wrong_usage};
 use launch_run::{RunError, is_stopped, register};
+use parking_lot::Mutex;
 
 use crate::digest::{MANIFEST, hash_set};
 use crate::estimate::{Estimate, Room, size};
@@ -221,7 +221,7 @@ impl Work<'_> {
             }
         });
         bar.finish_and_clear();
-        failed.into_inner().unwrap_or_default()
+        failed.into_inner()
     }
 
     fn record_one(
@@ -300,7 +300,7 @@ impl Work<'_> {
             bar.inc(1);
         }
         bar.finish_and_clear();
-        failed.into_inner().unwrap_or_default()
+        failed.into_inner()
     }
 
     /// Tries until it works, up to the retries that were asked for, with longer and longer pauses.
@@ -346,9 +346,7 @@ impl Work<'_> {
         if error.chain().any(|it| it.is::<WrongUsage>()) {
             self.usage_error.store(true, Ordering::Relaxed);
         }
-        if let Ok(mut failed) = failed.lock() {
-            failed.push((name.to_owned(), format!("{error:#}")));
-        }
+        failed.lock().push((name.to_owned(), format!("{error:#}")));
     }
 
     /// Writes the summary and the manifest, and removes what is not needed any more.
@@ -378,7 +376,7 @@ impl Work<'_> {
 }
 
 fn next<'a>(todo: &Mutex<VecDeque<(usize, &'a Scenario)>>) -> Option<(usize, &'a Scenario)> {
-    todo.lock().ok()?.pop_front()
+    todo.lock().pop_front()
 }
 
 /// A bar on terminals, nothing elsewhere.

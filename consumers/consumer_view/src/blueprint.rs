@@ -5,9 +5,10 @@
 //! program runs; this one hands the messages over and keeps nothing. Names of containers and views
 //! hang on what they show, so that a view keeps its zoom and its eye when another topic comes.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use rerun::blueprint::components::{ContainerKind, PanelState};
 use rerun::external::re_log_types::BlueprintActivationCommand;
 use rerun::log::LogMsg;
@@ -214,7 +215,7 @@ pub(crate) fn send(rec: &RecordingStream, root: &Part, timeline: &str) -> anyhow
     scratch.log("time_panel", &time)?;
     scratch.flush_blocking()?;
     drop(scratch);
-    let messages = std::mem::take(&mut *messages.lock().unwrap_or_else(PoisonError::into_inner));
+    let messages = std::mem::take(&mut *messages.lock());
     rec.send_blueprint(
         messages,
         BlueprintActivationCommand {
@@ -259,7 +260,7 @@ struct Collected {
 
 impl LogSink for Collected {
     fn send(&self, message: LogMsg) {
-        let mut messages = self.messages.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut messages = self.messages.lock();
         messages.push(message);
     }
 

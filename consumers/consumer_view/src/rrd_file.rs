@@ -8,10 +8,11 @@
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use parking_lot::Mutex;
 use rerun::external::re_log_encoding::{Encoder, EncodingOptions};
 use rerun::external::re_log_types::LogMsg;
 use rerun::sink::{LogSink, SinkFlushError};
@@ -32,7 +33,7 @@ impl Health {
     /// # Errors
     /// The sentence of the first write that failed.
     pub fn check(&self) -> anyhow::Result<()> {
-        let failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        let failure = self.failure.lock();
         match &*failure {
             None => Ok(()),
             Some(sentence) => Err(anyhow::Error::msg(sentence.clone())),
@@ -40,7 +41,7 @@ impl Health {
     }
 
     fn fail(&self, sentence: String) {
-        let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut failure = self.failure.lock();
         failure.get_or_insert(sentence);
     }
 }
@@ -86,7 +87,7 @@ impl LogSink for RrdFile {
         if self.health.check().is_err() {
             return;
         }
-        let mut encoder = self.encoder.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut encoder = self.encoder.lock();
         if let Err(error) = encoder.append(&message) {
             let cause = std::error::Error::source(&error).map(ToString::to_string);
             self.health.fail(format!(

@@ -2,8 +2,9 @@
 //! what would be said for every connection is said seldom.
 
 use std::io;
-use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
+
+use parking_lot::Mutex;
 
 /// First pause after a connection could not be accepted; each further one is twice as long.
 const FIRST_PAUSE: Duration = Duration::from_millis(10);
@@ -43,7 +44,7 @@ impl Seldom {
 
     /// Whether it is time to say it; then with the number of times that it was left unsaid.
     pub fn is_due(&self) -> Option<u64> {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut state = self.state.lock();
         if state.since.is_none_or(|since| since.elapsed() >= SAY_EVERY) {
             (state.since, state.n_said) = (Some(Instant::now()), 0);
         }

@@ -1,10 +1,11 @@
 //! Ctrl-C: the first SIGINT or SIGTERM asks the program to finish, the second ends it at once.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::Context as _;
+use parking_lot::{Condvar, Mutex};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 /// A flag that says whether this process was asked to finish. Clones share the flag.
@@ -62,11 +63,7 @@ impl Shutdown {
 
     /// Asks the program to finish, as a signal would.
     pub fn request(&self) {
-        let gate = self
-            .shared
-            .gate
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
+        let gate = self.shared.gate.lock();
         self.shared.requested.store(true, Ordering::Release);
         drop(gate);
         self.shared.changed.notify_all();
@@ -74,17 +71,10 @@ impl Shutdown {
 
     /// Sleeps for `timeout`, or until the program should finish; returns whether it should.
     pub fn wait(&self, timeout: Duration) -> bool {
-        let gate = self
-            .shared
-            .gate
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        // The mutex guards no data, so it is usable even if it is poisoned.
-        drop(
-            self.shared
-                .changed
-                .wait_timeout_while(gate, timeout, |()| !self.requested()),
-        );
+        let mut gate = self.shared.gate.lock();
+        self.shared
+            .changed
+            .wait_while_for(&mut gate, |()| !self.requested(), timeout);
         self.requested()
     }
 }

@@ -4,13 +4,14 @@ use std::io::{BufRead as _, BufReader, Read, Seek as _, SeekFrom};
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ExitStatus};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use launch_cli::files::open_plain;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
+use parking_lot::Mutex;
 
 use crate::error::RunError;
 use crate::watch::Watched;
@@ -75,7 +76,6 @@ impl Said {
                     for line in BufReader::new(pipe).split(b'\n').map_while(Result::ok) {
                         lines
                             .lock()
-                            .unwrap_or_else(PoisonError::into_inner)
                             .push(String::from_utf8_lossy(&line).into_owned());
                     }
                 })
@@ -222,9 +222,7 @@ impl Process {
     /// All lines that were collected so far, of stdout and stderr in the order they came.
     pub fn lines(&self) -> Vec<String> {
         match &self.said {
-            Said::Lines { lines, .. } => {
-                lines.lock().unwrap_or_else(PoisonError::into_inner).clone()
-            }
+            Said::Lines { lines, .. } => lines.lock().clone(),
             Said::Log(_) | Said::Above => Vec::new(),
         }
     }

@@ -10,11 +10,11 @@
 
 use std::collections::BTreeMap;
 use std::process::ExitCode;
-use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use launch_cli::bench::{self, BenchResult, anyhow, clap};
 use nix::sys::signal::Signal;
+use parking_lot::Mutex;
 use test_e2e::laboratory::table::Blow;
 use test_e2e::laboratory::{Tally, Violation, run_episode};
 
@@ -86,7 +86,7 @@ fn strike(args: &Args, result: &mut BenchResult) -> anyhow::Result<u64> {
         result,
     });
     let next = || -> Option<u64> {
-        let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut found = found.lock();
         let is_over = found.n_begun >= n_episodes
             || began.elapsed().as_secs_f64() >= minutes * 60.0
             || (found.n_violations > 0 && !args.go_on);
@@ -99,14 +99,14 @@ fn strike(args: &Args, result: &mut BenchResult) -> anyhow::Result<u64> {
                 while let Some(of) = next() {
                     let mut tally = Tally::default();
                     let ended = run_episode(of, args.steps, &mut tally);
-                    let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
+                    let mut found = found.lock();
                     found.tally.add_all(&tally);
                     tell(&mut found, of, ended, began.elapsed());
                 }
             });
         }
     });
-    let found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let found = found.into_inner();
     Ok(found.n_violations)
 }
 

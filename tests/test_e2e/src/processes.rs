@@ -1,8 +1,8 @@
 //! Starts the daemon and its consumers in a sandbox.
 
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError};
 
+use parking_lot::Mutex;
 use test_kit::sandbox::{binary_path, repository};
 use test_kit::{Process, Sandbox};
 
@@ -54,7 +54,7 @@ pub fn python_package() -> PathBuf {
     );
     // Tests of one program are threads of one process.
     static LINKING: Mutex<()> = Mutex::new(());
-    let _linking = LINKING.lock().unwrap_or_else(PoisonError::into_inner);
+    let _linking = LINKING.lock();
     if std::fs::read_link(&link).ok().as_deref() != Some(built.as_path()) {
         // Renamed into place, because tests run beside one another.
         let own = folder.join(format!("gantry/_native.so.{}", std::process::id()));

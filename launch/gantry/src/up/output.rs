@@ -4,11 +4,12 @@
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read, Write as _};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::SystemTime;
 
 use anyhow::Context as _;
 use launch_cli::{BasicArgs, LogFormat};
+use parking_lot::Mutex;
 
 use super::run_dir::utc;
 
@@ -154,7 +155,7 @@ impl Output {
         } else {
             format!("{name:width$} │ {text}\n", width = self.width)
         };
-        let gate = self.gate.lock().unwrap_or_else(PoisonError::into_inner);
+        let gate = self.gate.lock();
         // If the terminal is gone, the processes go on: the log files have everything.
         let _ = match stream {
             Stream::Stdout => std::io::stdout().write_all(line.as_bytes()),
@@ -172,7 +173,7 @@ impl Sink {
 
     /// Writes a line into the log file only.
     pub fn note(&self, text: &str) {
-        let mut log = self.log.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut log = self.log.lock();
         log.write(&format!("{} {text}\n", utc(SystemTime::now())));
     }
 

@@ -30,7 +30,6 @@ use std::fs::File;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use iceoryx2::config::Config;
@@ -38,6 +37,7 @@ use iceoryx2::node::NodeView as _;
 use iceoryx2::prelude::*;
 use iceoryx2::service::internal::ServiceInternal as _;
 use nix::fcntl::{Flock, FlockArg};
+use parking_lot::Mutex;
 
 use folders::{CERTAIN_AGE, Identity, Place, entries, in_the_making};
 
@@ -96,10 +96,7 @@ impl Leftovers {
     }
 
     fn sweep_services(&self, config: &Config, place: &Place, is_dead: impl Fn(u128) -> bool) {
-        let mut quiet_since = self
-            .quiet_since
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
+        let mut quiet_since = self.quiet_since.lock();
         let changed = std::fs::metadata(&place.services).and_then(|about| about.modified());
         let Ok(changed) = changed else {
             return;
@@ -146,7 +143,7 @@ fn nobodys_for_long(
     folder: &Path,
     now: BTreeMap<PathBuf, (String, Identity)>,
 ) -> Vec<(PathBuf, String)> {
-    let mut seen = NOBODYS.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut seen = NOBODYS.lock();
     seen.retain(|path, (identity, _)| {
         let is_still = now.get(path).is_some_and(|(_, it)| it == identity);
         is_still || !path.starts_with(folder)

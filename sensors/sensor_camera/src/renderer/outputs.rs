@@ -1,7 +1,8 @@
 //! The start of a job's firing, and the way of its outputs to their readers.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
+use parking_lot::Mutex;
 use schema_frames::Modality;
 use sensor_core::Scene;
 use sensor_gpu::{CopyBatch, Gpu};

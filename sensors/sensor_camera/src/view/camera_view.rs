@@ -1,8 +1,9 @@
 //! A view: a lens, its state from firing to firing, and what is asked of it in one tick.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use nalgebra::Isometry3;
+use parking_lot::Mutex;
 use schema_frames::Modality;
 use schema_types::{ActorId, Distortion};
 use sensor_gpu::{Gpu, Place};

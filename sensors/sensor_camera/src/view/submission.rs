@@ -1,10 +1,11 @@
 //! A submission in flight, and its results.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
-use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use schema_frames::Modality;
 use sensor_gpu::{CopyOutcome, GpuError, InFlight, Place};
 
@@ -251,9 +252,7 @@ unsafe fn finish_output(plan: Plan<'_>, copies: &mut [CopyOutcome]) -> OutputRes
                 instance,
                 class,
             };
-            let mut state = state
-                .lock()
-                .unwrap_or_else(std::sync::PoisonError::into_inner);
+            let mut state = state.lock();
             let made = state.advance(&images, window_nanos, place.bytes_mut());
             events_result(made, window_nanos)
         }

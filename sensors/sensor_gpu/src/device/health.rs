@@ -4,7 +4,9 @@
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, Once, PoisonError};
+use std::sync::{Arc, Once};
+
+use parking_lot::Mutex;
 
 use crate::queue::{N_WAIT_SLICES, WAIT_SLICE};
 
@@ -70,7 +72,7 @@ impl Health {
 
     /// Notes why the device can no longer be used, unless something is noted already.
     pub fn note(&self, fault: Fault) {
-        let mut noted = self.0.fault.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut noted = self.0.fault.lock();
         noted.get_or_insert(fault);
         self.0.is_ill.store(true, Ordering::Release);
     }
@@ -80,7 +82,7 @@ impl Health {
         if !self.0.is_ill.load(Ordering::Acquire) {
             return None;
         }
-        let noted = self.0.fault.lock().unwrap_or_else(PoisonError::into_inner);
+        let noted = self.0.fault.lock();
         noted.clone()
     }
 

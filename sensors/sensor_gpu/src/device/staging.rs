@@ -1,6 +1,6 @@
 //! A pool of mappable buffers.
 
-use std::sync::{Mutex, PoisonError};
+use parking_lot::Mutex;
 
 /// Staging buffers kept for reuse; eight cameras with six modalities in two submissions in flight
 /// use 96.
@@ -13,14 +13,14 @@ pub(crate) struct StagingPool(Mutex<Vec<wgpu::Buffer>>);
 impl StagingPool {
     /// An unused buffer of this size, if there is one.
     pub fn take(&self, n_bytes: u64) -> Option<wgpu::Buffer> {
-        let mut pool = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut pool = self.0.lock();
         let known = pool.iter().position(|buffer| buffer.size() == n_bytes)?;
         Some(pool.swap_remove(known))
     }
 
     /// Returns a buffer to the pool.
     pub fn give(&self, buffer: wgpu::Buffer) {
-        let mut pool = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut pool = self.0.lock();
         // Sizes change when resolutions do: old ones fall out at the front.
         if pool.len() >= MAX_POOLED_STAGING {
             pool.remove(0);

@@ -8,10 +8,11 @@
 //! leaves a texture in the layout for copies, and the copy does not change it.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ash::vk;
+use parking_lot::{Mutex, MutexGuard};
 use wgpu::hal::api::Vulkan;
 
 use super::family::Family;
@@ -134,7 +135,7 @@ impl CopyQueue {
 
     /// Locks the queue for one submitter. This lock is taken before that on the drawing queue.
     pub fn turn(&self) -> MutexGuard<'_, Turn> {
-        self.turn.lock().unwrap_or_else(PoisonError::into_inner)
+        self.turn.lock()
     }
 
     /// Submits copies, which wait for `number` on `drawn` and signal it on `copied`.
@@ -290,10 +291,7 @@ impl CopyQueue {
         if self.wait_idle().is_err() {
             return;
         }
-        let turn = self
-            .turn
-            .into_inner()
-            .unwrap_or_else(PoisonError::into_inner);
+        let turn = self.turn.into_inner();
         // SAFETY: made from this device, both of whose queues are done with them (the other by the
         // caller's promise); command buffers go with their pool.
         unsafe {

@@ -1,8 +1,7 @@
 //! The queue that draws: one submission is given to it at a time.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
-
 use ash::vk;
+use parking_lot::{Mutex, MutexGuard};
 use wgpu::hal::api::Vulkan;
 
 use super::timeline::{Moment, Timeline};
@@ -34,16 +33,13 @@ impl DrawingQueue {
     pub fn lock(&self) -> Drawing<'_> {
         Drawing {
             queue: &self.queue,
-            timeline: self.timeline.lock().unwrap_or_else(PoisonError::into_inner),
+            timeline: self.timeline.lock(),
         }
     }
 
     /// Takes the timeline out, so that it can be destroyed.
     pub fn take_timeline(&mut self) -> Option<Timeline> {
-        self.timeline
-            .get_mut()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take()
+        self.timeline.get_mut().take()
     }
 }
 

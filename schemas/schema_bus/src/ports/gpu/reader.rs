@@ -1,9 +1,10 @@
 //! The reading end: frames that say where on a GPU their payloads are, and the memory they are in.
 
 use std::os::fd::{AsFd as _, OwnedFd};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use nix::errno::Errno;
+use parking_lot::Mutex;
 use schema_frames::{
     FrameError, FrameHeader, GPU_MAGIC, GPU_PLACE_BYTES, GpuAnswer, GpuAsk, GpuPlace, Modality,
     SCHEMA_VERSION,

@@ -1,7 +1,8 @@
 //! The reading end of results whose bodies are on a GPU.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
+use parking_lot::Mutex;
 use schema_frames::{
     GPU_PLACE_BYTES, GPU_RESULT_BYTES, GpuPlace, InputRecord, ResultError, ResultHeader, ResultType,
 };

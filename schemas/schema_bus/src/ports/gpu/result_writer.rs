@@ -4,9 +4,8 @@
 //! The memory on the GPU belongs to whoever uses this: slot i of it is slot i of the service's
 //! segment, so what iceoryx2 keeps for a reader is kept on the GPU too.
 
-use std::sync::{Mutex, PoisonError};
-
 use iceoryx2::prelude::*;
+use parking_lot::Mutex;
 
 use schema_frames::{GPU_PLACE_BYTES, GPU_RESULT_BYTES, GpuPlace, ResultHeader, ResultType};
 
@@ -158,7 +157,7 @@ impl GpuResultPublisher {
             .writer
             .loan(topic, GPU_RESULT_BYTES, GPU_RESULT_BYTES)?;
         let address = loan.address() as usize;
-        let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut seen = self.seen.lock();
         let known = seen.iter().position(|known| *known == address);
         let number = known.unwrap_or_else(|| {
             seen.push(address);

@@ -1,7 +1,5 @@
 //! State of an event camera on the GPU.
 
-use std::sync::PoisonError;
-
 use schema_frames::DvsEvent;
 use sensor_gpu::{Gpu, HostMemory};
 use sensor_spec::{DvsMode, DvsSpec};
@@ -108,11 +106,7 @@ impl GpuEventCamera {
 
     /// Memory for the events of one window.
     pub(super) fn take_list(&self, gpu: &Gpu) -> Option<HostMemory> {
-        let waiting = self
-            .lists
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .pop();
+        let waiting = self.lists.lock().pop();
         waiting.or_else(|| HostMemory::new(gpu, HEAD_BYTES + size_of::<DvsEvent>() * self.capacity))
     }
 

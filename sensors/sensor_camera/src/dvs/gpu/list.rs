@@ -1,8 +1,9 @@
 //! The list of events that the GPU writes, and the copy to the reader.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use bytemuck::Zeroable;
+use parking_lot::Mutex;
 use schema_frames::DvsEvent;
 use sensor_gpu::HostMemory;
 
@@ -63,10 +64,7 @@ impl EventList {
             // `write` on it, and the submission that wrote it is done (the caller's promise).
             self.sort(unsafe { memory.bytes() }, out)
         };
-        self.lists
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .push(memory);
+        self.lists.lock().push(memory);
         made
     }
 
