@@ -63,13 +63,13 @@ pub struct SceneHeader {
 }
 const _: () = assert!(size_of::<SceneHeader>() == 192);
 
-/// A camera or lidar that fires. 160 bytes.
+/// A camera or lidar that fires, or a batch whose frames are made of cameras that fire. 160 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct SceneFiring {
-    /// Actor id of the sensor.
+    /// Actor id of the sensor; 0 for a batch, of which the fields without a word about it are zero.
     pub sensor_id: u32,
-    /// Number of the worker that renders it.
+    /// Number of the worker that renders it, also of a batch.
     pub worker: u32,
     /// Number of the firing, from 1.
     pub seq: u64,
@@ -77,9 +77,9 @@ pub struct SceneFiring {
     pub window_nanos: u64,
     /// Simulated time of the firing before, nanoseconds; `u64::MAX` for the first.
     pub previous_nanos: u64,
-    /// Frames that are made: bit n stands for the modality of number n.
+    /// Frames that are made, also of a batch: bit n stands for the modality of number n.
     pub outputs: u32,
-    /// Actor it is mounted on; 0 if free.
+    /// Actor it is mounted on; 0 if free. Of a batch its place among those of `world/info`, from 0.
     pub parent_id: u32,
     /// Pose of the sensor in the world, as in the snapshot.
     pub world_from_sensor: Pose,
@@ -91,6 +91,21 @@ pub struct SceneFiring {
 const _: () = assert!(size_of::<SceneFiring>() == 160);
 
 impl SceneFiring {
+    /// The frames of a batch that a worker makes.
+    pub fn of_batch(number: u32, worker: u32, outputs: u32) -> SceneFiring {
+        SceneFiring {
+            worker,
+            outputs,
+            parent_id: number,
+            ..SceneFiring::zeroed()
+        }
+    }
+
+    /// Place of the batch among those of `world/info`; `None` for a sensor.
+    pub fn batch(&self) -> Option<u32> {
+        (self.sensor_id == 0).then_some(self.parent_id)
+    }
+
     /// Bit of [`SceneFiring::outputs`] for a modality.
     pub fn output(modality: Modality) -> u32 {
         1 << (modality as u32)

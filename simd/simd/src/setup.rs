@@ -22,7 +22,7 @@ use crate::world::LiveWorld;
 use crate::world::checkpoints::Checkpoints;
 use crate::world::episode::{self, EpisodeId};
 use crate::world::maps::Maps;
-use simd_frames::batch::Batch;
+use simd_frames::batch::{Batch, BatchPlan};
 use simd_frames::frames::Sensors;
 use simd_frames::rig::Rig;
 use simd_frames::sensor::{
@@ -59,7 +59,6 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
         None => tracing::info!("no GPU is opened; render workers make the images"),
     }
     check_gpu_memory(&settings, gpu.as_ref())?;
-    check_batches(launch, gpu.as_ref())?;
     let gpu_server = gpu_server(&bus, gpu.as_ref());
     let frames = settings.frame_options(gpu.as_ref())?;
     let drawing = gpu.clone().map(|gpu| {
@@ -242,17 +241,6 @@ fn check_gpu_memory(settings: &Settings, gpu: Option<&Gpu>) -> anyhow::Result<()
     )))
 }
 
-/// Refuses batches where this process makes no images: workers have shares of the cameras, and one
-/// process must make all images of a batch.
-fn check_batches(launch: &Launch, gpu: Option<&Gpu>) -> anyhow::Result<()> {
-    match launch.batches.keys().next() {
-        Some(name) if gpu.is_none() => Err(wrong_usage(format!(
-            "[batch.{name}] cannot be made: the simulator itself draws the cameras of a batch, but opens no GPU; remove --no-gpu, or the batch"
-        ))),
-        _ => Ok(()),
-    }
-}
-
 /// Opens the batches of the launch file.
 fn open_batches(context: &OpenContext<'_>, launch: &Launch) -> anyhow::Result<Vec<Batch>> {
     if launch.batches.is_empty() {
@@ -260,14 +248,20 @@ fn open_batches(context: &OpenContext<'_>, launch: &Launch) -> anyhow::Result<Ve
     }
     let rig = Rig::open(context.bus, BATCH_RIG)?;
     let budget = launch.batch_budget();
-    let open = |(name, batch): (&String, &launch_spec::Batch)| {
+    let open = |(number, (name, batch)): (u32, (&String, &launch_spec::Batch))| {
         let topics = batch.modalities.iter().filter_map(|modality| {
             let topic = launch_spec::Batch::topic(name, *modality);
             budget.iter().find(|it| it.topic == topic).cloned()
         });
-        Batch::open(context, &rig, name, &batch.cameras, topics.collect())
+        let plan = BatchPlan {
+            number,
+            name: name.clone(),
+            cameras: batch.cameras.clone(),
+            topics: topics.collect(),
+        };
+        Batch::open(context, &rig, plan)
     };
-    launch.batches.iter().map(open).collect()
+    (0..).zip(&launch.batches).map(open).collect()
 }
 
 /// Opens the sensors of the launch file and makes their actors.
@@ -308,15 +302,7 @@ fn open_sensors(
             role: Role::Sensor,
         };
         let schedule = schedule_of(placed.spec, SimTime(0), context.period_nanos);
-        let name = placed.full_name();
-        let mut batches = launch.batches.values();
-        let is_batched = batches.any(|batch| batch.cameras.contains(&name));
-        let context = OpenContext {
-            cameras_are_away: context.cameras_are_away && !is_batched,
-            ..*context
-        };
-        let mut sensor = Sensor::open(&context, identity, placed.spec.clone(), schedule)?;
-        sensor.is_batched = is_batched;
+        let sensor = Sensor::open(context, identity, placed.spec.clone(), schedule)?;
         world.set_topics(actor, sensor.topic_infos())?;
         sensors.push(sensor);
     }

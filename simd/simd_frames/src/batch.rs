@@ -7,24 +7,41 @@
 use std::rc::Rc;
 
 use launch_spec::TopicBudget;
+use schema_bus::Bus;
 use schema_frames::document::{BatchCamera, BatchInfo};
 use schema_frames::{FrameHeader, Modality};
+use sensor_gpu::Gpu;
 
 use crate::rig::Rig;
-use crate::sensor::{Model, OpenContext, Role, Sensor};
-use crate::topic::{MemoryLife, Topic, TopicSpec};
+use crate::sensor::{Maker, Model, OpenContext, Role, Sensor};
+use crate::topic::{Audience, MemoryLife, Topic, TopicSpec};
 
 /// Index of a camera that has ended.
 pub const GONE: usize = usize::MAX;
 
-/// Cameras whose images of a tick come as one frame.
-pub struct Batch {
+/// What a process needs to make the frames of a batch, besides its cameras.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BatchPlan {
+    /// Place among the batches of the launch file.
+    pub number: u32,
     /// Its name.
     pub name: String,
+    /// Its cameras in the order of their images, each named `rig/sensor`.
+    pub cameras: Vec<String>,
+    /// Its topics, one per modality.
+    pub topics: Vec<TopicBudget>,
+}
+
+/// Cameras whose images of a tick come as one frame.
+pub struct Batch {
+    /// What it was made from.
+    pub plan: BatchPlan,
     /// The rig of all batches, whose event says that their frames of a tick are sent.
     pub rig: Rc<Rig>,
     /// One per modality.
     pub topics: Vec<Topic>,
+    /// Which process makes its frames: the one that makes those of its cameras.
+    pub maker: Maker,
     /// Cameras in the order of their images, each with its rig's and its own name.
     cameras: Vec<(String, String)>,
     /// Where they were among the sensors when they were last looked for.
@@ -32,24 +49,22 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Opens the topics of a batch of cameras, each named `rig/sensor`. They have memory only while
-    /// somebody reads.
+    /// Opens the topics of a batch. They have memory only while somebody reads.
     pub fn open(
         context: &OpenContext<'_>,
         rig: &Rc<Rig>,
-        name: &str,
-        cameras: &[String],
-        topics: Vec<TopicBudget>,
+        plan: BatchPlan,
     ) -> anyhow::Result<Batch> {
-        let open = |topic: TopicBudget| {
+        let is_away = context.cameras_are_away || context.gpu.is_none();
+        let open = |topic: &TopicBudget| {
             let spec = TopicSpec {
-                name: topic.topic,
+                name: topic.topic.clone(),
                 modality: topic.modality,
                 max_payload_bytes: topic.max_payload_bytes,
                 limits: topic.limits,
                 remembers: false,
                 is_told: false,
-                is_away: false,
+                is_away,
                 vehicle_from_sensor: schema_types::Pose::IDENTITY,
             };
             Topic::open(
@@ -66,11 +81,12 @@ impl Batch {
             (rig.to_owned(), name.to_owned())
         };
         Ok(Batch {
-            name: name.to_owned(),
             rig: rig.clone(),
-            topics: topics.into_iter().map(open).collect::<Result<_, _>>()?,
-            found: vec![GONE; cameras.len()],
-            cameras: cameras.iter().map(parted).collect(),
+            topics: plan.topics.iter().map(open).collect::<Result<_, _>>()?,
+            maker: if is_away { Maker::Nobody } else { Maker::Here },
+            found: vec![GONE; plan.cameras.len()],
+            cameras: plan.cameras.iter().map(parted).collect(),
+            plan,
         })
     }
 
@@ -79,14 +95,27 @@ impl Batch {
         self.cameras.len()
     }
 
-    /// Whether a sensor of this rig and name is one of its cameras.
-    pub fn has(&self, rig: &str, name: &str) -> bool {
-        self.cameras.iter().any(|(of, it)| of == rig && it == name)
+    /// Whether a sensor is one of its cameras.
+    pub fn has_camera(&self, sensor: &Sensor) -> bool {
+        let mut cameras = self.cameras.iter();
+        cameras.any(|(rig, name)| is_it(sensor, rig, name))
     }
 
-    /// Whether anybody reads it.
+    /// Whether frames of it are made.
     pub fn is_read(&self) -> bool {
-        self.topics.iter().any(|topic| topic.n_readers() > 0)
+        let mut topics = self.topics.iter();
+        topics.any(|topic| topic.is_read(Audience::Readers))
+    }
+
+    /// Another process makes its frames, or this one does again. No frame may be in flight.
+    pub fn hand_over(&mut self, maker: Maker, bus: &Bus, gpu: Option<&Gpu>) {
+        for topic in &mut self.topics {
+            match maker {
+                Maker::Here => topic.come_back(),
+                _ => topic.leave(bus, gpu),
+            }
+        }
+        self.maker = maker;
     }
 
     /// Entry in `world/info`.
@@ -107,7 +136,7 @@ impl Batch {
             }
         };
         BatchInfo {
-            name: self.name.clone(),
+            name: self.plan.name.clone(),
             topics: self.topics.iter().map(Topic::info).collect(),
             cameras: self.cameras.iter().map(camera).collect(),
         }
@@ -115,8 +144,7 @@ impl Batch {
 
     /// Name of the camera of an image.
     pub fn camera_name(&self, image_idx: usize) -> String {
-        let (rig, name) = &self.cameras[image_idx];
-        format!("{rig}/{name}")
+        self.plan.cameras[image_idx].clone()
     }
 
     /// Where its cameras are among the sensors, in the order of its images; [`GONE`] for one that has

@@ -64,6 +64,16 @@ pub struct Sensors {
     /// Ticks from one at which cameras and lidars may fire to the next.
     fire_every: u64,
     may_send: MaySend,
+    moves: Moves,
+}
+
+/// How often what makes frames was given to another process than the one before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Moves {
+    /// Cameras and lidars.
+    pub n_sensors: u64,
+    /// Batches.
+    pub n_batches: u64,
 }
 
 /// The sensors that fire in a tick.
@@ -111,6 +121,7 @@ impl Sensors {
             parting: Vec::new(),
             fire_every: 1,
             may_send: Box::new(|| true),
+            moves: Moves::default(),
         }
     }
 
@@ -274,8 +285,8 @@ impl Sensors {
         self.fire_due(tick, &due, waking)
     }
 
-    /// Fires what another process says is due at a tick that has been started: cameras and lidars.
-    /// Views may still be in flight when this returns.
+    /// Fires what another process says is due at a tick that has been started: cameras, lidars and
+    /// batches of cameras. Views may still be in flight when this returns.
     pub fn fire_given(
         &mut self,
         tick: &TickView<'_>,
@@ -306,12 +317,9 @@ impl Sensors {
                 carrier: Carrier::of_camera(parent, given.world_from_sensor, tick.scene.sim_time),
             });
         }
+        batches::ask(&mut self.batches, firings);
         let fired = self.fire_due(tick, &due, Waking::default());
-        let topics = self
-            .sensors
-            .iter_mut()
-            .flat_map(|sensor| &mut sensor.topics);
-        topics.for_each(Topic::ask_no_more);
+        self.topics_mut().for_each(Topic::ask_no_more);
         fired
     }
 
@@ -418,6 +426,7 @@ impl Sensors {
         carrier: impl Fn(ActorId) -> Option<Carrier>,
     ) -> Firings {
         let (mut due, mut away) = (Vec::with_capacity(self.sensors.len()), Vec::new());
+        let mut fired_away = Vec::new();
         let is_full = scene.tick.0 % self.fire_every == 1 % self.fire_every;
         let audience = self.options.audience;
         let mut look_back = false;
@@ -442,9 +451,14 @@ impl Sensors {
                 Maker::Here => due.push(fires),
                 Maker::Worker(worker) => {
                     away.push(given_away(sensor, worker, &fires, scene, audience));
+                    fired_away.push(sensor_idx);
                 }
                 Maker::Nobody => {}
             }
+        }
+        if !fired_away.is_empty() {
+            let sensors = &mut self.sensors;
+            batches::give_away(&mut self.batches, sensors, &fired_away, &mut away);
         }
         Firings {
             due,
@@ -642,29 +656,71 @@ impl Sensors {
         self.in_flight.oldest_tick()
     }
 
-    /// Another process makes the frames of these sensors, or this one does again. All frames in
-    /// flight are sent first.
+    /// Another process makes the frames of these sensors and batches, or this one does again. All
+    /// frames in flight are sent first.
     ///
     /// # Errors
     /// When frames in flight cannot be sent.
     pub fn hand_over(
         &mut self,
         bus: &Bus,
-        makers: impl Fn(&Sensor) -> Maker,
+        of_sensor: impl Fn(&Sensor) -> Maker,
+        of_batch: impl Fn(&Batch) -> Maker,
     ) -> anyhow::Result<()> {
-        if self
-            .sensors
-            .iter()
-            .all(|sensor| makers(sensor) == sensor.maker)
-        {
+        let stays = |sensor: &Sensor| of_sensor(sensor) == sensor.maker;
+        let batch_stays = |batch: &Batch| of_batch(batch) == batch.maker;
+        if self.sensors.iter().all(stays) && self.batches.iter().all(batch_stays) {
             return Ok(());
         }
         self.finish_all()?;
         for sensor in &mut self.sensors {
-            let maker = makers(sensor);
+            let maker = of_sensor(sensor);
             if maker != sensor.maker {
+                self.moves.n_sensors += u64::from(maker != Maker::Nobody);
                 sensor.hand_over(maker, bus, self.gpu.as_ref());
             }
+        }
+        for batch in &mut self.batches {
+            let maker = of_batch(batch);
+            if maker != batch.maker {
+                self.moves.n_batches += u64::from(maker != Maker::Nobody);
+                batch.hand_over(maker, bus, self.gpu.as_ref());
+            }
+        }
+        Ok(())
+    }
+
+    /// What was given to another process than the one before.
+    pub fn moves(&self) -> Moves {
+        self.moves
+    }
+
+    /// Whether images of a sensor are made, for its own topics or for a batch.
+    pub fn is_read(&self, sensor: &Sensor) -> bool {
+        let audience = self.options.audience;
+        let mut topics = sensor.topics.iter();
+        topics.any(|topic| topic.is_read(audience)) || self.is_read_in_batch(sensor)
+    }
+
+    fn is_read_in_batch(&self, sensor: &Sensor) -> bool {
+        let mut batches = self.batches.iter();
+        batches.any(|batch| batch.is_read() && batch.has_camera(sensor))
+    }
+
+    /// Ends the batches that `is_gone` names: frames in flight are sent, and their memory is given
+    /// back.
+    ///
+    /// # Errors
+    /// When frames in flight cannot be sent.
+    pub fn remove_batches(&mut self, is_gone: impl Fn(&Batch) -> bool) -> anyhow::Result<()> {
+        if !self.batches.iter().any(&is_gone) {
+            return Ok(());
+        }
+        self.finish_all()?;
+        let gone = self.batches.extract_if(.., |batch| is_gone(batch));
+        for topic in gone.flat_map(|batch| batch.topics) {
+            self.closed_counts = self.closed_counts.with(&topic.counts);
+            topic.close(self.gpu.as_ref());
         }
         Ok(())
     }

@@ -60,8 +60,6 @@ pub struct Sensor {
     pub n_beginnings: u32,
     /// Actors that its images leave out.
     pub hidden: Vec<ActorId>,
-    /// Whether it is a camera of a batch, whose images this process makes itself.
-    pub is_batched: bool,
 }
 
 /// Which process makes the frames of a sensor.
@@ -199,7 +197,6 @@ impl Sensor {
             maker: if is_away { Maker::Nobody } else { Maker::Here },
             n_beginnings: 0,
             hidden: Vec::new(),
-            is_batched: false,
         })
     }
 

@@ -1,11 +1,14 @@
-//! The cameras of this worker, as the simulator lists them.
+//! The cameras and batches of this worker, as the simulator lists them.
 
 use std::sync::Arc;
 
 use schema_bus::{Bus, GpuServer};
-use schema_types::{ActorId, SimTime};
+use schema_frames::document::BATCH_RIG;
+use schema_types::{ActorId, SimTime, Tick};
 use sensor_gpu::Gpu;
+use simd_frames::batch::{Batch, BatchPlan};
 use simd_frames::frames::Sensors;
+use simd_frames::rig::Rig;
 use simd_frames::sensor::{
     NoiseStream, OpenContext, Role, Sensor, SensorIdentity, schedule_of, shared_rig,
 };
@@ -20,6 +23,26 @@ pub struct Surroundings<'a> {
     pub scenery: &'a SceneryCopy,
     pub seed: u64,
     pub period_nanos: u64,
+}
+
+impl Surroundings<'_> {
+    /// What opens topics of this worker, which have memory while they are read, and no limits but
+    /// those that they are opened with.
+    fn context<'a>(&'a self, sensors: &'a Sensors) -> OpenContext<'a> {
+        OpenContext {
+            bus: self.bus,
+            gpu: Some(self.gpu),
+            server: self.server,
+            frames: sensors.options(),
+            memory: MemoryLife::OnDemand,
+            limits: &|_| Default::default(),
+            seed: self.seed,
+            tick: Tick(0),
+            period_nanos: self.period_nanos,
+            is_told: false,
+            cameras_are_away: false,
+        }
+    }
 }
 
 /// Takes a list over: closes what is not on it, before anything is opened.
@@ -40,6 +63,7 @@ pub fn take_over(
         list.cameras.iter().find(is_it)
     };
     sensors.remove(|sensor| entry_of(sensor).is_none(), false)?;
+    sensors.remove_batches(|batch| !list.batches.contains(&batch.plan))?;
     for sensor in &mut sensors.sensors {
         let Some(camera) = entry_of(sensor) else {
             continue;
@@ -80,7 +104,32 @@ pub fn take_over(
             ),
         }
     }
+    for plan in &list.batches {
+        if sensors.batches.iter().any(|batch| batch.plan == *plan) {
+            continue;
+        }
+        match open_batch(sensors, plan, around) {
+            Ok(batch) => sensors.batches.push(batch),
+            Err(error) => tracing::warn!(
+                batch = plan.name,
+                error = format!("{error:#}"),
+                "a batch cannot be opened and has no frames"
+            ),
+        }
+    }
     Ok(())
+}
+
+fn open_batch(
+    sensors: &Sensors,
+    plan: &BatchPlan,
+    around: &Surroundings<'_>,
+) -> anyhow::Result<Batch> {
+    let rig = match sensors.batches.first() {
+        Some(batch) => batch.rig.clone(),
+        None => Rig::open(around.bus, BATCH_RIG)?,
+    };
+    Batch::open(&around.context(sensors), &rig, plan.clone())
 }
 
 fn open(
@@ -106,17 +155,11 @@ fn open(
         role: camera.role,
     };
     let context = OpenContext {
-        bus: around.bus,
-        gpu: Some(around.gpu),
         server: around.server.filter(|_| camera.role == Role::Sensor),
-        frames: sensors.options(),
         memory,
-        limits: &limits_of,
-        seed: around.seed,
         tick: camera.made_at,
-        period_nanos: around.period_nanos,
-        is_told: false,
-        cameras_are_away: false,
+        limits: &limits_of,
+        ..around.context(sensors)
     };
     // The simulator says when it fires.
     let schedule = schedule_of(&camera.spec, SimTime(0), around.period_nanos);

@@ -4,13 +4,14 @@
 
 use crate::common;
 
-use common::{RIG, on_gpu, start, take};
+use common::{BATCH, RIG, on_gpu, start, take};
 use consumer_gpu::GpuTopic;
 use schema_bus::{Bus, CommandClient, FrameReader};
 use test_kit::client::{assert_nothing_left, counter, join_bus, reader, step};
 use test_kit::{Process, Sandbox, eventually};
 
-const TOPICS: [&str; 8] = [
+const TOPICS: [&str; 9] = [
+    "batch/pair/depth",
     "ego/front/rgb",
     "ego/front/depth",
     "ego/front/flow",
@@ -94,7 +95,7 @@ impl Readers {
 }
 
 fn rig() -> String {
-    format!("{RIG}{REAR}")
+    format!("{RIG}{REAR}{BATCH}")
 }
 
 #[test]

@@ -21,7 +21,7 @@ pub fn counters(
     let gpu = sensors.gpu();
     let gpu = gpu.map(|gpu| gpu.counters().counts()).unwrap_or_default();
     let (of_workers, late) = (sensing.of_workers(), clock.late_ticks());
-    let intake = ports.intake_counts();
+    let (intake, moves) = (ports.intake_counts(), sensors.moves());
     let mut counters = BTreeMap::from([
         ("ticks".to_owned(), clock.tick().0),
         ("late_ticks".to_owned(), late.n_late),
@@ -41,6 +41,8 @@ pub fn counters(
         ("sent_by_workers".to_owned(), of_workers.n_sent),
         ("dropped_by_workers".to_owned(), of_workers.n_dropped),
         ("passes_of_workers".to_owned(), of_workers.n_passes),
+        ("sensors_moved".to_owned(), moves.n_sensors),
+        ("batches_moved".to_owned(), moves.n_batches),
         ("gpu_draws".to_owned(), gpu.draws),
         ("gpu_triangles".to_owned(), gpu.triangles),
         ("gpu_copies".to_owned(), gpu.copies),

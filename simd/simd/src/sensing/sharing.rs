@@ -3,6 +3,7 @@
 mod lists;
 mod questions;
 mod shares;
+mod units;
 
 use schema_bus::Bus;
 use schema_frames::SceneFiring;
@@ -93,8 +94,18 @@ fn finish(
     let (mut here, mut away) = (Vec::new(), Vec::new());
     for firing in workers.take_unfinished(world.episode().assets().episode) {
         let of_firing = |sensor: &&Sensor| sensor.actor.0 == firing.sensor_id;
-        let sensor = sensors.sensors.iter().find(of_firing);
-        match sensor.map(|sensor| sensor.maker) {
+        let maker = match firing.batch() {
+            Some(number) => {
+                let mut batches = sensors.batches.iter();
+                let batch = batches.find(|batch| batch.plan.number == number);
+                batch.map(|batch| batch.maker)
+            }
+            None => {
+                let sensor = sensors.sensors.iter().find(of_firing);
+                sensor.map(|sensor| sensor.maker)
+            }
+        };
+        match maker {
             Some(Maker::Here) => here.push(firing),
             Some(Maker::Worker(worker)) => away.push(SceneFiring { worker, ..firing }),
             Some(Maker::Nobody) | None => {}

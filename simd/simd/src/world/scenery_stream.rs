@@ -13,7 +13,6 @@ use simd_world::World;
 
 use simd_frames::frames::Sensors;
 use simd_frames::sensor::{Model, Sensor};
-use simd_frames::topic::Audience;
 
 /// Ticks for which tiles stay that a query asked for, because queries come in numbers.
 const ASKED_TICKS: u64 = 200;
@@ -75,13 +74,12 @@ impl SceneryStream {
         world: &World,
         tick: u64,
     ) -> anyhow::Result<()> {
-        let audience = sensors.options().audience;
         let mut views = BTreeSet::new();
         self.asked.retain(|_, until| *until >= tick);
         let mut rays: BTreeSet<Tile> = self.asked.keys().copied().collect();
         let mut casts = !rays.is_empty();
         for sensor in &sensors.sensors {
-            let reach = reach_of(sensor, audience);
+            let reach = reach_of(sensor, sensors.is_read(sensor));
             let Some((is_view, reach_m)) = reach else {
                 continue;
             };
@@ -140,8 +138,7 @@ impl SceneryStream {
 
 /// Whether a sensor that is read is a view, and how far it reaches; `None` for one that needs no
 /// scenery.
-fn reach_of(sensor: &Sensor, audience: Audience) -> Option<(bool, f64)> {
-    let is_read = sensor.topics.iter().any(|topic| topic.is_read(audience));
+fn reach_of(sensor: &Sensor, is_read: bool) -> Option<(bool, f64)> {
     match &sensor.model {
         _ if !is_read => None,
         Model::View(_) => Some((true, VIEW_REACH_M)),

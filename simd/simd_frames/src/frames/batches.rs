@@ -2,15 +2,15 @@
 //! are there. A tick in which an image is missing has no frame: nobody is shown an older one.
 
 use schema_bus::DeviceLoan;
-use schema_frames::{FrameHeader, Modality};
+use schema_frames::{FrameHeader, Modality, SceneFiring};
 use sensor_camera::{Output, ViewResult};
 use sensor_gpu::Place;
 
 use super::shot::{Due, Shot, TickView};
-use crate::batch::{self, Batch};
+use crate::batch::{self, Batch, GONE};
 use crate::rig::Waking;
-use crate::sensor::{Model, Sensor};
-use crate::topic::{Audience, GpuLoan, Loans};
+use crate::sensor::{Maker, Model, Sensor};
+use crate::topic::{Audience, GpuLoan, Loans, Topic};
 
 /// Frames of batches that the images of a tick belong into.
 #[derive(Default)]
@@ -192,6 +192,62 @@ impl Batching {
         let hosts = frames.iter_mut().filter_map(|frame| frame.host.take());
         let hosts = hosts.collect();
         (frames, hosts)
+    }
+}
+
+/// Adds the frames of batches that somebody reads to the firings of the processes that make them.
+/// `fired` are the sensors that fire elsewhere in this tick, by rising index.
+pub(super) fn give_away(
+    batches: &mut [Batch],
+    sensors: &mut [Sensor],
+    fired: &[usize],
+    away: &mut Vec<SceneFiring>,
+) {
+    for batch in batches {
+        let Maker::Worker(worker) = batch.maker else {
+            continue;
+        };
+        if !batch.is_read() {
+            continue;
+        }
+        let has_fired = |idx: &usize| fired.binary_search(idx).is_ok();
+        let found = batch.find(sensors).to_vec();
+        if !found.iter().any(has_fired) {
+            continue;
+        }
+        // One that lacks an image is dropped and counted by the process that would make it.
+        let is_whole = found.iter().all(has_fired);
+        let mut outputs = 0;
+        for topic in &batch.topics {
+            let mut own = found.iter().filter(|idx| **idx != GONE).map(|idx| {
+                let mut topics = sensors[*idx].topics.iter();
+                topics.find(|it| it.modality == topic.modality)
+            });
+            let may_make = own.all(|own| own.is_some_and(Topic::may_make));
+            if !may_make || !topic.is_read(Audience::Readers) {
+                continue;
+            }
+            outputs |= SceneFiring::output(topic.modality);
+            for idx in found.iter().filter(|_| is_whole) {
+                let mut topics = sensors[*idx].topics.iter_mut();
+                let own = topics.find(|it| it.modality == topic.modality);
+                own.into_iter().for_each(Topic::note_made);
+            }
+        }
+        if outputs != 0 {
+            away.push(SceneFiring::of_batch(batch.plan.number, worker, outputs));
+        }
+    }
+}
+
+/// Takes over which frames of batches are made, as the process decides that owns the world.
+pub(super) fn ask(batches: &mut [Batch], firings: &[SceneFiring]) {
+    for batch in batches {
+        let is_own = |firing: &&SceneFiring| firing.batch() == Some(batch.plan.number);
+        let outputs = firings.iter().find(is_own).map_or(0, |it| it.outputs);
+        for topic in &mut batch.topics {
+            topic.ask(outputs & SceneFiring::output(topic.modality) != 0);
+        }
     }
 }
 

@@ -207,9 +207,7 @@ fn refuse_what_does_not_fit(
     let now_nanos = mono_now().0;
     let mut held = Vec::new();
     for sensor in sensors.iter_mut() {
-        let mut of_sensor = batches
-            .iter()
-            .filter(|batch| batch.has(&sensor.rig.name, &sensor.name));
+        let mut of_sensor = batches.iter().filter(|batch| batch.has_camera(sensor));
         let is_read = sensor.topics.iter().any(|topic| topic.n_readers() > 0)
             || of_sensor.any(Batch::is_read);
         let modalities = sensor.modalities();

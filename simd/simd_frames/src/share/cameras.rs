@@ -1,12 +1,14 @@
-//! The list of cameras of a worker: all that it needs to open them.
+//! The list of cameras and batches of a worker: all that it needs to open them.
 
 use anyhow::{Context as _, bail};
-use launch_spec::TopicLimits;
+use launch_spec::{TopicBudget, TopicLimits};
+use schema_frames::Modality;
 use schema_types::{ActorId, Tick};
 use sensor_spec::SensorSpec;
 
 use super::bytes::{Reader, Writer};
 use super::exact;
+use crate::batch::BatchPlan;
 use crate::sensor::{Role, Sensor};
 use crate::topic::MemoryLife;
 
@@ -66,6 +68,8 @@ pub struct CameraList {
     pub version: u64,
     /// The cameras.
     pub cameras: Vec<Camera>,
+    /// The batches of cameras that are on the list.
+    pub batches: Vec<BatchPlan>,
 }
 
 impl CameraList {
@@ -100,19 +104,23 @@ impl CameraList {
             });
             to.put_len(camera.limits.len());
             for limits in &camera.limits {
-                let TopicLimits {
-                    readers,
-                    buffer,
-                    borrowed,
-                    gpu,
-                    gpu_readers,
-                } = *limits;
-                for limit in [readers, buffer, borrowed, gpu_readers] {
-                    to.put(limit.unwrap_or(u32::MAX));
-                }
-                to.put(u8::from(gpu));
+                put_limits(limits, &mut to);
             }
             to.put_all(&camera.hidden);
+        }
+        to.put_len(self.batches.len());
+        for batch in &self.batches {
+            to.put(batch.number);
+            to.put_text(&batch.name);
+            to.put_len(batch.cameras.len());
+            batch.cameras.iter().for_each(|name| to.put_text(name));
+            to.put_len(batch.topics.len());
+            for topic in &batch.topics {
+                to.put_text(&topic.topic);
+                to.put(topic.modality as u16);
+                to.put_len(topic.max_payload_bytes);
+                put_limits(&topic.limits, &mut to);
+            }
         }
         Ok(to.0)
     }
@@ -131,6 +139,7 @@ fn read(bytes: &[u8]) -> anyhow::Result<CameraList> {
     let mut list = CameraList {
         version: from.get()?,
         cameras: Vec::new(),
+        batches: Vec::new(),
     };
     for _ in 0..from.get_len()? {
         list.cameras.push(Camera {
@@ -155,24 +164,69 @@ fn read(bytes: &[u8]) -> anyhow::Result<CameraList> {
             limits: {
                 let mut limits = Vec::new();
                 for _ in 0..from.get_len()? {
-                    let [readers, buffer, borrowed, gpu_readers] = from
-                        .get::<[u32; 4]>()?
-                        .map(|limit| (limit != u32::MAX).then_some(limit));
-                    limits.push(TopicLimits {
-                        readers,
-                        buffer,
-                        borrowed,
-                        gpu: from.get::<u8>()? != 0,
-                        gpu_readers,
-                    });
+                    limits.push(limits_of(&mut from)?);
                 }
                 limits
             },
             hidden: from.get_all()?,
         });
     }
+    for _ in 0..from.get_len()? {
+        list.batches.push(batch_of(&mut from)?);
+    }
     from.end()?;
     Ok(list)
+}
+
+fn batch_of(from: &mut Reader<'_>) -> anyhow::Result<BatchPlan> {
+    let mut batch = BatchPlan {
+        number: from.get()?,
+        name: from.get_text()?,
+        cameras: Vec::new(),
+        topics: Vec::new(),
+    };
+    for _ in 0..from.get_len()? {
+        batch.cameras.push(from.get_text()?);
+    }
+    for _ in 0..from.get_len()? {
+        let topic = from.get_text()?;
+        let code = from.get()?;
+        batch.topics.push(TopicBudget {
+            topic,
+            modality: Modality::from_code(code)
+                .with_context(|| format!("modality {code} is not known"))?,
+            max_payload_bytes: from.get_len()?,
+            limits: limits_of(from)?,
+        });
+    }
+    Ok(batch)
+}
+
+fn put_limits(limits: &TopicLimits, to: &mut Writer) {
+    let TopicLimits {
+        readers,
+        buffer,
+        borrowed,
+        gpu,
+        gpu_readers,
+    } = *limits;
+    for limit in [readers, buffer, borrowed, gpu_readers] {
+        to.put(limit.unwrap_or(u32::MAX));
+    }
+    to.put(u8::from(gpu));
+}
+
+fn limits_of(from: &mut Reader<'_>) -> anyhow::Result<TopicLimits> {
+    let [readers, buffer, borrowed, gpu_readers] = from
+        .get::<[u32; 4]>()?
+        .map(|limit| (limit != u32::MAX).then_some(limit));
+    Ok(TopicLimits {
+        readers,
+        buffer,
+        borrowed,
+        gpu: from.get::<u8>()? != 0,
+        gpu_readers,
+    })
 }
 
 #[cfg(test)]
@@ -202,9 +256,24 @@ mod tests {
             }],
             hidden: vec![7],
         };
+        let batch = BatchPlan {
+            number: 3,
+            name: "fleet".into(),
+            cameras: vec!["ego/front".into(), "chaser/front".into()],
+            topics: vec![TopicBudget {
+                topic: "batch/fleet/flow".into(),
+                modality: Modality::Flow,
+                max_payload_bytes: 1 << 33,
+                limits: TopicLimits {
+                    gpu_readers: Some(1),
+                    ..TopicLimits::default()
+                },
+            }],
+        };
         let list = CameraList {
             version: 8,
             cameras: vec![camera],
+            batches: vec![batch],
         };
         let bytes = list.to_bytes().unwrap();
         assert_eq!(CameraList::from_bytes(&bytes).unwrap(), list);

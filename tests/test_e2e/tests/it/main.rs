@@ -1,6 +1,7 @@
 //! Tests of `test_e2e`: one program for all of them, so that it is linked once.
 
 mod a_watchdog;
+mod batch_workers;
 mod batches;
 mod book;
 mod bridge;

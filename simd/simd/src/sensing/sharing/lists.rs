@@ -42,15 +42,11 @@ pub fn shared(sensors: &Sensors) -> impl Iterator<Item = &Sensor> {
 }
 
 /// Whether a sensor's frames are made here whatever workers there are. Where there is a GPU for it, the
-/// spectator's are, and those of cameras of batches, whose images one process must make; and those of
-/// lidars that are not cast on the processor with the scenery of cameras.
+/// spectator's are; and those of lidars that are not cast on the processor with the scenery of cameras.
 pub fn stays_here(sensors: &Sensors, assets: &SceneAssets, sensor: &Sensor) -> bool {
     match sensor.model {
         Model::Lidar { .. } => sensors.options().lidars_on == Writer::Gpu || assets.streamed,
-        _ => {
-            let is_kept = sensor.role == Role::Spectator || sensor.is_batched;
-            is_kept && sensors.gpu().is_some()
-        }
+        _ => sensor.role == Role::Spectator && sensors.gpu().is_some(),
     }
 }
 

@@ -69,9 +69,12 @@ fn answer_to(
         Question::Cameras { worker } => {
             let own = sensors.sensors.iter();
             let own = own.filter(|sensor| sensor.maker == Maker::Worker(worker));
+            let batches = sensors.batches.iter();
+            let batches = batches.filter(|batch| batch.maker == Maker::Worker(worker));
             CameraList {
                 version: workers.cameras_version(),
                 cameras: own.map(Camera::of).collect(),
+                batches: batches.map(|batch| batch.plan.clone()).collect(),
             }
             .to_bytes()
         }
