@@ -50,6 +50,7 @@ impl Batch {
                 remembers: false,
                 is_told: false,
                 is_away: false,
+                is_cast: false,
                 vehicle_from_sensor: schema_types::Pose::IDENTITY,
             };
             Topic::open(
