@@ -92,6 +92,12 @@ pub fn scenario(
         let Some(first) = first_header(file.first_of(topic), modality)? else {
             continue;
         };
+        if first.lens_model() != 0 {
+            return Err(wrong_usage(format!(
+                "{name} has {}, images through a calibrated lens, and exports know pinhole cameras only; record the others alone with --topics",
+                topic.name
+            )));
+        }
         let place = place(file, &actors.actors, &topic.name, &first)?;
         found.push((
             Topic {

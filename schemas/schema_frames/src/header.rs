@@ -1,7 +1,7 @@
 //! The 256 bytes in front of every sensor frame.
 
 use bytemuck::{Pod, Zeroable};
-use schema_types::{Distortion, Pose};
+use schema_types::{Distortion, Lens, Pose};
 
 use crate::modality::{Modality, SensorKind};
 use crate::version::SCHEMA_VERSION;
@@ -67,8 +67,11 @@ pub struct FrameHeader {
     pub n_channels: u32,
     /// Images of a batch, one below the other; 0 in a frame of a single sensor.
     pub n_images: u32,
-    /// Zero.
-    pub reserved0: u32,
+    /// Bits 0 to 7: the lens's model, 0 without one: 1 `pinhole`, 2 `opencv`, 3 `unified`, 4
+    /// `kannala_brandt`, 5 `ftheta`, 6 `equidistant`, 7 `equisolid`, 8 `stereographic`, 9
+    /// `orthographic`, 10 `double_sphere`, 11 `table`. Bit 16: `depth` is the distance along the ray, not
+    /// along the optical axis.
+    pub optics: u32,
     /// Random number of the daemon's start. From here on nothing takes part in hashes.
     pub epoch: u64,
     /// `CLOCK_MONOTONIC` when the bytes were complete: the GPU's fence was signalled, or the CPU
@@ -84,10 +87,15 @@ pub struct FrameHeader {
     /// `GpuPlace`.
     pub payload_place: u32,
     /// The lens's [`Distortion`] `[k, k_cubed, size x, size y]`: at p (−0.5 to 0.5) is what a pinhole
-    /// has at p · (1 + k r² + k_cubed r³), r being the length of p · size. All 0 for a pinhole.
+    /// has at p · (1 + k r² + k_cubed r³), r being the length of p · size. All 0 for a pinhole; NaN if
+    /// `optics` names a model, which these four cannot say.
     pub lens: [f32; 4],
     /// Zero.
-    pub reserved1: [u8; 12],
+    pub reserved1: [u8; 8],
+    /// If `optics` names a model: the CRC-32 (IEEE 802.3) of width, height, model, fx, fy, shears of x
+    /// and y, cx, cy, the field's greatest angle in radians, and the model's own numbers in the order of
+    /// its keys (those left out at the end are not counted), each an `f64`; else 0.
+    pub calibration_crc: u32,
 }
 const _: () = assert!(size_of::<FrameHeader>() == 256 && align_of::<FrameHeader>() == 64);
 const _: () = assert!(std::mem::offset_of!(FrameHeader, world_from_sensor) == 80);
@@ -101,6 +109,8 @@ impl FrameHeader {
     /// Flag: published by a sealed world; `world_from_sensor` is the sensor's mount on its vehicle,
     /// and numbers and classes of objects are blank.
     pub const SEALED: u32 = 4;
+    /// Bit of `optics`: `depth` is the distance along the ray, not along the optical axis.
+    pub const DEPTH_ALONG_RAY: u32 = 1 << 16;
     /// `payload_place` of a frame whose payload is in its sample.
     pub const IN_SAMPLE: u32 = 0;
     /// `payload_place` of a frame whose payload is on the GPU.
@@ -161,6 +171,26 @@ impl FrameHeader {
     /// Sets the shape of a list of `n_elements` and its payload size.
     pub fn set_list(&mut self, n_elements: u32) {
         self.set_image(n_elements, 1);
+    }
+
+    /// Number of the lens's model; 0 without one, and then `intrinsics_px` and `lens` say what its
+    /// pixels show.
+    pub fn lens_model(&self) -> u8 {
+        self.optics as u8
+    }
+
+    /// `calibration_crc` of a lens and the size of its images.
+    pub fn crc_of(lens: &Lens, size_px: [u32; 2]) -> u32 {
+        let plane = lens.plane();
+        let mut crc = crc32fast::Hasher::new();
+        let mut add = |number: f64| crc.update(&number.to_le_bytes());
+        size_px.iter().for_each(|side| add(f64::from(*side)));
+        add(f64::from(lens.model().number()));
+        let of_plane = [plane.focal_px, plane.shear_px, plane.centre_px];
+        of_plane.iter().flatten().for_each(|it| add(*it));
+        add(lens.max_angle_rad());
+        lens.model().numbers().iter().for_each(|it| add(*it));
+        crc.finalize()
     }
 
     /// How the lens bends lines; `None` for a pinhole.

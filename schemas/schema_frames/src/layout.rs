@@ -73,8 +73,8 @@ layouts! {
         magic: u32, schema_version: u16, header_bytes: u16, sensor_id: u32, kind: u16, encoding: u16, tick: u64, sim_nanos: u64, seq: u64,
         episode: u32, flags: u32, payload_bytes: u64, width: u32, height: u32, row_stride: u32, element_bytes: u32, window_nanos: u64,
         world_from_sensor: Pose, intrinsics_px: [f64; 4], range_limit_m: f32, azimuth_rad: f32, parent_id: u32, n_channels: u32,
-        n_images: u32, reserved0: u32, epoch: u64, rendered_mono_nanos: u64, published_mono_nanos: u64, cpu_copies: u32, ticks_in_flight: u32,
-        payload_place: u32, lens: [f32; 4], reserved1: [u8; 12],
+        n_images: u32, optics: u32, epoch: u64, rendered_mono_nanos: u64, published_mono_nanos: u64, cpu_copies: u32, ticks_in_flight: u32,
+        payload_place: u32, lens: [f32; 4], reserved1: [u8; 8], calibration_crc: u32,
     }
     GpuPlace {
         producer: u64, generation: u64, offset_bytes: u64, memory_bytes: u64, capacity_bytes: u64, pid: u32, slot: u32, reserved: [u8; 16],

@@ -1,5 +1,5 @@
-//! Sensors that cast rays: lidar, semantic lidar, radar and obstacle detector, against the same
-//! triangles that cameras draw.
+//! Sensors that cast rays: lidar, semantic lidar, radar, obstacle detector, and what cameras with a
+//! lens see beside colour, against the same triangles that cameras draw.
 //!
 //! [`RayScene`] holds bounding-volume hierarchies on two levels. The lower level is built once per
 //! episode: one hierarchy per square of the scenery and one per mesh that can move. The upper level
@@ -10,7 +10,7 @@
 //!
 //! Modules in reading order: `bvh` (hierarchies of boxes; they know neither scenes nor rays),
 //! `ray_scene` (what rays can hit in one tick), `rays` (bundles, their walk, and what they hit),
-//! [`lidar`], [`radar`], `ball` (the obstacle detector's moving ball), `gpu` (lidars on the GPU).
+//! [`lidar`], `camera` (images of a camera with a lens), [`radar`], `ball` (the obstacle detector's moving ball), `gpu` (lidars on the GPU).
 //!
 //! ```
 //! use nalgebra::{Isometry3, Point3, Vector3};
@@ -39,6 +39,7 @@
 
 mod ball;
 mod bvh;
+mod camera;
 mod gpu;
 pub mod lidar;
 pub mod radar;
@@ -46,6 +47,7 @@ mod ray_scene;
 mod rays;
 
 pub use ball::{BallFilter, BallHit};
+pub use camera::{LabelImages, NEAR_M, RayCamera};
 pub use gpu::{GpuRayOptions, GpuRays, ScanJob, ScanOutcome, Scans, TooLarge};
 pub use lidar::{Lidar, SensorPath};
 pub use radar::RadarPose;

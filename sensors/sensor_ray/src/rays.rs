@@ -8,7 +8,7 @@ mod hit;
 mod outline;
 mod walk;
 
-pub(crate) use bundle::{Bundle, GROUP, GROUPS, Hits, RAYS};
+pub(crate) use bundle::{Bundle, GROUP, GROUPS, Hits, RAYS, Sides};
 pub(crate) use caster::{Caster, Stacks};
 pub use hit::Hit;
-pub(crate) use hit::{WorldRay, distances_m, surface};
+pub(crate) use hit::{WorldRay, distances_m, smooth_normal, surface};

@@ -1,11 +1,13 @@
 //! Settings of a camera: resolution, field of view, modalities.
 
 use schema_frames::Modality;
+use schema_types::Lens;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::check::{SpecError, check_range};
 use crate::dvs::DvsSpec;
 use crate::intrinsics::Intrinsics;
+use crate::lens::LensSpec;
 use crate::mount::MountSpec;
 use crate::optics::OpticsSpec;
 
@@ -24,8 +26,10 @@ pub struct CameraSpec {
     pub width_px: u32,
     /// Image height, pixels.
     pub height_px: u32,
-    /// Horizontal field of view, degrees.
+    /// Horizontal field of view, degrees; a lens of another model than `none` has its own.
     pub fov_deg: f64,
+    /// Which directions its pixels show.
+    pub lens: LensSpec,
     /// Modalities to publish.
     #[serde(serialize_with = "names", deserialize_with = "from_names")]
     pub modalities: Vec<Modality>,
@@ -43,6 +47,7 @@ impl Default for CameraSpec {
             width_px: 800,
             height_px: 600,
             fov_deg: 90.0,
+            lens: LensSpec::default(),
             modalities: vec![Modality::Rgb],
             optics: OpticsSpec::default(),
             dvs: DvsSpec::default(),
@@ -51,9 +56,18 @@ impl Default for CameraSpec {
 }
 
 impl CameraSpec {
-    /// Pinhole parameters.
+    /// Pinhole parameters; of a camera with a [`CameraSpec::lens`] only the size has a meaning.
     pub fn intrinsics(&self) -> Intrinsics {
         Intrinsics::from_fov(self.width_px, self.height_px, self.fov_deg.to_radians())
+    }
+
+    /// Its lens; `None` for the pinhole of its field of view, and for values that
+    /// [`crate::SensorSpec::check`] refuses.
+    pub fn lens(&self) -> Option<Lens> {
+        self.lens
+            .lens([self.width_px, self.height_px])
+            .ok()
+            .flatten()
     }
 
     /// Largest number of events in one frame of `dvs`.
@@ -72,6 +86,10 @@ impl CameraSpec {
             });
         }
         self.optics.check(errors);
+        self.lens.check([self.width_px, self.height_px], errors);
+        if self.lens.is_some() {
+            self.check_with_lens(errors);
+        }
         for (i, modality) in self.modalities.iter().enumerate() {
             if self.modalities[..i].contains(modality) {
                 errors.push(SpecError {
@@ -91,6 +109,35 @@ impl CameraSpec {
             });
         }
         self.dvs.check(errors);
+    }
+
+    /// What a camera with a lens does not have beside it.
+    fn check_with_lens(&self, errors: &mut Vec<SpecError>) {
+        let mut refuse = |key, value: String, allowed: &str| {
+            errors.push(SpecError {
+                key,
+                value,
+                allowed: allowed.into(),
+            });
+        };
+        if self.fov_deg != CameraSpec::default().fov_deg {
+            let allowed = "lens.model says the field of view; leave fov_deg out";
+            refuse("fov_deg", self.fov_deg.to_string(), allowed);
+        }
+        let optics = &self.optics;
+        if optics.distortion().is_some() {
+            let (key, value) = match optics.distortion_k == 0.0 {
+                true => ("optics.distortion_k_cubed", optics.distortion_k_cubed),
+                false => ("optics.distortion_k", optics.distortion_k),
+            };
+            let allowed = "lens.model bends the image already; leave it out";
+            refuse(key, value.to_string(), allowed);
+        }
+        let unseen = |it: &&Modality| matches!(it, Modality::Rgb | Modality::Flow | Modality::Dvs);
+        if let Some(modality) = self.modalities.iter().find(unseen) {
+            let allowed = "a camera with lens.model makes only depth, semantic, instance, normals; name these";
+            refuse("modalities", format!("{:?}", modality.name()), allowed);
+        }
     }
 }
 

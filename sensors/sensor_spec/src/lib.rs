@@ -5,8 +5,9 @@
 //! once: the key, the value found, and what is allowed.
 //!
 //! Modules in reading order: `check` ([`SpecError`]), `mount` (where a sensor sits), `intrinsics`
-//! (the pinhole camera) with `distortion`, `film` and `blur`, which `optics` joins, one per kind
-//! (`camera` with `optics` and `dvs`, `lidar`, `radar`, `imu`, `gnss`, `events`), and `sensor`
+//! (the pinhole camera) with `distortion`, `film` and `blur`, which `optics` joins, `lens` (which
+//! directions pixels show), one per kind (`camera` with `optics` and `dvs`, `lidar`, `radar`, `imu`,
+//! `gnss`, `events`), and `sensor`
 //! ([`SensorSpec`]).
 //!
 //! ```
@@ -33,6 +34,7 @@ mod film;
 mod gnss;
 mod imu;
 mod intrinsics;
+mod lens;
 mod lidar;
 mod mount;
 mod optics;
@@ -49,6 +51,7 @@ pub use film::{FilmCurve, FilmParts, FilmSpec};
 pub use gnss::{Datum, GnssSpec};
 pub use imu::ImuSpec;
 pub use intrinsics::Intrinsics;
+pub use lens::{LensKind, LensSpec, MAX_ANGLE_DEG};
 pub use lidar::{LidarScan, LidarSpec, MAX_CHANNELS, MAX_POINTS_PER_SECOND};
 pub use mount::{Attachment, MountSpec};
 pub use optics::{ExposureMode, ExposureSpec, OpticsSpec};

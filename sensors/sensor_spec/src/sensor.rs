@@ -109,6 +109,11 @@ impl SensorSpec {
         }
     }
 
+    /// Whether it is a camera whose lens has a model.
+    pub fn has_lens(&self) -> bool {
+        matches!(self, SensorSpec::Camera(camera) if camera.lens.is_some())
+    }
+
     /// Whether a frame of `modality` depends on whether the one before it was made: event cameras
     /// and automatic exposure begin anew after a pause.
     pub fn remembers(&self, modality: Modality) -> bool {

@@ -65,6 +65,7 @@ impl Batch {
                 remembers: false,
                 is_told: false,
                 is_away,
+                is_cast: false,
                 vehicle_from_sensor: schema_types::Pose::IDENTITY,
             };
             Topic::open(

@@ -4,6 +4,7 @@
 mod batches;
 mod cpu;
 mod in_flight;
+mod lens;
 mod lidar;
 mod rays;
 mod shot;
@@ -511,6 +512,13 @@ impl Sensors {
                     self.n_lidar_turns += u64::from(is_cast);
                     is_cast
                 }
+                Model::Lens(_) => lens::cast(
+                    &shot,
+                    sensor,
+                    &mut rays,
+                    self.gpu.as_ref(),
+                    &mut *self.may_send,
+                )?,
                 _ => cpu::fire(&shot, sensor, &mut rays, &mut self.painted),
             };
             if is_sent {
@@ -542,6 +550,7 @@ impl Sensors {
     /// A sentence that names what does not fit.
     pub fn admit(&self, spec: &SensorSpec) -> anyhow::Result<()> {
         if let Some(renderer) = &self.renderer
+            && !spec.has_lens()
             && let Model::View(view) = Model::new(spec, 0, 0, false)
         {
             renderer.admit(&view, &spec.modalities(), self.image_bytes(renderer))?;

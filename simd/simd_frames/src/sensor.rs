@@ -146,7 +146,9 @@ impl Sensor {
         } = identity;
         let mut topics = Vec::new();
         let is_camera = matches!(spec, SensorSpec::Camera(_));
-        let is_away = is_camera && (context.cameras_are_away || context.gpu.is_none());
+        // Rays need no GPU.
+        let is_cast = spec.has_lens();
+        let is_away = is_camera && !is_cast && (context.cameras_are_away || context.gpu.is_none());
         let tick_secs = context.period_nanos as f64 * 1e-9;
         let vehicle_from_sensor = match launch_rig {
             Some(launch_spec::Rig::Ego | launch_spec::Rig::Other(_)) => {
@@ -165,6 +167,7 @@ impl Sensor {
                 remembers: role == Role::Sensor && spec.remembers(modality),
                 is_told: context.is_told && !is_added,
                 is_away,
+                is_cast,
                 vehicle_from_sensor,
             };
             topics.push(Topic::open(
@@ -255,10 +258,11 @@ impl Sensor {
 
     /// Leaves actors out of its images from now on, and no others; `false` if it is no camera.
     pub fn hide(&mut self, actors: &[ActorId]) -> bool {
-        let Model::View(view) = &mut self.model else {
-            return false;
-        };
-        view.hide(actors.iter().copied());
+        match &mut self.model {
+            Model::View(view) => view.hide(actors.iter().copied()),
+            Model::Lens(camera) => camera.hide(actors),
+            _ => return false,
+        }
         self.hidden = actors.to_vec();
         true
     }

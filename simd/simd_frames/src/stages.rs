@@ -9,6 +9,8 @@ pub static RECORD: Stage = Stage::new("record");
 pub static READBACK: Stage = Stage::new("readback");
 /// Lidars on the thread that fires them.
 pub static LIDAR: Stage = Stage::new("lidar");
+/// Cameras with a lens, whose rays the processor casts.
+pub static LENS: Stage = Stage::new("lens");
 /// Other sensors that the processor makes.
 pub static OTHER_SENSORS: Stage = Stage::new("other sensors");
 /// Sending frames and waking who waits for them.

@@ -68,6 +68,8 @@ pub struct TopicSpec {
     pub is_told: bool,
     /// Whether another process writes its frames.
     pub is_away: bool,
+    /// Whether the processor casts the rays of its images.
+    pub is_cast: bool,
     /// Mount of its sensor, for sealed headers.
     pub vehicle_from_sensor: Pose,
 }
@@ -166,6 +168,7 @@ impl Topic {
             remembers,
             is_told,
             is_away,
+            is_cast,
             vehicle_from_sensor,
         } = spec;
         let seal = options.seal.as_ref().map(|seal| TopicSeal {
@@ -179,7 +182,10 @@ impl Topic {
             limits,
             frames_in_flight: options.frames_in_flight,
             transfer: options.transfer,
-            writer: Writer::of(modality, options.lidars_on),
+            writer: match is_cast {
+                true => Writer::Cpu,
+                false => Writer::of(modality, options.lidars_on),
+            },
             life,
             is_away,
         };

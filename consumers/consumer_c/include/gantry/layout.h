@@ -215,8 +215,8 @@ typedef struct gantry_frame_header {
     uint32_t n_channels;
     /* Images of a batch, one below the other; 0 in a frame of a single sensor. */
     uint32_t n_images;
-    /* Zero. */
-    uint32_t reserved0;
+    /* Bits 0 to 7: the lens's model, 0 without one: 1 pinhole, 2 opencv, 3 unified, 4 kannala_brandt, 5 ftheta, 6 equidistant, 7 equisolid, 8 stereographic, 9 orthographic, 10 double_sphere, 11 table. Bit 16: depth is the distance along the ray, not along the optical axis. */
+    uint32_t optics;
     /* Random number of the daemon's start. From here on nothing takes part in hashes. */
     uint64_t epoch;
     /* CLOCK_MONOTONIC when the bytes were complete: the GPU's fence was signalled, or the CPU was done. */
@@ -229,10 +229,12 @@ typedef struct gantry_frame_header {
     uint32_t ticks_in_flight;
     /* 0: the payload is in this sample. 1: it is on the GPU, and the sample holds a GpuPlace. */
     uint32_t payload_place;
-    /* The lens's Distortion [k, k_cubed, size x, size y]: at p (−0.5 to 0.5) is what a pinhole has at p · (1 + k r² + k_cubed r³), r being the length of p · size. All 0 for a pinhole. */
+    /* The lens's Distortion [k, k_cubed, size x, size y]: at p (−0.5 to 0.5) is what a pinhole has at p · (1 + k r² + k_cubed r³), r being the length of p · size. All 0 for a pinhole; NaN if optics names a model, which these four cannot say. */
     float lens[4];
     /* Zero. */
-    uint8_t reserved1[12];
+    uint8_t reserved1[8];
+    /* If optics names a model: the CRC-32 (IEEE 802.3) of width, height, model, fx, fy, shears of x and y, cx, cy, the field's greatest angle in radians, and the model's own numbers in the order of its keys (those left out at the end are not counted), each an f64; else 0. */
+    uint32_t calibration_crc;
 } gantry_frame_header;
 GANTRY_CHECK(sizeof(gantry_frame_header) == 256, "gantry_frame_header has another size");
 GANTRY_CHECK(offsetof(gantry_frame_header, magic) == 0, "gantry_frame_header.magic is elsewhere");
@@ -259,7 +261,7 @@ GANTRY_CHECK(offsetof(gantry_frame_header, azimuth_rad) == 172, "gantry_frame_he
 GANTRY_CHECK(offsetof(gantry_frame_header, parent_id) == 176, "gantry_frame_header.parent_id is elsewhere");
 GANTRY_CHECK(offsetof(gantry_frame_header, n_channels) == 180, "gantry_frame_header.n_channels is elsewhere");
 GANTRY_CHECK(offsetof(gantry_frame_header, n_images) == 184, "gantry_frame_header.n_images is elsewhere");
-GANTRY_CHECK(offsetof(gantry_frame_header, reserved0) == 188, "gantry_frame_header.reserved0 is elsewhere");
+GANTRY_CHECK(offsetof(gantry_frame_header, optics) == 188, "gantry_frame_header.optics is elsewhere");
 GANTRY_CHECK(offsetof(gantry_frame_header, epoch) == 192, "gantry_frame_header.epoch is elsewhere");
 GANTRY_CHECK(offsetof(gantry_frame_header, rendered_mono_nanos) == 200, "gantry_frame_header.rendered_mono_nanos is elsewhere");
 GANTRY_CHECK(offsetof(gantry_frame_header, published_mono_nanos) == 208, "gantry_frame_header.published_mono_nanos is elsewhere");
@@ -268,6 +270,7 @@ GANTRY_CHECK(offsetof(gantry_frame_header, ticks_in_flight) == 220, "gantry_fram
 GANTRY_CHECK(offsetof(gantry_frame_header, payload_place) == 224, "gantry_frame_header.payload_place is elsewhere");
 GANTRY_CHECK(offsetof(gantry_frame_header, lens) == 228, "gantry_frame_header.lens is elsewhere");
 GANTRY_CHECK(offsetof(gantry_frame_header, reserved1) == 244, "gantry_frame_header.reserved1 is elsewhere");
+GANTRY_CHECK(offsetof(gantry_frame_header, calibration_crc) == 252, "gantry_frame_header.calibration_crc is elsewhere");
 
 typedef struct gantry_dvs_event {
     /* Nanoseconds since the frame's window began (sim_nanos − window_nanos). */

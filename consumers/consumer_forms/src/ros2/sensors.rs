@@ -114,6 +114,7 @@ pub fn compressed_image(
 }
 
 /// Writes `sensor_msgs/CameraInfo` of an image of `size_px`, which a list of events does not carry.
+/// That of a lens with a model says that there is no calibration: its numbers are not in headers.
 pub fn camera_info(out: &mut Writer, of: &FrameHeader, size_px: (u32, u32), frame_id: &str) {
     let [fx, fy, cx, cy] = of.intrinsics_px;
     // ROS 2 counts from the middle of the first pixel.
@@ -121,17 +122,24 @@ pub fn camera_info(out: &mut Writer, of: &FrameHeader, size_px: (u32, u32), fram
     begin(out, of.sim_nanos, frame_id)
         .u32(size_px.1)
         .u32(size_px.0);
-    match of.distortion() {
-        None => out.text("plumb_bob").u32(5).f64s(&[0.0; 5]),
-        // CARLA's lens is none of those that ROS 2 has a name for.
-        Some(lens) => out
-            .text("carla")
-            .u32(4)
-            .f64s(&lens.as_array().map(f64::from)),
-    };
-    out.f64s(&[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
-        .f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
-        .f64s(&[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    // ROS 2 says by zeros that a camera has no calibration.
+    if of.lens_model() != 0 {
+        out.text("").u32(0).f64s(&[0.0; 9]);
+        out.f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+            .f64s(&[0.0; 12]);
+    } else {
+        match of.distortion() {
+            None => out.text("plumb_bob").u32(5).f64s(&[0.0; 5]),
+            // CARLA's lens is none of those that ROS 2 has a name for.
+            Some(lens) => out
+                .text("carla")
+                .u32(4)
+                .f64s(&lens.as_array().map(f64::from)),
+        };
+        out.f64s(&[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
+            .f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+            .f64s(&[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    }
     // Binning by two numbers, the region of interest by four: all of the image.
     for _ in 0..6 {
         out.u32(0);

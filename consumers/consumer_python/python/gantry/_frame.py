@@ -54,6 +54,8 @@ class Header(NamedTuple):
     parent_id: int
     n_channels: int
     n_images: int
+    #: Bits 0 to 7: number of the lens's model, 0 without one; bit 16: depth is the distance along the ray.
+    optics: int
     epoch: int
     rendered_mono_nanos: int
     published_mono_nanos: int
@@ -61,13 +63,15 @@ class Header(NamedTuple):
     ticks_in_flight: int
     payload_place: int
     lens: tuple[float, float, float, float]
+    #: CRC-32 of the lens that `optics` names; 0 without one.
+    calibration_crc: int
 
     @classmethod
     def from_bytes(cls, data: Any) -> Header:
         """Reads 256 bytes from any buffer, whatever they are; frames were checked before."""
         numbers: tuple[Any, ...] = _UNPACK_HEADER(data)
         pose = Pose(numbers[17:20], numbers[20:24])
-        return cls._make((*numbers[:17], pose, numbers[24:28], *numbers[28:-4], numbers[-4:]))
+        return cls._make((*numbers[:17], pose, numbers[24:28], *numbers[28:-5], numbers[-5:-1], numbers[-1]))
 
     @property
     def modality(self) -> str:

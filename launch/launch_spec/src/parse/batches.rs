@@ -194,6 +194,12 @@ impl Wrong<'_> {
             );
             return;
         }
+        if let Some(bent) = cameras.iter().find(|camera| camera.spec.lens.is_some()) {
+            errors.push(
+                self.cameras,
+                format!("{path} has {:?}, whose lens has a model; frames of batches are of pinhole cameras, so remove it", bent.name),
+            );
+        }
         let rate = |camera: &Camera<'_>| camera.spec.rate_hz;
         if let Some(other) = cameras.iter().find(|camera| rate(camera) != rate(first)) {
             errors.push(

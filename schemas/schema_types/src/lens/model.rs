@@ -60,6 +60,49 @@ pub enum LensModel {
     },
 }
 
+impl LensModel {
+    /// Its number in headers of frames; 0 is that of no model.
+    pub fn number(&self) -> u8 {
+        match self {
+            LensModel::Pinhole {} => 1,
+            LensModel::OpenCv { .. } => 2,
+            LensModel::Unified { .. } => 3,
+            LensModel::KannalaBrandt { .. } => 4,
+            LensModel::FTheta { .. } => 5,
+            LensModel::Equidistant {} => 6,
+            LensModel::Equisolid {} => 7,
+            LensModel::Stereographic {} => 8,
+            LensModel::Orthographic {} => 9,
+            LensModel::DoubleSphere { .. } => 10,
+            LensModel::Table { .. } => 11,
+        }
+    }
+
+    /// Its own numbers, in the order of its fields; an f-theta polynomial's direction is 0 from
+    /// distances, 1 from angles.
+    pub fn numbers(&self) -> Vec<f64> {
+        match self {
+            LensModel::OpenCv { coefficients } => coefficients.clone(),
+            LensModel::Unified {
+                mirror,
+                coefficients,
+            } => [&[*mirror], &coefficients[..]].concat(),
+            LensModel::KannalaBrandt { coefficients } => coefficients.to_vec(),
+            LensModel::FTheta {
+                direction,
+                polynomial,
+            } => [&[f64::from(*direction as u8)], &polynomial[..]].concat(),
+            LensModel::DoubleSphere { xi, alpha } => vec![*xi, *alpha],
+            LensModel::Table { angles_rad, radii } => [&angles_rad[..], radii].concat(),
+            LensModel::Pinhole {}
+            | LensModel::Equidistant {}
+            | LensModel::Equisolid {}
+            | LensModel::Stereographic {}
+            | LensModel::Orthographic {} => Vec::new(),
+        }
+    }
+}
+
 /// What an f-theta polynomial takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -122,6 +122,15 @@ impl Bundle {
     }
 }
 
+/// Which sides of triangles rays hit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Sides {
+    /// Both, as light does.
+    Both,
+    /// The front, from which the corners are counter-clockwise, as cameras draw.
+    Front,
+}
+
 /// What the rays of a bundle have hit so far.
 #[derive(Clone, Debug)]
 pub(crate) struct Hits {
@@ -137,6 +146,8 @@ pub(crate) struct Hits {
     pub group_depth: [f32; GROUPS],
     /// Largest depth of all.
     pub farthest: f32,
+    /// Which sides count.
+    pub sides: Sides,
 }
 
 impl Hits {
@@ -158,6 +169,7 @@ impl Hits {
             place: [[NOWHERE; GROUP]; GROUPS],
             group_depth: [-1.0; GROUPS],
             farthest: -1.0,
+            sides: Sides::Both,
         }
     }
 

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use schema_types::ActorId;
 use sensor_core::vector_lanes::in_lanes;
 
-use super::bundle::{Bundle, Hits};
+use super::bundle::{Bundle, Hits, Sides};
 use super::caster::{Caster, OneBundle, Stacks};
 use super::hit::{Hit, WorldRay, surface};
 use crate::ray_scene::RayScene;
@@ -32,6 +32,27 @@ impl RayScene {
         max_m: f64,
         ignored: Option<ActorId>,
     ) -> Option<Hit> {
+        self.cast_sides(origin_m, direction, max_m, ignored, Sides::Both)
+    }
+
+    /// As [`RayScene::cast`], but only the fronts of triangles count.
+    pub(crate) fn cast_fronts(
+        &self,
+        origin_m: &Point3<f64>,
+        direction: &Vector3<f64>,
+        max_m: f64,
+    ) -> Option<Hit> {
+        self.cast_sides(origin_m, direction, max_m, None, Sides::Front)
+    }
+
+    fn cast_sides(
+        &self,
+        origin_m: &Point3<f64>,
+        direction: &Vector3<f64>,
+        max_m: f64,
+        ignored: Option<ActorId>,
+        sides: Sides,
+    ) -> Option<Hit> {
         let mut caster = Caster {
             scene: self,
             ignored,
@@ -40,6 +61,7 @@ impl RayScene {
         };
         let bundle = Bundle::new(&[Some(*direction)])?;
         let mut hits = Hits::new(&bundle, max_m);
+        hits.sides = sides;
         in_lanes(OneBundle {
             caster: &mut caster,
             origin_m,

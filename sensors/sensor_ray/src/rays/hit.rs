@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use schema_types::{Class, ObjectId};
 
 use super::bundle::{Bundle, GROUP, Hits, NOWHERE};
-use crate::ray_scene::{Moment, RayScene};
+use crate::ray_scene::{Moment, Placed, RayScene};
 
 /// What a ray hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,6 +21,8 @@ pub struct Hit {
     pub material: u8,
     /// Velocity of what was hit (of its mesh's origin), m/s; zero for scenery.
     pub velocity_in_world_mps: Vector3<f64>,
+    /// Place and slot of the triangle, as [`Hits`] has them.
+    pub(crate) triangle: [u32; 2],
 }
 
 impl Hit {
@@ -129,19 +131,7 @@ fn resolve(scene: &RayScene, place: u32, slot: u32, found_m: f64, ray: &WorldRay
         direction,
         moment,
     } = *ray;
-    let (placed, triangle) = match scene.scenery.tiles.get(place as usize) {
-        Some(tile) => {
-            let (instance, triangle) = tile.sources[tile.tree.number(slot) as usize];
-            (&scene.scenery.statics[instance as usize], triangle)
-        }
-        None => {
-            let placed = &scene.dynamics[place as usize - scene.scenery.tiles.len()];
-            let tree = scene.mesh_trees[placed.mesh_idx as usize]
-                .as_ref()
-                .expect("what was hit has a hierarchy");
-            (placed, tree.number(slot))
-        }
-    };
+    let (placed, triangle) = triangle_of(scene, place, slot);
     let mesh = &scene.scenery.meshes[placed.mesh_idx as usize];
     let vertices = mesh.triangle(triangle as usize);
     let [v0, v1, v2] = vertices.map(|vertex| Point3::from(vertex.position_m.map(f64::from)));
@@ -180,6 +170,53 @@ fn resolve(scene: &RayScene, place: u32, slot: u32, found_m: f64, ray: &WorldRay
         object: placed.object_of(ObjectId(first.object_id)),
         material: first.material,
         velocity_in_world_mps: placed.velocity_in_world_mps,
+        triangle: [place, slot],
+    }
+}
+
+/// The normal of what a ray at the tick hit, as it is drawn: between those of a round surface's
+/// corners, else that of the triangle.
+pub(crate) fn smooth_normal(scene: &RayScene, hit: &Hit, ray: &WorldRay<'_>) -> Vector3<f64> {
+    let [place, slot] = hit.triangle;
+    let (placed, triangle) = triangle_of(scene, place, slot);
+    let mesh = &scene.scenery.meshes[placed.mesh_idx as usize];
+    let vertices = mesh.triangle(triangle as usize);
+    let [a, b, c] = vertices.map(|vertex| vertex.normal);
+    if a == b && a == c {
+        return hit.normal_in_world;
+    }
+    let [v0, v1, v2] = vertices.map(|vertex| Point3::from(vertex.position_m.map(f64::from)));
+    let at = placed.mesh_from_world * (ray.origin_m + ray.direction * hit.distance_m);
+    let (ab, ac, from) = (v1 - v0, v2 - v0, at - v0);
+    let across = ab.cross(&ac);
+    let area = across.norm_squared();
+    let share = [
+        from.cross(&ac).dot(&across) / area,
+        ab.cross(&from).dot(&across) / area,
+    ];
+    let unit = |n: [i8; 4]| Vector3::new(n[0], n[1], n[2]).cast::<f64>().normalize();
+    let normal = unit(a) * (1.0 - share[0] - share[1]) + unit(b) * share[0] + unit(c) * share[1];
+    let normal = placed
+        .mesh_from_world
+        .rotation
+        .inverse_transform_vector(&normal);
+    normal.try_normalize(1e-9).unwrap_or(hit.normal_in_world)
+}
+
+/// The instance that a hit is on, and the number of its mesh's triangle.
+fn triangle_of(scene: &RayScene, place: u32, slot: u32) -> (&Placed, u32) {
+    match scene.scenery.tiles.get(place as usize) {
+        Some(tile) => {
+            let (instance, triangle) = tile.sources[tile.tree.number(slot) as usize];
+            (&scene.scenery.statics[instance as usize], triangle)
+        }
+        None => {
+            let placed = &scene.dynamics[place as usize - scene.scenery.tiles.len()];
+            let tree = scene.mesh_trees[placed.mesh_idx as usize]
+                .as_ref()
+                .expect("what was hit has a hierarchy");
+            (placed, tree.number(slot))
+        }
     }
 }
 

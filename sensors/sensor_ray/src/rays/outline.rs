@@ -3,7 +3,7 @@
 
 use sensor_core::vector_lanes::Lanes;
 
-use super::bundle::{Bundle, GROUPS, Hits};
+use super::bundle::{Bundle, GROUPS, Hits, Sides};
 use super::walk::{BundleAxes, Leaves, Stack, dot, splat3, walk};
 use crate::bvh::{Block, TriangleTree, WIDTH};
 
@@ -255,6 +255,11 @@ impl Outlines {
             splat3(&of(&self.edge[2])),
         ];
         let depth: [L; 3] = splat3(&of(&self.depth));
+        // Of a triangle that shows its front all weights are negative.
+        let most = L::splat(match hits.sides {
+            Sides::Both => f32::INFINITY,
+            Sides::Front => f32::NEG_INFINITY,
+        });
         while groups != 0 {
             let group = groups.trailing_zeros() as usize % GROUPS;
             groups &= groups - 1;
@@ -272,7 +277,7 @@ impl Outlines {
                 weight[0].min(weight[1]).min(weight[2]),
                 weight[0].max(weight[1]).max(weight[2]),
             );
-            let inside = L::or(zero.le(low), high.le(zero));
+            let inside = L::or(zero.le(low.min(most)), high.le(zero));
             if L::bits(inside) == 0 {
                 continue;
             }

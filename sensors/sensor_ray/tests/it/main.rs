@@ -1,6 +1,7 @@
 //! Tests of `sensor_ray`: one program for all of them, so that it is linked once.
 
 mod bundles;
+mod camera;
 mod carla_lidar;
 mod common;
 mod gpu_lidar;

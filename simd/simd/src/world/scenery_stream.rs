@@ -142,6 +142,7 @@ fn reach_of(sensor: &Sensor, is_read: bool) -> Option<(bool, f64)> {
     match &sensor.model {
         _ if !is_read => None,
         Model::View(_) => Some((true, VIEW_REACH_M)),
+        Model::Lens(_) => Some((false, VIEW_REACH_M)),
         model if model.casts_rays() => Some((false, RAY_REACH_M)),
         _ => None,
     }

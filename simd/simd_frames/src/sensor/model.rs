@@ -1,11 +1,12 @@
 //! What a sensor remembers between firings.
 
 use nalgebra::Isometry3;
-use schema_frames::RadarDetection;
+use schema_frames::{FrameHeader, RadarDetection};
+use schema_types::{ActorId, Lens};
 use sensor_camera::{View, ViewSpec};
 use sensor_core::imu::{ImuState, STANDARD_GRAVITY_MPS2};
 use sensor_core::lane_marks::Corners;
-use sensor_ray::Lidar;
+use sensor_ray::{Lidar, RayCamera};
 use sensor_spec::SensorSpec;
 
 use crate::carrier::Carrier;
@@ -14,6 +15,8 @@ use crate::carrier::Carrier;
 pub enum Model {
     /// A view of the renderer.
     View(Box<View>),
+    /// A camera with a lens.
+    Lens(Box<LensCamera>),
     /// Lidar: its beam tables, and the pose at its previous firing for motion distortion.
     Lidar {
         /// Beams and memory of the last turn.
@@ -40,9 +43,47 @@ pub enum Model {
     },
 }
 
+/// A camera with a lens.
+pub struct LensCamera {
+    /// The direction of each pixel.
+    pub rays: RayCamera,
+    /// Width and height.
+    pub size_px: [u32; 2],
+    /// `optics` of its headers.
+    pub optics: u32,
+    /// `calibration_crc` of its headers.
+    pub calibration_crc: u32,
+    /// Actors that its images leave out, by rising id.
+    pub hidden: Vec<ActorId>,
+}
+
+impl LensCamera {
+    fn new(lens: &Lens, size_px: [u32; 2]) -> LensCamera {
+        LensCamera {
+            rays: RayCamera::new(lens, size_px),
+            size_px,
+            optics: u32::from(lens.model().number()) | FrameHeader::DEPTH_ALONG_RAY,
+            calibration_crc: FrameHeader::crc_of(lens, size_px),
+            hidden: Vec::new(),
+        }
+    }
+
+    /// Leaves these actors out of all images from now on, and no others.
+    pub fn hide(&mut self, actors: &[ActorId]) {
+        self.hidden = actors.to_vec();
+        self.hidden.sort_unstable();
+    }
+}
+
 impl Model {
     /// The model of a sensor that has seen nothing yet.
     pub fn new(spec: &SensorSpec, seed: u64, sensor_id: u32, shows_overlay: bool) -> Model {
+        if let SensorSpec::Camera(camera) = spec
+            && let Some(lens) = camera.lens()
+        {
+            let size_px = [camera.width_px, camera.height_px];
+            return Model::Lens(Box::new(LensCamera::new(&lens, size_px)));
+        }
         match spec {
             SensorSpec::Camera(camera) => Model::View(Box::new(View::of(ViewSpec {
                 intrinsics: camera.intrinsics(),
@@ -70,7 +111,7 @@ impl Model {
     pub fn casts_rays(&self) -> bool {
         matches!(
             self,
-            Model::Lidar { .. } | Model::Radar(_) | Model::Obstacle
+            Model::Lens(_) | Model::Lidar { .. } | Model::Radar(_) | Model::Obstacle
         )
     }
 
@@ -86,7 +127,7 @@ impl Model {
 
     /// Whether a frame of it takes much of a tick.
     pub fn is_costly(&self) -> bool {
-        matches!(self, Model::View(_) | Model::Lidar { .. })
+        matches!(self, Model::View(_) | Model::Lens(_) | Model::Lidar { .. })
     }
 
     /// Takes note of a tick, whether the sensor fires or not.
@@ -116,7 +157,8 @@ impl Model {
             }
             Model::Imu(state) => state.reset(),
             Model::LaneInvasion { corners } => *corners = None,
-            Model::Radar(_) | Model::Gnss | Model::Obstacle | Model::Collision => {}
+            Model::Lens(_) | Model::Radar(_) | Model::Gnss | Model::Obstacle | Model::Collision => {
+            }
         }
     }
 }

@@ -78,7 +78,7 @@ fn frame_value(frame: &Frame, n_elements: usize) -> Value {
         "sensor_id": header.sensor_id, "parent_id": header.parent_id, "flags": header.flags, "window_nanos": header.window_nanos,
         "width": header.width, "height": header.height, "n_images": header.n_images, "row_stride": header.row_stride, "payload_bytes": header.payload_bytes,
         "world_from_sensor": {"translation_m": pose.translation_m, "rotation_xyzw": pose.rotation_xyzw},
-        "intrinsics_px": header.intrinsics_px, "range_limit_m": header.range_limit_m, "n_channels": header.n_channels,
+        "intrinsics_px": header.intrinsics_px, "optics": header.optics, "calibration_crc": header.calibration_crc, "range_limit_m": header.range_limit_m, "n_channels": header.n_channels,
         "rendered_mono_nanos": header.rendered_mono_nanos, "published_mono_nanos": header.published_mono_nanos,
         "cpu_copies": header.cpu_copies, "ticks_in_flight": header.ticks_in_flight,
         "elements": elements(frame, n_elements),

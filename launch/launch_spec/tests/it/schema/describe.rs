@@ -6,7 +6,7 @@ use std::path::Path;
 use syn::{Attribute, Expr, Fields, Item, Lit, Meta, Type};
 
 /// Sources whose types a launch file is read into, from the root of the repository.
-const SOURCES: [&str; 18] = [
+const SOURCES: [&str; 19] = [
     "launch/launch_spec/src/batch.rs",
     "launch/launch_spec/src/model.rs",
     "launch/launch_spec/src/process.rs",
@@ -19,6 +19,7 @@ const SOURCES: [&str; 18] = [
     "sensors/sensor_spec/src/film.rs",
     "sensors/sensor_spec/src/gnss.rs",
     "sensors/sensor_spec/src/imu.rs",
+    "sensors/sensor_spec/src/lens.rs",
     "sensors/sensor_spec/src/lidar.rs",
     "sensors/sensor_spec/src/mount.rs",
     "sensors/sensor_spec/src/optics.rs",

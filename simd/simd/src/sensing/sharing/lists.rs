@@ -41,10 +41,12 @@ pub fn shared(sensors: &Sensors) -> impl Iterator<Item = &Sensor> {
     all.filter(|sensor| sensor.model.is_costly())
 }
 
-/// Whether a sensor's frames are made here whatever workers there are. Where there is a GPU for it, the
-/// spectator's are; and those of lidars that are not cast on the processor with the scenery of cameras.
+/// Whether a sensor's frames are made here whatever workers there are. Those of cameras with a lens
+/// are. Where there is a GPU for it, the spectator's are; and those of lidars that are not cast on the
+/// processor with the scenery of cameras.
 pub fn stays_here(sensors: &Sensors, assets: &SceneAssets, sensor: &Sensor) -> bool {
     match sensor.model {
+        Model::Lens(_) => true,
         Model::Lidar { .. } => sensors.options().lidars_on == Writer::Gpu || assets.streamed,
         _ => sensor.role == Role::Spectator && sensors.gpu().is_some(),
     }
