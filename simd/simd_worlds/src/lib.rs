@@ -1,4 +1,5 @@
-//! Many worlds in one process: members (a world with its task each) that step side by side, tasks, rewards; no GPU and no bus.
+//! Many worlds in one process, with tasks and rewards; no GPU and no bus. A member is a world with
+//! its task; all members step side by side.
 //!
 //! A [`Course`] is a [`Task`] in its town, prepared once and shared by all members. [`Worlds`] holds
 //! N of them: actions go in, and states, rewards, ends and figures come out as flat arrays, a row
