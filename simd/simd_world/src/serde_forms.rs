@@ -48,11 +48,10 @@ pub(crate) mod shared {
         T::serialize(value, serializer)
     }
 
-    pub(crate) fn deserialize<'de, T: ?Sized, D: Deserializer<'de>>(
-        deserializer: D,
-    ) -> Result<Arc<T>, D::Error>
+    pub(crate) fn deserialize<'de, T, D>(deserializer: D) -> Result<Arc<T>, D::Error>
     where
-        T: ToOwned<Owned: Deserialize<'de>>,
+        T: ?Sized + ToOwned<Owned: Deserialize<'de>>,
+        D: Deserializer<'de>,
         Arc<T>: From<T::Owned>,
     {
         T::Owned::deserialize(deserializer).map(Arc::from)

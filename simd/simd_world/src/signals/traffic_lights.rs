@@ -65,6 +65,9 @@ struct Group {
     in_stage_nanos: u64,
 }
 
+/// Light and number of every box, and where the boxes are.
+type BoxesByPlace = (Vec<(usize, usize)>, BoxGrid);
+
 /// All lights of a map.
 #[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct TrafficLights {
@@ -73,7 +76,7 @@ pub(crate) struct TrafficLights {
     groups: Vec<Group>,
     /// Boxes of all lights by place, made when they are first looked for.
     #[serde(skip)]
-    near: OnceLock<Arc<(Vec<(usize, usize)>, BoxGrid)>>,
+    near: OnceLock<Arc<BoxesByPlace>>,
 }
 
 /// What a checkpoint says of a light or a junction, and no map has.
@@ -388,7 +391,7 @@ impl TrafficLights {
     }
 
     /// Light and number of every box, and where the boxes are.
-    fn boxes_by_place(&self) -> (Vec<(usize, usize)>, BoxGrid) {
+    fn boxes_by_place(&self) -> BoxesByPlace {
         let owners: Vec<(usize, usize)> = (0..self.lights.len())
             .flat_map(|light| (0..self.lights[light].boxes.len()).map(move |b| (light, b)))
             .collect();
