@@ -3,6 +3,7 @@
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use schema_frames::ActorKind;
 use schema_frames::document::{ActorInfo, ActorList, BodyBox, Catalogue, TopicInfo};
@@ -53,18 +54,22 @@ fn text_bytes(role: &str, attributes: &BTreeMap<String, String>) -> usize {
 #[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Actors {
     /// Changed by `add` and `remove` alone, which keep the sum beside it.
-    pub by_id: BTreeMap<ActorId, Actor>,
+    /// Copies of a world share what is constant about an actor.
+    #[serde(with = "crate::serde_forms::shared_values")]
+    pub by_id: BTreeMap<ActorId, Arc<Actor>>,
     #[serde(skip)]
     text_bytes: usize,
 }
 
 impl Actors {
     pub fn get(&self, actor: ActorId) -> Result<&Actor, ActorError> {
-        self.by_id.get(&actor).ok_or(ActorError::Unknown(actor))
+        let found = self.by_id.get(&actor).map(Arc::as_ref);
+        found.ok_or(ActorError::Unknown(actor))
     }
 
     pub fn get_mut(&mut self, actor: ActorId) -> Result<&mut Actor, ActorError> {
-        self.by_id.get_mut(&actor).ok_or(ActorError::Unknown(actor))
+        let found = self.by_id.get_mut(&actor).map(Arc::make_mut);
+        found.ok_or(ActorError::Unknown(actor))
     }
 
     pub fn contains(&self, actor: ActorId) -> bool {
@@ -73,7 +78,7 @@ impl Actors {
 
     pub fn add(&mut self, actor: Actor) {
         self.text_bytes = self.text_bytes.saturating_add(actor.text_bytes());
-        if let Some(before) = self.by_id.insert(actor.id, actor) {
+        if let Some(before) = self.by_id.insert(actor.id, Arc::new(actor)) {
             self.text_bytes = self.text_bytes.saturating_sub(before.text_bytes());
         }
     }
@@ -86,7 +91,7 @@ impl Actors {
 
     /// Sums the texts up anew, after the actors were read from a checkpoint.
     pub fn recount(&mut self) {
-        let texts = self.by_id.values().map(Actor::text_bytes);
+        let texts = self.by_id.values().map(|actor| actor.text_bytes());
         self.text_bytes = texts.fold(0, usize::saturating_add);
     }
 
@@ -188,7 +193,7 @@ impl Actors {
             }
         };
         ActorList {
-            actors: self.by_id.values().map(info).collect(),
+            actors: self.by_id.values().map(|actor| info(actor)).collect(),
         }
     }
 }

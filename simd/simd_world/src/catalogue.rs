@@ -1,6 +1,7 @@
 //! The catalogue: what can be spawned, and what the map brings.
 
 use std::collections::BTreeMap;
+use std::sync::{Arc, LazyLock};
 
 use schema_frames::document::{BodyBox, Catalogue, CatalogueEntry};
 use schema_types::Class;
@@ -60,8 +61,14 @@ const NO_BOX: BodyBox = BodyBox {
     half_m: [0.0; 3],
 };
 
-/// The catalogue: vehicles in the order of [`vehicle_models`], walkers, props, then the rest.
-pub(crate) fn catalogue() -> Catalogue {
+/// The catalogue, which all worlds share.
+pub(crate) fn catalogue() -> Arc<Catalogue> {
+    static CATALOGUE: LazyLock<Arc<Catalogue>> = LazyLock::new(|| Arc::new(make()));
+    CATALOGUE.clone()
+}
+
+/// Vehicles in the order of [`vehicle_models`], walkers, props, then the rest.
+fn make() -> Catalogue {
     let vehicles = vehicle_models().iter().map(vehicles::catalogue_entry);
     let props = prop_models().iter().map(|model| model.catalogue_entry());
     let walkers = walker_models().iter().map(|model| model.catalogue_entry());
@@ -124,7 +131,7 @@ mod tests {
 
     #[test]
     fn ids_are_unique() {
-        let entries = catalogue().entries;
+        let entries = &catalogue().entries;
         for (i, entry) in entries.iter().enumerate() {
             assert!(
                 entries[..i]

@@ -27,9 +27,11 @@ use schema_types::ActorId;
 use schema_types::noise::mix;
 use serde::Serialize;
 
+use crate::actors::{Actor, Actors};
+use crate::booms::Booms;
 use crate::map_data::MapData;
 use crate::physics::engine_state;
-use crate::world::World;
+use crate::world::{World, WorldOptions};
 
 use error::VERSION;
 
@@ -236,15 +238,70 @@ impl World {
                 return Err(CheckpointError::ChangedMap(of.name.clone()));
             }
         }
-        let mut next = checkpoint.world.clone();
-        next.take_constants(self);
-        let gone = next.take_sensors(self);
-        next.actors.check().map_err(CheckpointError::NoRoom)?;
-        next.counts = next.counts.after_restore(self.counts);
-        *self = next;
-        self.meshes.find_light_heads(&self.map, &self.lights);
+        let mut merged = Merged::of(&checkpoint.world);
+        let gone = merged.take_sensors(self);
+        merged.actors.check().map_err(CheckpointError::NoRoom)?;
+        self.become_copy(&checkpoint.world, merged);
         self.actors_changed();
         Ok(gone)
+    }
+
+    /// Takes everything that changes from a world of the same map; its memory is used again, and
+    /// nothing is done that takes longer on a larger map. What follows from the map and the program
+    /// stays, and so do settings such as the length of a sub-step.
+    fn become_copy(&mut self, other: &World, merged: Merged) {
+        let World {
+            options,
+            map,
+            roads: _,
+            physics,
+            solids: _,
+            lights,
+            catalogue: _,
+            actors: _,
+            vehicles,
+            walkers,
+            props,
+            records,
+            booms: _,
+            meshes: _,
+            weather,
+            trigger_boxes,
+            posted: _,
+            friction,
+            collisions,
+            counts,
+            spectator,
+            jumps,
+            scenery,
+        } = other;
+        self.options = WorldOptions {
+            physics_substep_secs: self.options.physics_substep_secs,
+            ..*options
+        };
+        self.physics.clone_from(physics);
+        let hidden = self.scenery.hidden_objects();
+        if !Arc::ptr_eq(map, &self.map) || scenery.hidden_objects() != hidden {
+            self.physics.show_only(&self.map, hidden);
+        }
+        let has_same_lights = self.lights.has_actors_of(lights);
+        self.lights.clone_from(lights);
+        if !has_same_lights {
+            Arc::make_mut(&mut self.meshes).find_light_heads(&self.map, &self.lights);
+        }
+        self.actors = merged.actors;
+        self.booms = merged.booms;
+        self.vehicles.clone_from(vehicles);
+        self.walkers.clone_from(walkers);
+        self.props.clone_from(props);
+        self.records.clone_from(records);
+        self.weather = *weather;
+        self.trigger_boxes.clone_from(trigger_boxes);
+        self.friction.clone_from(friction);
+        self.collisions.clone_from(collisions);
+        self.counts = counts.after_restore(self.counts);
+        self.spectator = *spectator;
+        self.jumps.clone_from(jumps);
     }
 
     /// Takes over what a checkpoint does not contain: what follows from the map and the program,
@@ -260,30 +317,33 @@ impl World {
         self.physics
             .show_only(&self.map, self.scenery.hidden_objects());
     }
+}
+
+/// The actors of a checkpoint with the sensors of the living world.
+struct Merged {
+    actors: Actors,
+    booms: Booms,
+}
+
+impl Merged {
+    fn of(world: &World) -> Merged {
+        Merged {
+            actors: world.actors.clone(),
+            booms: world.booms.clone(),
+        }
+    }
 
     /// Replaces the sensors by those of `living`. Returns those without a place.
     fn take_sensors(&mut self, living: &World) -> Vec<ActorId> {
-        let is_sensor = |world: &World, id: &ActorId| {
-            world
-                .actors
-                .by_id
-                .get(id)
-                .is_some_and(|actor| actor.kind == ActorKind::Sensor)
+        let sensors = |actors: &Actors| -> BTreeSet<ActorId> {
+            let all = actors.by_id.values();
+            let sensors = all.filter(|actor| actor.kind == ActorKind::Sensor);
+            sensors.map(|actor| actor.id).collect()
         };
-        let alive: BTreeSet<ActorId> = living
-            .actors
-            .by_id
-            .keys()
-            .copied()
-            .filter(|id| is_sensor(living, id))
-            .collect();
-        let lost: Vec<ActorId> = self
-            .actors
-            .by_id
-            .keys()
-            .copied()
-            .filter(|id| is_sensor(self, id) && !alive.contains(id))
-            .collect();
+        let alive = sensors(&living.actors);
+        let lost = sensors(&self.actors)
+            .into_iter()
+            .filter(|id| !alive.contains(id));
         for id in lost {
             self.actors.remove(id);
             self.booms.by_id.remove(&id);
@@ -296,9 +356,11 @@ impl World {
                 .parent
                 .is_none_or(|parent| self.actors.contains(parent));
             match self.actors.by_id.get_mut(&id) {
-                Some(own) if own.kind == ActorKind::Sensor => own.topics = sensor.topics.clone(),
+                Some(own) if own.kind == ActorKind::Sensor => {
+                    Arc::make_mut(own).topics = sensor.topics.clone();
+                }
                 None if has_parent => {
-                    self.actors.add(sensor.clone());
+                    self.actors.add(Actor::clone(sensor));
                     self.booms
                         .by_id
                         .extend(living.booms.by_id.get(&id).map(|boom| (id, *boom)));

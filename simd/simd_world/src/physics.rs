@@ -68,6 +68,19 @@ impl Clone for Physics {
             contacts: ContactLog::default(),
         }
     }
+
+    fn clone_from(&mut self, source: &Self) {
+        let Physics {
+            engine,
+            origin_m,
+            still: _,
+            contacts: _,
+        } = source;
+        engine_state::copy_into(&mut self.engine, engine);
+        self.origin_m = *origin_m;
+        self.still.forget();
+        self.contacts.entries().clear();
+    }
 }
 
 impl Physics {

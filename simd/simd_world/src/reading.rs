@@ -124,7 +124,7 @@ impl World {
     /// Adds the meshes of every actor that may appear. Must be called once per episode, after the
     /// map's own meshes were added.
     pub fn register_meshes(&mut self, assets: &mut SceneAssets) {
-        self.meshes = ActorMeshes::register(assets, &self.map, &self.lights);
+        self.meshes = Arc::new(ActorMeshes::register(assets, &self.map, &self.lights));
     }
 
     /// Actors that a command put elsewhere before the last step although the engine moves them, and

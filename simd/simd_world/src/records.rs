@@ -60,7 +60,7 @@ struct Memory<'w> {
 }
 
 /// The records, by rising id.
-#[derive(Clone, Default, Serialize, Deserialize)]
+#[derive(Default, Serialize, Deserialize)]
 pub(crate) struct Records {
     #[serde(with = "crate::serde_forms::pods")]
     all: Vec<ActorRecord>,
@@ -69,6 +69,32 @@ pub(crate) struct Records {
     #[serde(skip)]
     previous: Vec<ActorRecord>,
     limits: BTreeMap<ActorId, SpeedLimit>,
+}
+
+/// A copy has no earlier records: nothing is read of them before they are replaced.
+impl Clone for Records {
+    fn clone(&self) -> Self {
+        let Records {
+            all,
+            previous: _,
+            limits,
+        } = self;
+        Records {
+            all: all.clone(),
+            previous: Vec::new(),
+            limits: limits.clone(),
+        }
+    }
+
+    fn clone_from(&mut self, source: &Self) {
+        let Records {
+            all,
+            previous: _,
+            limits,
+        } = source;
+        self.all.clone_from(all);
+        self.limits.clone_from(limits);
+    }
 }
 
 fn find(records: &[ActorRecord], actor: ActorId) -> Option<&ActorRecord> {
@@ -121,7 +147,11 @@ impl Records {
         let limits = &mut self.limits;
         let mut memory = Memory { limits, booms };
         for actor in seen.actors.by_id.values() {
-            let before = find(&self.previous, actor.id);
+            // Mostly nobody came or went, so a record has the place that it had.
+            let same_place = self.previous.get(self.all.len());
+            let before = same_place
+                .filter(|record| record.id == actor.id.0)
+                .or_else(|| find(&self.previous, actor.id));
             let record = seen.record(actor, &self.all, before, &mut memory, dt_secs);
             self.all.push(record);
         }
@@ -211,6 +241,14 @@ impl Observed<'_> {
     /// Parents have smaller ids than what is attached to them, so their records are made already.
     fn motion(&self, actor: &Actor, made: &[ActorRecord]) -> OriginMotion {
         let is_attached = actor.parent.is_some();
+        // A town has hundreds of these.
+        if matches!(actor.kind, ActorKind::TrafficLight | ActorKind::TrafficSign) {
+            return OriginMotion {
+                pose: actor.pose,
+                velocity: Vector3::zeros(),
+                spin: Vector3::zeros(),
+            };
+        }
         let vehicle = self.vehicles.get(actor.id);
         // An attached body rides along until its physics is switched on.
         if let Some(vehicle) = vehicle.filter(|it| it.switches.simulated || !is_attached) {

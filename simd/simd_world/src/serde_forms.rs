@@ -1,6 +1,8 @@
 //! How checkpoints write types of other crates that do not know serde: used with `#[serde(with =
 //! "crate::serde_forms::…")]`.
 
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Vector3};
 use schema_roads::walkable::stroll::Stroll;
 use schema_types::Pose;
@@ -33,6 +35,53 @@ pub(crate) struct StrollForm {
     n_ways: u64,
     stuck_secs: f64,
     nearest_m: f64,
+}
+
+/// A value that copies of a world share, as if it were its own.
+pub(crate) mod shared {
+    use super::*;
+
+    pub(crate) fn serialize<T: ?Sized + Serialize, S: Serializer>(
+        value: &Arc<T>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        T::serialize(value, serializer)
+    }
+
+    pub(crate) fn deserialize<'de, T, D>(deserializer: D) -> Result<Arc<T>, D::Error>
+    where
+        T: ?Sized + ToOwned<Owned: Deserialize<'de>>,
+        D: Deserializer<'de>,
+        Arc<T>: From<T::Owned>,
+    {
+        T::Owned::deserialize(deserializer).map(Arc::from)
+    }
+}
+
+/// A map of such values.
+pub(crate) mod shared_values {
+    use std::collections::BTreeMap;
+
+    use super::*;
+
+    pub(crate) fn serialize<K: Serialize, V: Serialize, S: Serializer>(
+        map: &BTreeMap<K, Arc<V>>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(map.iter().map(|(key, value)| (key, &**value)))
+    }
+
+    pub(crate) fn deserialize<'de, K, V, D>(
+        deserializer: D,
+    ) -> Result<BTreeMap<K, Arc<V>>, D::Error>
+    where
+        K: Ord + Deserialize<'de>,
+        V: Deserialize<'de>,
+        D: Deserializer<'de>,
+    {
+        let map = BTreeMap::<K, V>::deserialize(deserializer)?;
+        Ok(map.into_iter().map(|(k, v)| (k, Arc::new(v))).collect())
+    }
 }
 
 /// A vector.

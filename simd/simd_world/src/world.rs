@@ -9,7 +9,7 @@ use schema_types::{ActorId, Pose};
 use serde::{Deserialize, Serialize};
 
 use crate::actor_scene::ActorMeshes;
-use crate::actors::{Actors, Counts};
+use crate::actors::{Actor, Actors, Counts};
 use crate::booms::Booms;
 use crate::catalogue::catalogue;
 use crate::errors::{ActorError, DestroyError, SpawnError};
@@ -74,7 +74,7 @@ pub struct World {
     pub(crate) solids: Solids,
     pub(crate) lights: TrafficLights,
     #[serde(skip)]
-    pub(crate) catalogue: Catalogue,
+    pub(crate) catalogue: Arc<Catalogue>,
     pub(crate) actors: Actors,
     pub(crate) vehicles: Vehicles,
     pub(crate) walkers: Walkers,
@@ -82,13 +82,14 @@ pub struct World {
     pub(crate) records: Records,
     pub(crate) booms: Booms,
     #[serde(skip)]
-    pub(crate) meshes: ActorMeshes,
+    pub(crate) meshes: Arc<ActorMeshes>,
     pub(crate) weather: WeatherInForce,
     /// Boxes of lights and signs on lanes, in the signals' own space.
-    pub(crate) trigger_boxes: BTreeMap<ActorId, BodyBox>,
+    #[serde(with = "crate::serde_forms::shared")]
+    pub(crate) trigger_boxes: Arc<BTreeMap<ActorId, BodyBox>>,
     /// Speed limits that signs post; empty where lanes say them.
     #[serde(skip)]
-    pub(crate) posted: PostedLimits,
+    pub(crate) posted: Arc<PostedLimits>,
     pub(crate) friction: FrictionAreas,
     pub(crate) collisions: Vec<Collision>,
     pub(crate) counts: Counts,
@@ -124,10 +125,10 @@ impl World {
             props: Props::default(),
             records: Records::default(),
             booms: Booms::default(),
-            meshes: ActorMeshes::default(),
+            meshes: Arc::default(),
             weather: WeatherInForce::default(),
-            trigger_boxes: BTreeMap::new(),
-            posted: PostedLimits::default(),
+            trigger_boxes: Arc::default(),
+            posted: Arc::default(),
             friction: FrictionAreas::default(),
             collisions: Vec::new(),
             counts: Counts::START,
@@ -160,7 +161,7 @@ impl World {
         self.friction = FrictionAreas::default();
         self.collisions.clear();
         self.records.forget_all();
-        self.meshes = ActorMeshes::default();
+        self.meshes = Arc::default();
         self.scenery = SceneryState::of(map);
         self.counts.episode += 1;
         self.add_map_actors();
@@ -190,11 +191,12 @@ impl World {
         );
         self.spectator = added.spectator;
         self.lights = added.lights;
-        self.trigger_boxes = added.trigger_boxes;
-        self.posted = match self.roads.as_deref() {
+        self.trigger_boxes = Arc::new(added.trigger_boxes);
+        let posted = match self.roads.as_deref() {
             Some(roads) if self.map.signs_post_limits => PostedLimits::of(roads),
             _ => PostedLimits::default(),
         };
+        self.posted = Arc::new(posted);
         self.actors_changed();
     }
 
@@ -238,7 +240,7 @@ impl World {
     /// Puts the bodies of attached vehicles and walkers, which have no physics of their own, where
     /// their records say.
     fn carry_riders(&mut self) {
-        let attached = |actor: &&crate::actors::Actor| actor.parent.is_some();
+        let attached = |actor: &&Arc<Actor>| actor.parent.is_some();
         for actor in self.actors.by_id.values().filter(attached) {
             let Some(record) = self.records.get(actor.id) else {
                 continue;

@@ -70,7 +70,7 @@ impl World {
         // These follow from the actors and the program, so they need not be believed.
         let spectator = living.actors.by_id.get(&living.spectator);
         let topics = spectator.map(|it| it.topics.clone());
-        if let Some(own) = self.actors.by_id.get_mut(&self.spectator) {
+        if let Ok(own) = self.actors.get_mut(self.spectator) {
             own.topics = topics.unwrap_or_default();
         }
         self.friction.refresh(&self.actors, &self.catalogue);

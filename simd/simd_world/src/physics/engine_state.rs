@@ -28,6 +28,36 @@ pub(crate) fn copy(engine: &PhysicsWorld) -> PhysicsWorld {
     }
 }
 
+/// Makes an engine a copy of another. Its pipelines and solvers stay, so that their memory is used
+/// again.
+pub(crate) fn copy_into(engine: &mut PhysicsWorld, other: &PhysicsWorld) {
+    let PhysicsWorld {
+        gravity,
+        integration_parameters,
+        physics_pipeline: _,
+        collision_pipeline: _,
+        islands,
+        broad_phase,
+        narrow_phase,
+        bodies,
+        colliders,
+        impulse_joints,
+        multibody_joints,
+        soft_bodies,
+        ccd_solver: _,
+    } = other;
+    engine.gravity = *gravity;
+    engine.integration_parameters = *integration_parameters;
+    engine.islands.clone_from(islands);
+    engine.broad_phase.clone_from(broad_phase);
+    engine.narrow_phase.clone_from(narrow_phase);
+    engine.bodies.clone_from(bodies);
+    engine.colliders.clone_from(colliders);
+    engine.impulse_joints.clone_from(impulse_joints);
+    engine.multibody_joints.clone_from(multibody_joints);
+    engine.soft_bodies.clone_from(soft_bodies);
+}
+
 /// Colliders whose shape comes with the map: only they are triangle meshes.
 fn geometry(engine: &PhysicsWorld) -> impl Iterator<Item = ColliderHandle> + '_ {
     engine

@@ -13,7 +13,7 @@ pub(crate) fn lamp_head_boxes(light: &TrafficLight, map: &MapData) -> Vec<PosedB
     let heads = map
         .lights
         .iter()
-        .find(|site| site.signal_id == light.signal_id)
+        .find(|site| *site.signal_id == *light.signal_id)
         .map_or(&[][..], |site| &site.heads);
     let corners = map
         .light_head

@@ -5,7 +5,7 @@
 //! Time is counted in whole nanoseconds, so a stage ends in exactly the tick that completes it.
 
 use std::collections::BTreeMap;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::Isometry3;
 use schema_frames::LightState;
@@ -27,7 +27,8 @@ const STAGE_SECS: (f64, f64) = (0.01, 1e5);
 #[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct TrafficLight {
     pub actor: ActorId,
-    pub signal_id: String,
+    #[serde(with = "crate::serde_forms::shared")]
+    pub signal_id: Arc<str>,
     pub state: LightState,
     pub in_state_nanos: u64,
     /// Index of its group.
@@ -35,7 +36,8 @@ pub(crate) struct TrafficLight {
     /// Index within its group.
     pub pole_idx: u32,
     /// Boxes before its stop lines; their x axis points along the lane.
-    boxes: Vec<StopBox>,
+    #[serde(with = "crate::serde_forms::shared")]
+    boxes: Arc<[StopBox]>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -48,7 +50,8 @@ enum Stage {
 /// One controller: lights that switch together, and for how long.
 #[derive(Clone, Serialize, Deserialize)]
 struct Turn {
-    lights: Vec<usize>,
+    #[serde(with = "crate::serde_forms::shared")]
+    lights: Arc<[usize]>,
     /// Lengths of the stages green, yellow, all red.
     stage_nanos: [u64; 3],
 }
@@ -62,6 +65,9 @@ struct Group {
     in_stage_nanos: u64,
 }
 
+/// Light and number of every box, and where the boxes are.
+type BoxesByPlace = (Vec<(usize, usize)>, BoxGrid);
+
 /// All lights of a map.
 #[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct TrafficLights {
@@ -70,7 +76,7 @@ pub(crate) struct TrafficLights {
     groups: Vec<Group>,
     /// Boxes of all lights by place, made when they are first looked for.
     #[serde(skip)]
-    near: OnceLock<(Vec<(usize, usize)>, BoxGrid)>,
+    near: OnceLock<Arc<BoxesByPlace>>,
 }
 
 /// What a checkpoint says of a light or a junction, and no map has.
@@ -176,7 +182,7 @@ impl TrafficLights {
                 .collect();
             all.lights.push(TrafficLight {
                 actor: next_actor(),
-                signal_id: signal.id.clone(),
+                signal_id: signal.id.as_str().into(),
                 state: LightState::Red,
                 in_state_nanos: 0,
                 group: 0,
@@ -204,8 +210,8 @@ impl TrafficLights {
             let mut pole_idx = 0;
             let mut turns = Vec::new();
             for signals in group.turns {
-                let lights: Vec<usize> = signals.iter().map(|signal| number_of[signal]).collect();
-                for light in &lights {
+                let lights: Arc<[usize]> = signals.iter().map(|signal| number_of[signal]).collect();
+                for light in lights.iter() {
                     self.lights[*light].group = group_idx;
                     self.lights[*light].pole_idx = pole_idx;
                     pole_idx = u32::saturating_add(pole_idx, 1);
@@ -254,7 +260,7 @@ impl TrafficLights {
                 Stage::Yellow if turn == group.turn => LightState::Yellow,
                 _ => LightState::Red,
             };
-            for i in lights {
+            for i in lights.iter() {
                 let light = &mut self.lights[*i];
                 if light.state != state {
                     light.state = state;
@@ -334,6 +340,12 @@ impl TrafficLights {
         false
     }
 
+    /// Whether the actors of its lights are those of `other`.
+    pub fn has_actors_of(&self, other: &TrafficLights) -> bool {
+        let actor = |light: &TrafficLight| light.actor;
+        (self.lights.iter().map(actor)).eq(other.lights.iter().map(actor))
+    }
+
     /// The light with this actor id.
     pub fn get(&self, actor: ActorId) -> Option<&TrafficLight> {
         self.idx_of(actor).map(|idx| &self.lights[idx])
@@ -361,7 +373,8 @@ impl TrafficLights {
         half_m: [f64; 3],
     ) -> Option<&TrafficLight> {
         let at = world_from_vehicle.translation.vector;
-        let (owners, grid) = self.near.get_or_init(|| self.boxes_by_place());
+        let near = self.near.get_or_init(|| Arc::new(self.boxes_by_place()));
+        let (owners, grid) = &**near;
         let mut best: Option<(f64, &TrafficLight)> = None;
         for number in grid.near(&at) {
             let (light, stop_box) = owners[number];
@@ -378,7 +391,7 @@ impl TrafficLights {
     }
 
     /// Light and number of every box, and where the boxes are.
-    fn boxes_by_place(&self) -> (Vec<(usize, usize)>, BoxGrid) {
+    fn boxes_by_place(&self) -> BoxesByPlace {
         let owners: Vec<(usize, usize)> = (0..self.lights.len())
             .flat_map(|light| (0..self.lights[light].boxes.len()).map(move |b| (light, b)))
             .collect();

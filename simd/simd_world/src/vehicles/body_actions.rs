@@ -42,7 +42,9 @@ pub(crate) fn act(
     match action {
         GetVehiclePhysics => {
             let data = vehicle?.physics.clone();
-            return Ok(Some(PhysicsAnswer::VehiclePhysics(data)));
+            return Ok(Some(PhysicsAnswer::VehiclePhysics(Box::new(
+                (*data).clone(),
+            ))));
         }
         GetAckermannGains => return Ok(Some(PhysicsAnswer::AckermannGains(vehicle?.gains))),
         GetTelemetry => {

@@ -8,6 +8,8 @@
 //! [`Vehicle`] holds the whole state: from a copy of it (or its serialised form) and of the
 //! engine's world, a run continues bit for bit.
 
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Vector3};
 use rapier3d::math::Vector;
 use rapier3d::prelude::*;
@@ -42,7 +44,9 @@ pub(crate) struct Vehicle {
     pub model: &'static VehicleModel,
     pub body: RigidBodyHandle,
     collider: ColliderHandle,
-    pub physics: Box<VehiclePhysics>,
+    /// Shared by copies of a world.
+    #[serde(with = "crate::serde_forms::shared")]
+    pub physics: Arc<VehiclePhysics>,
     pub powertrain: Powertrain,
     pub control: VehicleControl,
     pub ackermann: Option<Ackermann>,
@@ -120,7 +124,7 @@ impl Vehicle {
                 .into_iter()
                 .map(Wheel::new)
                 .collect(),
-            physics: Box::new(data),
+            physics: Arc::new(data),
             powertrain: Powertrain::new(&model.engine),
             control: VehicleControl::default(),
             ackermann: None,
@@ -170,7 +174,7 @@ impl Vehicle {
             .clamp(-1, data.forward_gears.len() as i32);
         self.powertrain = Powertrain::new(&self.model.engine);
         self.powertrain.gear = gear;
-        *self.physics = data;
+        self.physics = Arc::new(data);
     }
 
     /// Sets pedals and steering; ends an Ackermann control.

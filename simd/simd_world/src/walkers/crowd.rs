@@ -86,7 +86,7 @@ impl Crowd {
         let is_red = |id: &str| {
             let lights = around.lights.lights.iter();
             lights
-                .filter(|light| light.signal_id == id)
+                .filter(|light| *light.signal_id == *id)
                 .all(|light| light.state == LightState::Red)
         };
         let view = StrollView {

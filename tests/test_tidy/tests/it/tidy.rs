@@ -32,6 +32,8 @@ fn allowed(from: &str, to: &str) -> bool {
         ("simd_frames" | "simd_render", _) => matches!(district(to).as_str(), "schema" | "sensor"),
         ("simd_body", "sensor_core") | ("simd_town", "sensor_core" | "simd_body") => true,
         ("simd_world", "sensor_core" | "simd_body" | "simd_town") => true,
+        // Many worlds know neither sensors nor a bus.
+        ("simd_worlds", "simd_town" | "simd_world") => true,
         ("simd", _) => matches!(district(to).as_str(), "schema" | "sensor" | "simd"),
         ("schema_types", _) => false,
         ("schema_bus", "schema_types" | "schema_frames") => true,
