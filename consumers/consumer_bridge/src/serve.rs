@@ -6,22 +6,19 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-use bytemuck::pod_collect_to_vec;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
 use parking_lot::Mutex;
 use schema_bus::{AckWriter, Bus, BusError, CommandClient, ControlWriter, Notifier, names};
-use schema_frames::control::ControlHeader;
-use schema_frames::{Command, CommandBatch, CommandReply, ReplyBatch, VehicleControlRecord};
+use schema_frames::{Command, CommandBatch, CommandReply, ReplyBatch};
 use zenoh::pubsub::Subscriber;
 use zenoh::query::{Query, Queryable};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait as _};
 
 use crate::clock;
-use crate::coding::copy_to;
 use crate::keys::Keys;
 use crate::options::Options;
-use crate::wire::Envelope;
+use crate::wire::{self, Envelope};
 
 /// How long the simulator may take to answer: loading a map takes a minute.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(170);
@@ -235,21 +232,8 @@ impl Desk {
 
     /// Writes controls under the name that their writer has on its machine.
     fn control(&self, sample: &Sample) -> anyhow::Result<()> {
-        let envelope = Envelope::open(sample.attachment())?;
-        let (header, _) = envelope.header::<ControlHeader>()?;
-        let len = header.writer.iter().position(|byte| *byte == 0);
-        let name = &header.writer[..len.unwrap_or(header.writer.len())];
-        let name = String::from_utf8_lossy(name).into_owned();
-        let record_bytes = size_of::<VehicleControlRecord>();
-        anyhow::ensure!(
-            envelope.raw_bytes.is_multiple_of(record_bytes)
-                && envelope.raw_bytes <= MAX_REQUEST_BYTES,
-            "controls have {} bytes, no multiple of {record_bytes}",
-            envelope.raw_bytes
-        );
-        let mut bytes = vec![0; envelope.raw_bytes];
-        copy_to(sample.payload(), &mut bytes)?;
-        let records: Vec<VehicleControlRecord> = pod_collect_to_vec(&bytes);
+        let controls = wire::controls(sample.attachment(), sample.payload(), MAX_REQUEST_BYTES)?;
+        let name = controls.writer;
         let now = Instant::now();
         let mut writers = self.writers.lock();
         if !writers.contains_key(&name) {
@@ -261,7 +245,7 @@ impl Desk {
             writers.insert(name.clone(), (writer, now));
         }
         if let Some((writer, used)) = writers.get_mut(&name) {
-            writer.send(header.tick, &records)?;
+            writer.send(controls.tick, &controls.records)?;
             *used = now;
         }
         self.wake.notify_listeners();

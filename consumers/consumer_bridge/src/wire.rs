@@ -5,10 +5,12 @@
 //! then the inputs of a result. The payload is the sample's own, or smaller by its [`Coding`].
 
 use anyhow::{Context as _, bail, ensure};
-use bytemuck::{Pod, Zeroable, bytes_of, pod_read_unaligned};
+use bytemuck::{Pod, Zeroable, bytes_of, pod_collect_to_vec, pod_read_unaligned};
+use schema_frames::control::ControlHeader;
+use schema_frames::{ActorRecord, SnapshotHeader, VehicleControlRecord};
 use zenoh::bytes::ZBytes;
 
-use crate::coding::Coding;
+use crate::coding::{Coding, copy_to, decode};
 
 /// "GBRG" read as a little-endian `u32`.
 const MAGIC: u32 = u32::from_le_bytes(*b"GBRG");
@@ -108,6 +110,78 @@ impl Envelope {
         })?;
         Ok((pod_read_unaligned(bytes), &self.rest[size_of::<H>()..]))
     }
+
+    /// A payload that is no frame's, as it was on the other machine.
+    ///
+    /// # Errors
+    /// A sentence if it cannot be decoded.
+    pub fn plain(&self, payload: &ZBytes) -> anyhow::Result<Vec<u8>> {
+        let mut bytes = vec![0; self.raw_bytes];
+        decode(self.coding, None, payload, &mut bytes)?;
+        Ok(bytes)
+    }
+}
+
+/// Controls of a program of another machine.
+#[derive(Debug)]
+pub struct Controls {
+    /// Name of the program there.
+    pub writer: String,
+    /// The tick that they are for.
+    pub tick: u64,
+    /// One record per vehicle.
+    pub records: Vec<VehicleControlRecord>,
+}
+
+/// Reads controls, of at most `max_bytes`.
+///
+/// # Errors
+/// A sentence for what no bridge sends.
+pub fn controls(
+    attachment: Option<&ZBytes>,
+    payload: &ZBytes,
+    max_bytes: usize,
+) -> anyhow::Result<Controls> {
+    let envelope = Envelope::open(attachment)?;
+    let (header, _) = envelope.header::<ControlHeader>()?;
+    let len = header.writer.iter().position(|byte| *byte == 0);
+    let name = &header.writer[..len.unwrap_or(header.writer.len())];
+    let record_bytes = size_of::<VehicleControlRecord>();
+    ensure!(
+        envelope.raw_bytes.is_multiple_of(record_bytes) && envelope.raw_bytes <= max_bytes,
+        "controls have {} bytes; a multiple of {record_bytes} up to {max_bytes} is allowed",
+        envelope.raw_bytes
+    );
+    let mut bytes = vec![0; envelope.raw_bytes];
+    copy_to(payload, &mut bytes)?;
+    Ok(Controls {
+        writer: String::from_utf8_lossy(name).into_owned(),
+        tick: header.tick,
+        records: pod_collect_to_vec(&bytes),
+    })
+}
+
+/// Reads a snapshot.
+///
+/// # Errors
+/// A sentence for what is none.
+pub fn snapshot(
+    envelope: &Envelope,
+    payload: &ZBytes,
+) -> anyhow::Result<(SnapshotHeader, Vec<ActorRecord>)> {
+    let (header, _) = envelope.header::<SnapshotHeader>()?;
+    ensure!(
+        envelope.raw_bytes == header.n_actors as usize * size_of::<ActorRecord>(),
+        "a snapshot claims {} actors in {} bytes",
+        header.n_actors,
+        envelope.raw_bytes
+    );
+    let records: Vec<ActorRecord> = pod_collect_to_vec(&envelope.plain(payload)?);
+    ensure!(
+        records.is_sorted_by_key(|record| record.id),
+        "a snapshot's actors are not in order"
+    );
+    Ok((header, records))
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use schema_types::Tick;
 pub use journal::{Journal, Surroundings, build, head};
 use player::Next;
 pub use player::Player;
-pub use reader::{Act, JournalReader, Stretch};
+pub use reader::{Act, Entry, JournalReader, Stretch};
 
 /// The journal of this run, and the one that is run again.
 pub struct History {

@@ -30,6 +30,8 @@ use anyhow::Context as _;
 use launch_cli::{Exit, Shutdown};
 use sensor_gpu::Gpu;
 
+// Journals come from recordings of others, so their reader is tried beside the daemon.
+pub use history::{Act, Entry, JournalReader, Stretch};
 use settings::{Settings, cli};
 use world::maps::Maps;
 

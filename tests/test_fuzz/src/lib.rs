@@ -3,11 +3,12 @@
 //! `fuzz/` runs the same functions under cargo-fuzz, which looks for new paths through the code for as
 //! long as it may; `tests/seeded.rs` runs them on seeds changed at random, the same every time.
 //!
-//! In reading order: [`targets`], [`seeds`], [`crafted`], [`mutate`].
+//! In reading order: [`targets`], [`gpu_peers`], [`seeds`], [`crafted`], [`mutate`].
 
 #![forbid(unsafe_code)]
 
 pub mod crafted;
+pub mod gpu_peers;
 pub mod mutate;
 pub mod seeds;
 pub mod targets;
@@ -26,7 +27,7 @@ pub struct Target {
 }
 
 /// All of them.
-pub const TARGETS: [Target; 10] = [
+pub const TARGETS: [Target; 13] = [
     Target {
         name: "rpc",
         run: targets::rpc,
@@ -85,6 +86,24 @@ pub const TARGETS: [Target; 10] = [
         name: "results",
         run: targets::results,
         seeds: seeds::results,
+        is_text: false,
+    },
+    Target {
+        name: "journals",
+        run: targets::journals,
+        seeds: seeds::journals,
+        is_text: true,
+    },
+    Target {
+        name: "bridges",
+        run: targets::bridges,
+        seeds: seeds::bridges,
+        is_text: false,
+    },
+    Target {
+        name: "gpu_socket",
+        run: targets::gpu_socket,
+        seeds: seeds::gpu_socket,
         is_text: false,
     },
 ];

@@ -1,9 +1,21 @@
 //! Bytes that can be read, from which the search begins.
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use bytemuck::{Zeroable as _, bytes_of};
+use consumer_bridge::announce::{Announcement, Kind, Offer};
+use consumer_bridge::clock;
+use consumer_bridge::coding::{Coding, Encoder, Wanted};
+use consumer_bridge::wire::{Envelope, VERSION};
 use consumer_rpc::list;
 use consumer_rpc::msgpack::{self, Value};
+use schema_frames::control::{CONTROL_MAGIC, ControlHeader};
 use schema_frames::result::RESULT_MAGIC;
-use schema_frames::{ResultHeader, ResultType, SCHEMA_VERSION};
+use schema_frames::{
+    ActorRecord, DocumentHeader, FrameHeader, GpuAnswer, GpuAsk, JournalAct, JournalEntry,
+    JournalFile, JournalHead, Modality, ResultHeader, ResultType, SCHEMA_VERSION, SnapshotHeader,
+    VehicleControlRecord,
+};
 use schema_types::{ActorId, Pose};
 use simd_world::{Checkpoint, MapData, World, WorldOptions};
 
@@ -321,4 +333,159 @@ pub fn browsers() -> Vec<Vec<u8>> {
         "GET / HTTP/1.1\r\nHost: evil.example\r\nOrigin: https://evil.example\r\n\r\n",
     ];
     heads.map(|head| head.as_bytes().to_vec()).to_vec()
+}
+
+/// A journal with an entry of each kind.
+pub fn journals() -> Vec<Vec<u8>> {
+    let line = |value: serde_json::Result<String>| value.expect("it is JSON") + "\n";
+    let record = VehicleControlRecord::new(7, Default::default());
+    let file = |of, piece, n_pieces| JournalAct::File {
+        of,
+        name: "a".into(),
+        title: "a".into(),
+        piece,
+        n_pieces,
+        bytes: STANDARD.encode([7; 40]),
+    };
+    let acts = [
+        file(JournalFile::Map, 0, 2),
+        file(JournalFile::Map, 1, 2),
+        file(JournalFile::Checkpoint, 0, 1),
+        JournalAct::Commands {
+            client: "gateway".into(),
+            seq: 3,
+            text: r#"{"v":1,"commands":[{"do":"step","n":3}]}"#.into(),
+            outcomes: vec!["done".into()],
+            is_last_of_round: true,
+        },
+        JournalAct::Controls {
+            writer: "drive".into(),
+            records: STANDARD.encode(bytes_of(&record)),
+        },
+        JournalAct::Audience {
+            topic: "ego/front/dvs".into(),
+            is_made: true,
+        },
+    ];
+    let mut text = line(serde_json::to_string(&JournalHead::default()));
+    for (n, act) in (1..).zip(acts) {
+        let edge = n / 2;
+        text += &line(serde_json::to_string(&JournalEntry { n, edge, act }));
+    }
+    vec![text.into_bytes()]
+}
+
+/// What bridges tell each other, one of each kind; samples also in each coding.
+pub fn bridges() -> Vec<Vec<u8>> {
+    let offer = |name: &str, kind, result: &str| Offer {
+        name: name.into(),
+        kind,
+        result: result.into(),
+        about: Default::default(),
+        readers: 8,
+        buffer: 2,
+        borrowed: 3,
+    };
+    let announcement = Announcement {
+        v: VERSION,
+        schema: SCHEMA_VERSION,
+        host: "lab".into(),
+        domain: "gantry".into(),
+        control: true,
+        lockstep: true,
+        topics: vec![
+            offer("ego/front/rgb", Kind::Frames, ""),
+            offer("detector/boxes", Kind::Results, "boxes2d"),
+            offer("world/info", Kind::Document, ""),
+            offer("world/snapshot", Kind::Snapshot, ""),
+        ],
+    };
+    let announcement = serde_json::to_vec(&announcement).expect("it is JSON");
+    let batch = br#"{"v":1,"commands":[{"do":"step","n":3}]}"#;
+    let replies = br#"{"v":1,"epoch":"5","tick":7,"replies":[{"is":"done"}]}"#;
+    let mut all = vec![
+        [&[0][..], &announcement].concat(),
+        [&[1][..], clock::answer().as_bytes()].concat(),
+        [&[2][..], batch].concat(),
+        [&[3][..], replies].concat(),
+    ];
+    all.extend(bridged_frames());
+    let result = results().swap_remove(0);
+    let (head, payload) = result.split_at(size_of::<ResultHeader>());
+    let (body, inputs) = payload.split_at(64);
+    all.push(bridged(5, head, inputs, (body.len(), Coding::None, body)));
+    let mut snapshot = SnapshotHeader::zeroed();
+    snapshot.n_actors = 2;
+    let mut actors = [ActorRecord::zeroed(); 2];
+    actors[1].id = 9;
+    let actors: &[u8] = bytemuck::cast_slice(&actors);
+    all.push(bridged(
+        6,
+        bytes_of(&snapshot),
+        &[],
+        (actors.len(), Coding::None, actors),
+    ));
+    let document = bytes_of(&DocumentHeader::zeroed()).to_vec();
+    all.push(bridged(7, &document, &[], (2, Coding::None, b"{}")));
+    let mut controls = ControlHeader::zeroed();
+    (controls.magic, controls.schema_version) = (CONTROL_MAGIC, SCHEMA_VERSION);
+    controls.writer[..5].copy_from_slice(b"drive");
+    let record = VehicleControlRecord::new(7, Default::default());
+    let record = bytes_of(&record);
+    all.push(bridged(
+        8,
+        bytes_of(&controls),
+        &[],
+        (record.len(), Coding::None, record),
+    ));
+    all
+}
+
+/// A colour image in each coding.
+fn bridged_frames() -> Vec<Vec<u8>> {
+    let mut header = FrameHeader::new(Modality::Rgb);
+    header.set_image(40, 30);
+    let image: Vec<u8> = (0..header.payload_bytes)
+        .map(|n| (n / 320 * 9) as u8)
+        .collect();
+    let mut encoder = Encoder::new().expect("zstd makes an encoder");
+    [
+        Wanted::None,
+        Wanted::Lz4,
+        Wanted::Zstd,
+        Wanted::Lossless,
+        Wanted::Jpeg(80),
+    ]
+    .into_iter()
+    .map(|wanted| {
+        let (coding, coded) = encoder.encode(wanted, Some(&header), image.clone());
+        bridged(4, bytes_of(&header), &[], (image.len(), coding, &coded))
+    })
+    .collect()
+}
+
+/// A sample as [`crate::targets::bridges`] takes it: its payload's length before it was coded, the
+/// coding, and the payload.
+fn bridged(kind: u8, header: &[u8], behind: &[u8], sample: (usize, Coding, &[u8])) -> Vec<u8> {
+    let (raw_bytes, coding, payload) = sample;
+    let envelope = Envelope::pack(header, behind, raw_bytes, coding);
+    let len = (envelope.len() as u16).to_le_bytes();
+    [&[kind][..], &len, &envelope, payload].concat()
+}
+
+/// Questions of readers, and a writer's answers.
+pub fn gpu_socket() -> Vec<Vec<u8>> {
+    let topic = GpuAsk::topic(crate::gpu_peers::TOPIC).expect("a short name");
+    let mut long = topic;
+    long.topic = [b'x'; 240];
+    let mut here = GpuAnswer::new(GpuAnswer::OK);
+    (here.max_readers, here.buffer, here.borrowed) = (8, 2, 3);
+    let asked = [topic, GpuAsk::memory(7), long].map(|ask| [&[0][..], bytes_of(&ask)].concat());
+    let said = [
+        here,
+        GpuAnswer::new(GpuAnswer::NOT_MINE),
+        GpuAnswer::new(GpuAnswer::OTHER_SCHEMA),
+    ];
+    let said = said.map(|answer| [&[1][..], bytes_of(&answer)].concat());
+    asked.into_iter().chain(said).collect()
 }

@@ -8,6 +8,11 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
+use bytemuck::bytes_of;
+use consumer_bridge::announce::Announcement;
+use consumer_bridge::clock::Clock;
+use consumer_bridge::coding;
+use consumer_bridge::wire::{self, Envelope};
 use consumer_carla::recorder::file::{Cast, Reader};
 use consumer_carla::recorder::report;
 use consumer_carla::wire::requests;
@@ -21,13 +26,19 @@ use consumer_rpc::msgpack::{self, Limits, Value};
 use consumer_rpc::web::Head;
 use consumer_rpc::{list, message, server};
 use launch_spec::Launch;
-use schema_frames::{ElementType, FrameHeader, InputRecord, ResultHeader, SnapshotHeader};
+use schema_frames::{
+    CommandBatch, DocumentHeader, ElementType, FrameHeader, InputRecord, ReplyBatch, ResultHeader,
+    SnapshotHeader,
+};
 use schema_recording::read::{RecordingFile, Selection, What};
 use schema_roads::{LanePosition, RoadMap, SurfaceSteps};
 use schema_types::noise::mix;
 use schema_types::{ActorId, Pose};
+use simd::JournalReader;
 use simd_world::{Checkpoint, World};
+use zenoh::bytes::ZBytes;
 
+use crate::gpu_peers::Peers;
 use crate::seeds::signalled_world;
 
 /// What one message may cost here: small, so that many fit into a second.
@@ -371,4 +382,130 @@ pub fn results(bytes: &[u8]) {
         .map(|word| u32::from_le_bytes(word.try_into().expect("four bytes")))
         .collect();
     let _ = mask_columns(&runs, [64, 48]);
+}
+
+/// The journal of a run that is to be run again.
+pub fn journals(bytes: &[u8]) {
+    let mut file = tempfile::NamedTempFile::new().expect("a temporary file");
+    file.write_all(bytes).expect("a temporary file takes bytes");
+    let Ok((mut reader, _)) = JournalReader::open(file.path()) else {
+        return;
+    };
+    loop {
+        let stretch = reader.read_on();
+        match stretch.end {
+            None => {}
+            Some(Ok(())) => break,
+            Some(Err(error)) => {
+                assert!(error.to_string().contains(' '), "{error}");
+                break;
+            }
+        }
+    }
+}
+
+/// What a bridge hears from others. The first byte says what it is; a sample comes as the length of
+/// its envelope in two bytes, the envelope and the payload.
+pub fn bridges(bytes: &[u8]) {
+    let Some((kind, rest)) = bytes.split_first() else {
+        return;
+    };
+    let mut clock = Clock::default();
+    match kind % 9 {
+        0 => match Announcement::parse(rest) {
+            Ok((announcement, _)) => {
+                let _ = announcement.has_world();
+                for offer in &announcement.topics {
+                    let _ = (offer.modality(), offer.result_type());
+                }
+            }
+            Err(error) => assert!(format!("{error:#}").contains(' '), "{error:#}"),
+        },
+        1 => {
+            clock.note(&String::from_utf8_lossy(rest), 5, 1_000_000);
+            let mut header = FrameHeader::new(schema_frames::Modality::Imu);
+            header.published_mono_nanos = u64::MAX;
+            clock.translate_frame(&mut header);
+        }
+        2 => drop(serde_json::from_slice::<CommandBatch>(rest)),
+        3 => drop(serde_json::from_slice::<ReplyBatch>(rest)),
+        kind => bridge_sample(kind, rest, &clock),
+    }
+}
+
+/// Longest payload that is decoded here: rounds stay short.
+const MAX_DECODED_BYTES: usize = 1 << 20;
+
+fn bridge_sample(kind: u8, bytes: &[u8], clock: &Clock) {
+    let Some((len, rest)) = bytes.split_at_checked(2) else {
+        return;
+    };
+    let len = usize::from(u16::from_le_bytes([len[0], len[1]]));
+    let Some((envelope, payload)) = rest.split_at_checked(len) else {
+        return;
+    };
+    let (attachment, payload) = (ZBytes::from(envelope), ZBytes::from(payload));
+    let Ok(envelope) = Envelope::open(Some(&attachment)) else {
+        return;
+    };
+    if envelope.raw_bytes > MAX_DECODED_BYTES {
+        return;
+    }
+    match kind {
+        4 => {
+            let Ok((mut header, _)) = envelope.header::<FrameHeader>() else {
+                return;
+            };
+            if header.check(envelope.raw_bytes).is_err() {
+                return;
+            }
+            let mut out = vec![0; envelope.raw_bytes];
+            let _ = coding::decode(envelope.coding, Some(&header), &payload, &mut out);
+            clock.translate_frame(&mut header);
+        }
+        5 => {
+            let Ok((mut header, behind)) = envelope.header::<ResultHeader>() else {
+                return;
+            };
+            clock.translate_result(&mut header);
+            for one in behind.chunks_exact(size_of::<InputRecord>()) {
+                let mut input: InputRecord = bytemuck::pod_read_unaligned(one);
+                clock.translate_input(&mut input);
+            }
+            let _ = envelope.plain(&payload);
+        }
+        6 => {
+            if let Ok((header, records)) = wire::snapshot(&envelope, &payload) {
+                assert_eq!(header.n_actors as usize, records.len());
+            }
+        }
+        7 => {
+            if envelope.header::<DocumentHeader>().is_ok() {
+                let _ = envelope.plain(&payload).map(String::from_utf8);
+            }
+        }
+        _ => {
+            let _ = envelope.header::<[u64; 3]>();
+            let controls = wire::controls(Some(&attachment), &payload, MAX_DECODED_BYTES);
+            if let Ok(controls) = controls {
+                let n_bytes: usize = controls.records.iter().map(|of| bytes_of(of).len()).sum();
+                assert_eq!(n_bytes, envelope.raw_bytes);
+            }
+        }
+    }
+}
+
+/// The socket of GPU frames. The first byte says whether the rest is what a reader asks a writer, or
+/// what a writer answers a reader.
+pub fn gpu_socket(bytes: &[u8]) {
+    thread_local! {
+        static PEERS: Peers = Peers::new();
+    }
+    let Some((first, rest)) = bytes.split_first() else {
+        return;
+    };
+    PEERS.with(|peers| match first % 2 {
+        0 => peers.ask(rest),
+        _ => peers.answer(rest),
+    });
 }

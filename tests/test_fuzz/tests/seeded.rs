@@ -71,6 +71,9 @@ targets! {
     carla_logs 10_000;
     checkpoints 2_000;
     results 20_000;
+    journals 5_000;
+    bridges 20_000;
+    gpu_socket 3_000;
 }
 
 /// The crafted recordings can be read as far as they are meant to: the plain one whole.
@@ -145,4 +148,34 @@ fn seeds_can_be_read() {
         let header: schema_frames::ResultHeader = bytemuck::pod_read_unaligned(head);
         header.check(body.len()).unwrap();
     }
+    for journal in test_fuzz::seeds::journals() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), journal).unwrap();
+        let (mut reader, _) = simd::JournalReader::open(file.path()).unwrap();
+        let stretch = reader.read_on();
+        // Two of the six entries are the pieces of one file.
+        assert_eq!(stretch.entries.len(), 5);
+        assert!(matches!(stretch.end, Some(Ok(()))));
+    }
+    let said = test_fuzz::seeds::bridges();
+    let (announced, refused) =
+        consumer_bridge::announce::Announcement::parse(&said[0][1..]).unwrap();
+    assert_eq!((announced.topics.len(), refused), (4, None));
+    serde_json::from_slice::<schema_frames::CommandBatch>(&said[2][1..]).unwrap();
+    serde_json::from_slice::<schema_frames::ReplyBatch>(&said[3][1..]).unwrap();
+    let mut frames: Vec<Vec<u8>> = Vec::new();
+    for sample in said.iter().filter(|bytes| bytes[0] == 4) {
+        let len = usize::from(u16::from_le_bytes([sample[1], sample[2]]));
+        let (envelope, payload) = sample[3..].split_at(len);
+        let envelope = zenoh::bytes::ZBytes::from(envelope);
+        let envelope = consumer_bridge::wire::Envelope::open(Some(&envelope)).unwrap();
+        let (header, _) = envelope.header::<schema_frames::FrameHeader>().unwrap();
+        let mut out = vec![0; envelope.raw_bytes];
+        let payload = zenoh::bytes::ZBytes::from(payload);
+        let frame = Some(&header);
+        consumer_bridge::coding::decode(envelope.coding, frame, &payload, &mut out).unwrap();
+        frames.push(out);
+    }
+    assert_eq!(frames.len(), 5);
+    assert!(frames[1..4].iter().all(|frame| *frame == frames[0]));
 }

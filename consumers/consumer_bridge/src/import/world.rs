@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::{Context as _, bail, ensure};
-use bytemuck::{Zeroable as _, bytes_of, cast_slice, pod_collect_to_vec};
+use anyhow::{Context as _, bail};
+use bytemuck::{Zeroable as _, bytes_of, cast_slice};
 use schema_bus::{
     Ack, AckReader, Bus, Claim, CommandServer, ControlReader, DocumentPublisher, Notifier, Request,
     SnapshotPublisher, names,
@@ -14,19 +14,16 @@ use schema_bus::{
 use schema_frames::command::COMMAND_VERSION;
 use schema_frames::control::{CONTROL_MAGIC, ControlHeader};
 use schema_frames::limits::MAX_ACTORS;
-use schema_frames::{
-    ActorRecord, Command, CommandReply, DocumentHeader, ReplyBatch, SCHEMA_VERSION, SnapshotHeader,
-};
+use schema_frames::{Command, CommandReply, DocumentHeader, ReplyBatch, SCHEMA_VERSION};
 use zenoh::query::ConsolidationMode;
 use zenoh::{Session, Wait as _};
 
 use crate::announce::DOCUMENTS;
 use crate::coding::Coding;
-use crate::coding::copy_to;
 use crate::import::events::{Event, Events, NoAnswer};
 use crate::import::inbox::Arrived;
 use crate::keys::Keys;
-use crate::wire::Envelope;
+use crate::wire::{self, Envelope};
 
 /// How long the other machine may take to answer a request: loading a map takes a minute.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(180);
@@ -137,24 +134,12 @@ impl MirroredWorld {
     /// # Errors
     /// A sentence for what is none.
     pub fn publish_snapshot(&mut self, arrived: &Arrived) -> anyhow::Result<()> {
-        let (header, _) = arrived.envelope.header::<SnapshotHeader>()?;
-        let bytes = raw(arrived)?;
-        ensure!(
-            bytes.len() == header.n_actors as usize * size_of::<ActorRecord>(),
-            "a snapshot claims {} actors in {} bytes",
-            header.n_actors,
-            bytes.len()
-        );
+        let (header, records) = wire::snapshot(&arrived.envelope, &arrived.payload)?;
         let at = (header.epoch, header.tick);
         // An answer to a question of ours may be older than what was sent meanwhile.
         if at.0 == self.last.0 && at.1 < self.last.1 {
             return Ok(());
         }
-        let records: Vec<ActorRecord> = pod_collect_to_vec(&bytes);
-        ensure!(
-            records.is_sorted_by_key(|record| record.id),
-            "a snapshot's actors are not in order"
-        );
         self.snapshots.send(header, &records)?;
         self.last = at;
         self.snapshot_wake.notify_listeners();
@@ -167,7 +152,8 @@ impl MirroredWorld {
     /// A sentence for what is none.
     pub fn publish_document(&mut self, name: &str, arrived: &Arrived) -> anyhow::Result<()> {
         let (header, _) = arrived.envelope.header::<DocumentHeader>()?;
-        let text = String::from_utf8(raw(arrived)?).context("a document is no UTF-8")?;
+        let text = String::from_utf8(arrived.envelope.plain(&arrived.payload)?)
+            .context("a document is no UTF-8")?;
         let Some((&name, document)) = self.documents.iter_mut().find(|(known, _)| **known == name)
         else {
             bail!("{name:?} is no document of a world");
@@ -395,16 +381,6 @@ impl MirroredWorld {
             .wait()
             .map_err(|error| anyhow::anyhow!("the link takes no controls: {error}"))
     }
-}
-
-/// The payload as it was on the other machine.
-fn raw(arrived: &Arrived) -> anyhow::Result<Vec<u8>> {
-    let mut bytes = vec![0; arrived.envelope.raw_bytes];
-    match arrived.envelope.coding {
-        Coding::None => copy_to(&arrived.payload, &mut bytes)?,
-        coding => crate::coding::decode(coding, None, &arrived.payload, &mut bytes)?,
-    }
-    Ok(bytes)
 }
 
 /// Answers a request once, also if no answer came at all.
