@@ -1,6 +1,6 @@
 //! What strangers hand to Gantry, as functions over any bytes: whatever comes, a function returns.
 //!
-//! `fuzz/` runs the same functions under cargo-fuzz, which looks for new paths through the code for as
+//! `fuzz/` runs the same functions under libFuzzer, which looks for new paths through the code for as
 //! long as it may; `tests/seeded.rs` runs them on seeds changed at random, the same every time.
 //!
 //! In reading order: [`targets`], [`gpu_peers`], [`seeds`], [`crafted`], [`mutate`].

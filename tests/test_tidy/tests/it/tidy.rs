@@ -78,7 +78,7 @@ fn manifests() -> BTreeMap<String, (String, toml::Table)> {
     for path in files(&["toml"]) {
         if path.file_name().is_some_and(|n| n == "Cargo.toml")
             && path.parent() != Some(repository().as_path())
-            // A workspace of its own, for a nightly compiler.
+            // A workspace of its own, built for coverage.
             && path.parent() != Some(repository().join("fuzz").as_path())
         {
             let table: toml::Table = read(&path)
