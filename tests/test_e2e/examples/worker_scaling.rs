@@ -1,7 +1,7 @@
 //! What render workers bring: many cameras, rendered by the simulator itself and by workers.
 //!
 //! `cargo run --release -p test_e2e --example worker_scaling -- [CAMERAS WIDTH HEIGHT] [--workers 0,1,2] [--adapters 0,1]
-//! [--seconds 20] [--lockstep] [--json FILE]` (default: 64 cameras of 256 × 256, then 16 of 1920 × 1080). Worker n takes
+//! [--seconds 20] [--lockstep] [--batches N] [--json FILE]` (default: 64 cameras of 256 × 256, then 16 of 1920 × 1080). Worker n takes
 //! adapter n of the list, counted round; without a list each takes the usual one. A `-` among the workers is the world alone:
 //! no GPU, no worker, nobody reads. The world runs as fast as it can, or, with `--lockstep`, waits at every tick
 //! until the frames of the last are read. Ticks are those of the world, milliseconds of the processor per tick
@@ -28,6 +28,9 @@ struct Options {
     /// Numbers of workers; - is the world alone
     #[arg(long, value_name = "N,…", value_delimiter = ',', default_value = "-,0,1,2", allow_hyphen_values = true, value_parser = workers)]
     workers: Vec<Workers>,
+    /// Batches of as many cameras each, which are read in place of the cameras' own topics; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    batches: usize,
     /// Adapters of the workers
     #[arg(long, value_name = "TEXT,…", value_delimiter = ',')]
     adapters: Vec<String>,
@@ -53,7 +56,7 @@ fn workers(text: &str) -> Result<Workers, String> {
     }
 }
 
-fn launch(n_cameras: usize, [width_px, height_px]: [u32; 2]) -> String {
+fn launch(n_cameras: usize, [width_px, height_px]: [u32; 2], n_batches: usize) -> String {
     let mut text = String::from(
         "version = 1\n[scenario]\nmap = \"Town10HD\"\nseed = 7\ntick_hz = 20\nvehicles = 20\nwalkers = 20\n",
     );
@@ -62,6 +65,17 @@ fn launch(n_cameras: usize, [width_px, height_px]: [u32; 2]) -> String {
         text += &format!(
             "[sensor.c{n}]\nkind = \"camera\"\nrate_hz = 20\nwidth_px = {width_px}\nheight_px = {height_px}\nmount.position_m = [0.6, 0.0, 1.8]\nmount.rpy_deg = [0.0, 0.0, {yaw_deg:.3}]\n[topic.\"ego/c{n}/rgb\"]\nreaders = 2\n",
         );
+    }
+    if n_batches > 0 {
+        // Nobody reads the spectator; as large as usual it would weigh as much as a small batch.
+        text += "[spectator]\nwidth_px = 32\nheight_px = 32\n";
+    }
+    for n in 0..n_batches {
+        let of_batch = (0..n_cameras).filter(|camera| camera * n_batches / n_cameras == n);
+        let cameras: Vec<String> = of_batch
+            .map(|camera| format!("\"ego/c{camera}\""))
+            .collect();
+        text += &format!("[batch.b{n}]\ncameras = [{}]\n", cameras.join(", "));
     }
     text
 }
@@ -128,7 +142,9 @@ impl<'a> Reading<'a> {
             }
             return n_frames;
         };
-        let sent = self.bus.listener("ego/tick").expect("there is room");
+        let is_batch = self.readers[0].topic().starts_with("batch/");
+        let event = if is_batch { "batch/tick" } else { "ego/tick" };
+        let sent = self.bus.listener(event).expect("there is room");
         while !is_over() {
             let mut epoch = 0;
             for reader in &mut self.readers {
@@ -185,6 +201,10 @@ fn measure(
     let bus = join_bus(&sandbox, "scaling");
     let mut client = bus.command_client("scaling").expect("the daemon answers");
     let topics: Vec<String> = match n_workers {
+        Some(_) if options.batches > 0 => {
+            let batches = 0..options.batches;
+            batches.map(|n| format!("batch/b{n}/rgb")).collect()
+        }
         Some(_) => (0..n_cameras).map(|n| format!("ego/c{n}/rgb")).collect(),
         None => Vec::new(),
     };
@@ -232,6 +252,12 @@ fn measure(
         Some(0) => "simd itself".to_owned(),
         Some(n) => format!("{n} workers"),
     };
+    for reader in reading.readers.iter().filter(|_| options.batches > 0) {
+        let pid = reader.writer().and_then(|origin| origin.pid);
+        let of = workers.iter().position(|worker| Some(worker.pid()) == pid);
+        let by = of.map_or("simd".to_owned(), |idx| format!("worker-{idx}"));
+        println!("{} is made by {by}", reader.topic());
+    }
     print!("{name}, {who}:");
     figures
         .iter()
@@ -261,7 +287,7 @@ fn main() -> ExitCode {
         };
         for (n_cameras, size_px) in cases {
             let name = format!("{n_cameras} x {}x{}", size_px[0], size_px[1]);
-            let text = launch(n_cameras, size_px);
+            let text = launch(n_cameras, size_px, options.batches);
             for Workers(n_workers) in &options.workers {
                 measure(result, &name, &text, n_cameras, *n_workers, options);
             }
