@@ -107,7 +107,12 @@ pub fn managers(bytes: &[u8]) {
     };
     let names: Vec<&str> = methods::names().collect();
     let method = names[usize::from(*first) % names.len()];
-    let args = match msgpack::read(&mut rest, LIMITS) {
+    // The request is a list around its arguments.
+    let limits = Limits {
+        depth: LIMITS.depth - 1,
+        ..LIMITS
+    };
+    let args = match msgpack::read(&mut rest, limits) {
         Ok(Value::Array(args)) => args,
         Ok(value) => vec![value],
         Err(_) => Vec::new(),
