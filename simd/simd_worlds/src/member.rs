@@ -131,6 +131,16 @@ impl Member {
         self.begin(seed);
     }
 
+    /// Stays as it is while others begin anew: nothing comes of that.
+    pub fn pass_over(&mut self) {
+        let info = self.outcome.info;
+        self.outcome = Outcome {
+            info,
+            ..Default::default()
+        };
+        self.has_final = false;
+    }
+
     /// Begins the next episode, whose seed follows from the last reset's.
     pub fn begin_next(&mut self) {
         self.episode += 1;

@@ -127,10 +127,9 @@ impl Worlds {
         self.check_length("the mask", mask.len(), 1)?;
         self.check_length("the seeds", seeds.len(), 1)?;
         let both: Vec<(bool, u64)> = mask.iter().copied().zip(seeds.iter().copied()).collect();
-        self.each(&both, |member, (is_named, seed)| {
-            if *is_named {
-                member.reset(*seed);
-            }
+        self.each(&both, |member, (is_named, seed)| match is_named {
+            true => member.reset(*seed),
+            false => member.pass_over(),
         });
         self.collect();
         Ok(())

@@ -141,3 +141,32 @@ fn ten_thousand_resets_begin_in_ten_thousand_ways() {
         );
     }
 }
+
+#[test]
+fn beginning_others_anew_brings_no_reward_and_no_end() {
+    let mut three = worlds("LaneKeeping", 3, 1, Autoreset::Disabled);
+    three.reset_all(5);
+    step(&mut three, &[0, 1, 2], 0);
+    let before = three.outputs().clone();
+    assert!(before.reward.iter().all(|reward| *reward != 0.0));
+    // World 1 leaves its lane at full lock, and stays ended.
+    let mut n_steps = 0;
+    while !three.outputs().terminated[1] {
+        three.step(&[0.0, 0.2, 1.0, 1.0, 0.0, 0.2]).unwrap();
+        n_steps += 1;
+        assert!(n_steps < 400, "nobody leaves a lane");
+    }
+    let before = three.outputs().clone();
+    three.reset(&[true, false, false], &[77, 0, 0]).unwrap();
+    let after = three.outputs();
+    assert_eq!(after.reward, [0.0; 3]);
+    assert_eq!(
+        (&after.terminated, &after.truncated),
+        (&vec![false; 3], &vec![false; 3])
+    );
+    let columns = STATE_NAMES.len();
+    assert_eq!(after.state[columns..], before.state[columns..]);
+    assert_ne!(after.state[..columns], before.state[..columns]);
+    let refused = three.step(&[0.0; 6]).unwrap_err().to_string();
+    assert!(refused.contains("world 1"), "{refused}");
+}
