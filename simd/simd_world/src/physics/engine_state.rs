@@ -5,6 +5,8 @@
 
 #![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 
+use std::collections::BTreeSet;
+
 use rapier3d::prelude::*;
 use serde::{Deserialize as _, Deserializer, Serialize as _, Serializer};
 
@@ -192,6 +194,18 @@ struct Tree {
     nodes: Vec<[Child; 2]>,
     /// Where each node hangs: twice the number of the node above, and 1 on its right side.
     parents: Vec<usize>,
+    leaves: Leaves,
+    /// Which node is optimised next, and where that goes on.
+    _optimised: [u32; 2],
+    /// Nodes that nothing hangs on, to be used again.
+    free: Vec<u32>,
+}
+
+/// Where the leaf of each collider's number hangs, as `parents` says it of nodes.
+#[derive(Debug, serde::Deserialize)]
+struct Leaves {
+    n: usize,
+    by_number: Vec<Option<usize>>,
 }
 
 /// One side of a node.
@@ -218,21 +232,39 @@ impl Tree {
     }
 
     /// Whether every node is reached once from the root, says where it hangs, and counts the leaves
-    /// below it.
+    /// below it; whether each leaf is where the list of them says, and no free node is in use.
     fn is_sound(&self) -> bool {
+        let n_listed = self.leaves.by_number.iter().flatten().count();
+        let is_listed = |child: &Child, place: usize| {
+            self.leaves.by_number.get(child.below as usize) == Some(&Some(place))
+        };
         let Some(root) = self.nodes.first() else {
-            return true;
+            return n_listed == 0 && self.leaves.n == 0 && self.free.is_empty();
         };
         // A tree of one collider has a root with an empty right side, one of none has two.
         if root[1].n_leaves() == 0 {
-            return root[0].n_leaves() <= 1;
+            let n = root[0].n_leaves() as usize;
+            let is_there = n == 0 || is_listed(&root[0], 0);
+            let free = BTreeSet::from_iter(&self.free);
+            return n <= 1
+                && is_there
+                && (n_listed, self.leaves.n) == (n, n)
+                && free.len() == self.free.len()
+                && free
+                    .iter()
+                    .all(|id| (1..self.nodes.len()).contains(&(**id as usize)));
         }
+        let mut n_found = 0;
         let mut reached = vec![false; self.nodes.len()];
         reached[0] = true;
         let mut open = vec![0usize];
         while let Some(at) = open.pop() {
             for (side, child) in self.nodes[at].iter().enumerate() {
                 if child.n_leaves() == 1 {
+                    if !is_listed(child, at << 1 | side) {
+                        return false;
+                    }
+                    n_found = usize::saturating_add(n_found, 1);
                     continue;
                 }
                 let below = child.below as usize;
@@ -250,7 +282,12 @@ impl Tree {
                 open.push(below);
             }
         }
-        true
+        // Whoever is marked here is free twice, or in use.
+        let mut is_free = |id: &u32| {
+            let found = reached.get_mut(*id as usize);
+            found.is_some_and(|it| !std::mem::replace(it, true))
+        };
+        (n_listed, self.leaves.n) == (n_found, n_found) && self.free.iter().all(&mut is_free)
     }
 }
 
@@ -293,6 +330,30 @@ mod tests {
         let inner = tree.nodes[0].iter_mut().find(|side| side.n_leaves() > 1);
         inner.expect("one side of forty leaves is a node").below = 0;
         assert!(!tree.is_sound());
+    }
+
+    #[test]
+    fn leaves_that_the_list_does_not_know_and_free_nodes_in_use_are_refused() {
+        let tree = || {
+            let mut engine = boxes(40);
+            let first = engine.bodies.iter().next().expect("forty bodies").0;
+            engine.remove_body_with_colliders(first);
+            engine.step();
+            Tree::of(&engine.broad_phase).expect("its layout is known")
+        };
+        assert!(tree().is_sound());
+        let spoil: [fn(&mut Tree); 5] = [
+            |tree| tree.leaves.by_number[7] = None,
+            |tree| tree.leaves.by_number.swap(7, 8),
+            |tree| tree.leaves.by_number.truncate(20),
+            |tree| tree.leaves.n += 1,
+            |tree| tree.free.push(0),
+        ];
+        for (n, spoil) in spoil.iter().enumerate() {
+            let mut tree = tree();
+            spoil(&mut tree);
+            assert!(!tree.is_sound(), "{n}");
+        }
     }
 
     #[test]
