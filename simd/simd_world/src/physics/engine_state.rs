@@ -337,7 +337,7 @@ mod tests {
         let tree = || {
             let mut engine = boxes(40);
             let first = engine.bodies.iter().next().expect("forty bodies").0;
-            engine.remove_body_with_colliders(first);
+            engine.remove_body(first);
             engine.step();
             Tree::of(&engine.broad_phase).expect("its layout is known")
         };
