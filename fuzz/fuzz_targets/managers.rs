@@ -1,4 +1,4 @@
-//! `test_fuzz::targets::managers` under cargo-fuzz.
+//! `test_fuzz::targets::managers` under libFuzzer.
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| test_fuzz::targets::managers(data));

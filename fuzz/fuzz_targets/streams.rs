@@ -1,4 +1,4 @@
-//! `test_fuzz::targets::streams` under cargo-fuzz.
+//! `test_fuzz::targets::streams` under libFuzzer.
 #![no_main]
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| test_fuzz::targets::streams(data));
