@@ -91,6 +91,7 @@ def arguments():
     parser.add_argument("--gpus", type=int, default=1, help="graphics adapters over which servers are spread")
     parser.add_argument("--deadline", type=float, metavar="SECONDS", help="no route runs longer than until then, wall clock")
     parser.add_argument("--limit", type=float, default=900.0, metavar="SECONDS", help="longest time per route, wall clock")
+    parser.add_argument("--json", type=pathlib.Path, metavar="FILE", help="every run's verdict, scores and infractions")
     return parser.parse_args()
 
 
@@ -263,12 +264,33 @@ def described(route, records):
     ), wrong
 
 
+def kept(given, runs, routes, secs, load):
+    """Every run as one row, with the machine and its load when they began."""
+    rows = []
+    for route in routes:
+        kind = next((scenario.get("type") for scenario in route.iter("scenario")), "")
+        for number in range(given.times):
+            record = runs.found.get((route.get("id"), number))
+            row = {"route": route.get("id"), "town": route.get("town"), "scenario": kind, "run": number, "status": record["status"] if record else "no verdict"}
+            if record:
+                status, scores, infractions = verdict(record)
+                counts = {name: len(found) for name, found in infractions.items()}
+                row |= {"status": status, **scores, "infractions": counts, "simulated_secs": record["meta"].get("duration_game", 0), "secs": record["meta"].get("duration_system", 0)}
+            if (route.get("id"), number) in runs.found:
+                rows.append(row)
+    cpu = next((line.partition(":")[2].strip() for line in pathlib.Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")), "")
+    commit = subprocess.run(["git", "-C", REPOSITORY, "rev-parse", "--short=8", "HEAD"], capture_output=True, text=True).stdout.strip()
+    command = " ".join(["leaderboard.py", *(word if not pathlib.Path(word).is_absolute() else pathlib.Path(word).name for word in sys.argv[1:])])
+    machine = {"cpu": cpu, "n_cores": os.cpu_count(), "load_1min": load, "date": time.strftime("%Y-%m-%d", time.gmtime()), "commit": commit, "command": command}
+    return {"bench": "evaluator", "machine": machine, "side_by_side": given.jobs, "gpus": given.gpus, "secs": round(secs, 1), "agent": given.agent.stem if given.agent else "npc_agent", "rows": rows}
+
+
 def main():
     given = arguments()
     given.out.mkdir(parents=True, exist_ok=True)
     routes = chosen_routes(given)
     print(f"{len(routes)} routes, {given.times} times", flush=True)
-    begin = time.monotonic()
+    begin, load = time.monotonic(), f"{os.getloadavg()[0]:.1f}"
     runs = Runs(given, routes)
     runs.run()
     rows, wrong = [], []
@@ -280,6 +302,10 @@ def main():
             wrong += faults
     head = ["| Route | Town | Scenario | Verdict | Route | Score | Runs | Simulated, in |", "|---|---|---|---|---|---|---|---|"]
     (given.out / "table.md").write_text("\n".join([*head, *rows, ""]))
+    if given.json:
+        # One run per line, so that a diff shows what became of which.
+        head, _, rest = json.dumps(kept(given, runs, routes, time.monotonic() - begin, load)).partition('"rows": [')
+        given.json.write_text(head + '"rows": [\n' + rest.replace('}, {"route"', '},\n{"route"') + "\n")
     statuses = collections.Counter(record["status"] if record else "no verdict" for record in runs.found.values())
     print("\n".join([*rows, *wrong]))
     print(f"{len(runs.found)} runs of {len(rows)} routes in {time.monotonic() - begin:.0f} s: " + ", ".join(f"{n} {status}" for status, n in statuses.most_common()))
