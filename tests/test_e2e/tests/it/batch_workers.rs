@@ -95,7 +95,7 @@ impl Readers {
         let mut frames = Frames::new();
         for reader in &mut self.0 {
             let topic = reader.topic().to_owned();
-            if topic.contains("rear") && tick % 2 == 0 {
+            if topic.contains("rear") && tick.is_multiple_of(2) {
                 continue;
             }
             let frame = eventually(&format!("{topic} at tick {tick}"), || {
