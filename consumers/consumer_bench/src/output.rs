@@ -1,4 +1,4 @@
-//! Tables for people, and durations on the command line.
+//! Tables for people.
 
 use consumer_report::terminal::TextTable;
 

@@ -3,9 +3,10 @@
 
 use std::time::Duration;
 
-use schema_bus::{Bus, BusOptions, FramePublisher, FrameTopic, ResultTopic};
+use schema_bus::{FramePublisher, FrameTopic, ResultTopic};
 use schema_frames::{Box2d, Modality, ResultType};
 use serde_json::Value;
+use test_kit::client::join_bus;
 use test_kit::{Process, Sandbox};
 
 fn bench(sandbox: &Sandbox, words: &[&str]) -> Process {
@@ -89,11 +90,7 @@ impl Camera {
 #[test]
 fn topics_tells_rate_losses_and_complete_sets() {
     let sandbox = Sandbox::new("bench-topics");
-    let options = BusOptions {
-        iceoryx_root: Some(sandbox.iceoryx_root()),
-        prefix: Some(sandbox.prefix().to_owned()),
-    };
-    let bus = Bus::open_with(sandbox.domain(), "camera", &options).expect("a private bus");
+    let bus = join_bus(&sandbox, "camera");
     let publisher = |modality: Modality| {
         let topic = format!("ego/front/{}", modality.name());
         bus.frame_publisher(&topic, FrameTopic::new(modality, 16 * 16 * 4))
@@ -160,11 +157,7 @@ fn topics_tells_rate_losses_and_complete_sets() {
 #[test]
 fn topics_tells_rate_and_latency_of_results() {
     let sandbox = Sandbox::new("bench-results");
-    let options = BusOptions {
-        iceoryx_root: Some(sandbox.iceoryx_root()),
-        prefix: Some(sandbox.prefix().to_owned()),
-    };
-    let bus = Bus::open_with(sandbox.domain(), "detector", &options).expect("a private bus");
+    let bus = join_bus(&sandbox, "detector");
     let camera = bus
         .frame_publisher("ego/front/rgb", FrameTopic::new(Modality::Rgb, 16 * 16 * 4))
         .expect("a topic");
@@ -302,11 +295,7 @@ fn wakes_tells_what_readers_cost_a_writer() {
 #[test]
 fn ages_measures_quick_sensors_beside_cameras() {
     let sandbox = Sandbox::new("bench-ages");
-    let options = BusOptions {
-        iceoryx_root: Some(sandbox.iceoryx_root()),
-        prefix: Some(sandbox.prefix().to_owned()),
-    };
-    let bus = Bus::open_with(sandbox.domain(), "simulator", &options).expect("a private bus");
+    let bus = join_bus(&sandbox, "simulator");
     let publisher = |topic: &str, modality: Modality| {
         let spec = FrameTopic::new(modality, 16 * 16 * 4);
         bus.frame_publisher(topic, spec).expect("a topic")

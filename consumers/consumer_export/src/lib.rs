@@ -2,6 +2,8 @@
 //! (from the command line to a finished set). What is written is `consumer_sets`'.
 
 #![forbid(unsafe_code)]
+// Numbers of files may be any: sums of them are checked, or cannot overflow.
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 #![warn(missing_docs)]
 
 mod live;

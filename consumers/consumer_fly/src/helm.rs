@@ -7,16 +7,23 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use parking_lot::{Condvar, Mutex};
-use schema_bus::{Bus, CommandClient};
+use schema_bus::{Bus, BusOptions, CommandClient};
 use schema_frames::{Command, CommandBatch, CommandReply, ReplyBatch};
 use schema_types::Pose;
-
-use crate::options::Options;
 
 /// Longest wait for an answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
 /// Pause after a failure, so that it is not repeated in a rush.
 const PAUSE: Duration = Duration::from_millis(200);
+
+/// Where to fly.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// First segment of the service names.
+    pub domain: String,
+    /// Where iceoryx2 keeps its files.
+    pub bus: BusOptions,
+}
 
 #[derive(Debug, Default)]
 struct State {

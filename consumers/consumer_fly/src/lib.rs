@@ -11,7 +11,6 @@
 
 pub mod helm;
 pub mod input;
-mod options;
 pub mod pilot;
 mod scale;
 pub mod screen;
@@ -25,8 +24,8 @@ use schema_bus::{Bus, names};
 use schema_frames::{ActorKind, ActorList};
 
 use helm::Helm;
+pub use helm::Options;
 use input::Input;
-pub use options::Options;
 use pilot::Pilot;
 use screen::{Picture, Screen};
 

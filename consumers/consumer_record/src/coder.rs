@@ -141,11 +141,13 @@ fn jpeg(header: &FrameHeader, payload: &[u8], quality: u8) -> Option<Vec<u8>> {
 
 /// Red, green and blue of each pixel of a colour image.
 pub(crate) fn rgb_pixels(header: &FrameHeader, payload: &[u8]) -> Vec<u8> {
-    let (stride, row_bytes) = (header.row_stride as usize, header.width as usize * 4);
-    let mut pixels = vec![0u8; header.width as usize * header.height as usize * 3];
-    let rows = pixels.chunks_exact_mut((header.width as usize * 3).max(1));
-    for (y, row) in rows.enumerate() {
-        let bgra = payload[y * stride..][..row_bytes].chunks_exact(4);
+    let (width, height) = (header.width as usize, header.height as usize);
+    // The reader has compared these with the payload, which is longer than any of the products.
+    let (bgra_bytes, rgb_bytes) = (width.saturating_mul(4), width.saturating_mul(3));
+    let mut pixels = vec![0u8; rgb_bytes.saturating_mul(height)];
+    let lines = payload.chunks((header.row_stride as usize).max(1));
+    for (row, line) in pixels.chunks_exact_mut(rgb_bytes.max(1)).zip(lines) {
+        let bgra = line[..bgra_bytes].chunks_exact(4);
         for (rgb, bgra) in row.chunks_exact_mut(3).zip(bgra) {
             rgb.copy_from_slice(&[bgra[2], bgra[1], bgra[0]]);
         }

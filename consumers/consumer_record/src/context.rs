@@ -62,7 +62,7 @@ impl Context {
             if entry.content == Content::Document {
                 self.documents.insert(entry.topic.clone(), kept);
             } else if self.journal_bytes <= MAX_JOURNAL_BYTES {
-                self.journal_bytes += entry.bytes.len();
+                self.journal_bytes = self.journal_bytes.saturating_add(entry.bytes.len());
                 self.journal.push(kept);
             }
         }

@@ -69,7 +69,7 @@ impl Copier {
     }
 
     fn describe(&mut self, bytes: usize) -> anyhow::Result<()> {
-        self.described_bytes += bytes;
+        self.described_bytes = self.described_bytes.saturating_add(bytes);
         if self.described_bytes > MAX_DESCRIBED_BYTES {
             bail!(
                 "its schemas and channels have more than {MAX_DESCRIBED_BYTES} bytes, as no recording has; what was copied so far stays in {}",
@@ -87,7 +87,8 @@ impl Copier {
     ) -> anyhow::Result<()> {
         // Every chunk of some writers repeats what it uses.
         if header.id != 0 && !self.schemas.contains_key(&(input, header.id)) {
-            self.describe(header.name.len() + header.encoding.len() + data.len())?;
+            let parts = [header.name.len(), header.encoding.len(), data.len()];
+            self.describe(parts.iter().sum())?;
             let id = self
                 .writer
                 .add_schema(&header.name, &header.encoding, data)?;
@@ -106,8 +107,9 @@ impl Copier {
             && !self.channels.contains_key(&(input, channel.id))
         {
             let pairs = channel.metadata.iter();
-            let bytes: usize = pairs.map(|(key, value)| key.len() + value.len()).sum();
-            self.describe(channel.topic.len() + channel.message_encoding.len() + bytes)?;
+            let texts = pairs.flat_map(|(key, value)| [key.len(), value.len()]);
+            let names = [channel.topic.len(), channel.message_encoding.len()];
+            self.describe(texts.chain(names).sum())?;
             let id = self.writer.add_channel(
                 schema,
                 &channel.topic,
@@ -132,7 +134,7 @@ impl Copier {
                 ..*header
             };
             self.writer.write_to_known_channel(&header, data)?;
-            self.n_messages += 1;
+            self.n_messages = self.n_messages.saturating_add(1);
         }
         Ok(())
     }

@@ -55,7 +55,7 @@ pub fn trim(input: &Path, output: &Path, cut: &Cut) -> anyhow::Result<u64> {
     let mut schemas: HashMap<u16, String> = HashMap::new();
     let mut kinds: HashMap<u16, Kind> = HashMap::new();
     let mut before = Before::default();
-    let mut n_inside = 0u64;
+    let mut is_empty = true;
     let mut span = (u64::MAX, 0u64);
     while let Some(record) = pull.next()? {
         match record {
@@ -86,7 +86,7 @@ pub fn trim(input: &Path, output: &Path, cut: &Cut) -> anyhow::Result<u64> {
                     continue;
                 }
                 before.write(&mut out, cut.from_nanos)?;
-                n_inside += 1;
+                is_empty = false;
                 out.message(0, &header, &data)?;
             }
             Record::Attachment { header, data, .. } => out.attach(&Attachment {
@@ -100,7 +100,7 @@ pub fn trim(input: &Path, output: &Path, cut: &Cut) -> anyhow::Result<u64> {
             _ => {}
         }
     }
-    if n_inside == 0 {
+    if is_empty {
         bail!(
             "{} holds nothing between {:.3} s and {:.3} s; it covers {:.3} s to {:.3} s of simulated time",
             input.display(),
@@ -128,11 +128,12 @@ impl Before {
             Kind::Document => {
                 let kept = (header, data.to_vec());
                 let old = self.documents.insert(kept.0.channel_id, kept);
-                self.n_bytes -= old.map_or(0, |(_, data)| data.len());
+                let n_less = old.map_or(0, |(_, data)| data.len());
+                self.n_bytes = self.n_bytes.saturating_sub(n_less);
             }
             Kind::Journal => self.journal.push((header, data.to_vec())),
         }
-        self.n_bytes += data.len();
+        self.n_bytes = self.n_bytes.saturating_add(data.len());
         ensure!(
             self.n_bytes <= MAX_BEFORE_BYTES,
             "documents and journal before the cut have more than {MAX_BEFORE_BYTES} bytes"

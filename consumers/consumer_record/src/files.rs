@@ -124,8 +124,10 @@ impl Files {
 
     fn batch(&mut self, batch: &Batch) -> anyhow::Result<()> {
         if self.split.is_on() {
-            let step = if self.on_seconds { KEY_EVERY_NANOS } else { 1 };
-            let is_later = batch.log_nanos / step > self.last_nanos / step;
+            let is_later = match self.on_seconds {
+                true => batch.log_nanos / KEY_EVERY_NANOS > self.last_nanos / KEY_EVERY_NANOS,
+                false => batch.log_nanos > self.last_nanos,
+            };
             if is_later && self.is_due(batch.log_nanos)? {
                 self.next_part(batch.log_nanos)?;
             }
@@ -142,7 +144,7 @@ impl Files {
         };
         // Files of seconds last whole seconds, whenever the first message of one came.
         let first = match self.on_seconds {
-            true => first - first % KEY_EVERY_NANOS,
+            true => first.saturating_sub(first % KEY_EVERY_NANOS),
             false => first,
         };
         let by_time = self.split.max_sim_nanos;
@@ -157,7 +159,7 @@ impl Files {
 
     fn next_part(&mut self, now_nanos: u64) -> anyhow::Result<()> {
         let previous = self.path();
-        self.part += 1;
+        self.part = self.part.saturating_add(1);
         let next = Recording::create(&self.path(), self.compression)?;
         let mut done = std::mem::replace(&mut self.current, next);
         self.end_part(&mut done, &name_of(&self.path()))?;

@@ -107,7 +107,7 @@ pub fn info<R: Read>(input: R, file_bytes: u64) -> anyhow::Result<FileInfo> {
 
 impl Tally {
     fn chunk(&mut self, body: &[u8]) {
-        self.info.n_chunks += 1;
+        self.info.n_chunks = self.info.n_chunks.saturating_add(1);
         if let Ok((header, _)) = chunk(body) {
             self.info.unpacked_bytes = self
                 .info
@@ -126,7 +126,8 @@ impl Tally {
             self.record(&record);
             Ok(())
         });
-        self.info.n_bad_chunks += read.is_err() as u64;
+        let n_bad = u64::from(read.is_err());
+        self.info.n_bad_chunks = self.info.n_bad_chunks.saturating_add(n_bad);
     }
 
     fn record(&mut self, record: &Record<'_>) {
@@ -148,12 +149,12 @@ impl Tally {
                 self.channels.entry(channel.id).or_insert((fresh, None));
             }
             Record::Message { header, data } => {
-                self.info.n_messages += 1;
+                self.info.n_messages = self.info.n_messages.saturating_add(1);
                 self.info.start_sim_nanos = self.info.start_sim_nanos.min(header.log_time);
                 self.info.end_sim_nanos = self.info.end_sim_nanos.max(header.log_time);
                 if let Some((channel, span)) = self.channels.get_mut(&header.channel_id) {
-                    channel.n_messages += 1;
-                    channel.n_bytes += data.len() as u64;
+                    channel.n_messages = channel.n_messages.saturating_add(1);
+                    channel.n_bytes = channel.n_bytes.saturating_add(data.len() as u64);
                     if channel.schema == "gantry.Frame"
                         && let Some(codec) = codec(data)
                         && !channel.codecs.iter().any(|known| known == codec)
@@ -184,7 +185,9 @@ impl Tally {
         self.info.complete = self.info.problem.is_empty();
         self.info.start_sim_nanos = self.info.start_sim_nanos.min(self.info.end_sim_nanos);
         let rate = |(channel, span): (ChannelInfo, Option<(u64, u64)>)| {
-            let secs = span.map_or(0.0, |(first, last)| (last - first) as f64 * 1e-9);
+            let secs = span.map_or(0.0, |(first, last)| {
+                last.saturating_sub(first) as f64 * 1e-9
+            });
             let rate_hz = if secs > 0.0 {
                 channel.n_messages.saturating_sub(1) as f64 / secs
             } else {
@@ -211,7 +214,7 @@ impl FileInfo {
     /// The report as text for people.
     pub fn text(&self) -> String {
         let mut out = String::new();
-        let secs = (self.end_sim_nanos - self.start_sim_nanos) as f64 * 1e-9;
+        let secs = self.end_sim_nanos.saturating_sub(self.start_sim_nanos) as f64 * 1e-9;
         let megabytes = self.file_bytes as f64 / 1e6;
         let _ = writeln!(
             out,

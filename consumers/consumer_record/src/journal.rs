@@ -192,7 +192,7 @@ impl Journal {
                 true
             }
         };
-        self.told.n_messages += u64::from(is_queued);
+        self.told.n_messages = self.told.n_messages.saturating_add(u64::from(is_queued));
         Ok(is_queued)
     }
 }

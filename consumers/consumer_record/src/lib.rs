@@ -10,6 +10,8 @@
 //! request); [`info`], [`cat`], [`edit`], [`recover`] and [`convert`] (from the file). What a frame, a
 //! result or a snapshot becomes is `consumer_forms::foxglove`.
 
+// Numbers of files may be any: sums of them are checked, or cannot overflow.
+#![cfg_attr(not(test), warn(clippy::arithmetic_side_effects))]
 #![warn(missing_docs)]
 
 mod asker;

@@ -49,7 +49,7 @@ impl Types {
             scope => format!("{scope}.{}", text(message, 1)),
         };
         for nested in parts(message, 3) {
-            self.add(&name, nested, depth + 1);
+            self.add(&name, nested, depth.saturating_add(1));
         }
         let of = parts(message, 2).map(|field| {
             let found = Field {
@@ -86,7 +86,7 @@ impl Types {
             }
             let (items, n) = lists.entry(number).or_default();
             for value in unpacked(field.kind, value) {
-                *n += 1;
+                *n = n.saturating_add(1);
                 if *n <= MAX_ITEMS {
                     items.push(self.value(field, value, depth));
                 }
@@ -103,7 +103,7 @@ impl Types {
     }
 
     fn value(&self, field: &Field, value: Value<'_>, depth: usize) -> Json {
-        let zigzag = |n: u64| (n >> 1) as i64 ^ -((n & 1) as i64);
+        let zigzag = |n: u64| (n >> 1) as i64 ^ ((n & 1) as i64).wrapping_neg();
         match (field.kind, value) {
             (1, Value::Fixed64(bits)) => float(f64::from_bits(bits)),
             (2, Value::Fixed32(bits)) => match f32::from_bits(bits) {
@@ -118,7 +118,9 @@ impl Types {
             (_, Value::Varint(n) | Value::Fixed64(n)) => json!(n),
             (_, Value::Fixed32(n)) => json!(n),
             (9, Value::Bytes(bytes)) => json!(String::from_utf8_lossy(bytes)),
-            (11, Value::Bytes(bytes)) => self.message(&field.type_name, bytes, depth + 1),
+            (11, Value::Bytes(bytes)) => {
+                self.message(&field.type_name, bytes, depth.saturating_add(1))
+            }
             (_, Value::Bytes(bytes)) => json!({ "bytes": bytes.len() }),
         }
     }
@@ -153,12 +155,13 @@ fn unpacked(kind: u64, value: Value<'_>) -> Vec<Value<'_>> {
 
 fn varints(bytes: &[u8]) -> Vec<Value<'_>> {
     let mut out = Vec::new();
-    let (mut value, mut shift) = (0u64, 0);
+    let (mut value, mut shift) = (0u64, 0u32);
     for byte in bytes {
         if shift < 64 {
             value |= ((byte & 0x7f) as u64) << shift;
         }
-        shift += 7;
+        // A number of hundreds of megabytes, none of whose bytes is the last, ends nothing.
+        shift = shift.saturating_add(7);
         if byte & 0x80 == 0 {
             out.push(Value::Varint(value));
             (value, shift) = (0, 0);

@@ -73,8 +73,9 @@ impl Pull {
             let taken = walk::take_record(&mut rest);
             let left = rest.len();
             if let Some((opcode, body)) = taken.map_err(|error| self.broken(&error))? {
-                let end = self.records.len() - left;
-                let place = end - body.len()..end;
+                // What is left, and the body before it, are parts of the records.
+                let end = self.records.len().saturating_sub(left);
+                let place = end.saturating_sub(body.len())..end;
                 self.done = end;
                 return Ok(At::Chunk(opcode, place));
             }

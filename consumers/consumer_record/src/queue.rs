@@ -2,11 +2,12 @@
 //! coding threads on their way and keep their place; those of a video are coded one after the other.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, Sender, TrySendError, bounded, unbounded};
+use parking_lot::Mutex;
 use schema_bus::Frame;
 use schema_frames::{FrameHeader, Modality};
 use schema_recording::messages::Batch;
@@ -52,6 +53,12 @@ pub struct FrameJob {
     pub header: FrameHeader,
     /// Its payload.
     pub payload: Payload,
+}
+
+impl FrameJob {
+    fn queued_bytes(&self) -> usize {
+        self.batch.queued_bytes().saturating_add(self.payload.len())
+    }
 }
 
 /// Bytes of a frame.
@@ -104,7 +111,7 @@ impl Job {
     fn queued_bytes(&self) -> usize {
         match self {
             Job::Batch(batch) => batch.queued_bytes(),
-            Job::Frame(job) => job.batch.queued_bytes() + job.payload.len(),
+            Job::Frame(job) => job.queued_bytes(),
             Job::Attach { data, .. } => data.len(),
             Job::Metadata { .. } => 0,
         }
@@ -187,19 +194,13 @@ struct Lane {
 }
 
 impl Lane {
-    fn state(&self) -> std::sync::MutexGuard<'_, (VecDeque<Work>, bool)> {
-        self.state
-            .lock()
-            .unwrap_or_else(|poisoned| poisoned.into_inner())
-    }
-
     fn push(&self, work: Work) {
-        self.state().0.push_back(work);
+        self.state.lock().0.push_back(work);
     }
 
     /// The first frame for a thread that comes; none if another one is there.
     fn begin(&self) -> Option<Work> {
-        let mut state = self.state();
+        let mut state = self.state.lock();
         if state.1 {
             return None;
         }
@@ -210,7 +211,7 @@ impl Lane {
 
     /// The next frame for the thread that is there; without one it leaves.
     fn next(&self) -> Option<Work> {
-        let mut state = self.state();
+        let mut state = self.state.lock();
         let work = state.0.pop_front();
         state.1 = work.is_some();
         work
@@ -228,15 +229,9 @@ struct Shared {
 }
 
 impl Shared {
-    fn spare(&self) -> std::sync::MutexGuard<'_, Vec<Vec<u8>>> {
-        self.spare
-            .lock()
-            .unwrap_or_else(|poisoned| poisoned.into_inner())
-    }
-
     fn buffer(&self, capacity: usize) -> Vec<u8> {
         if capacity >= MIN_SPARE_BYTES {
-            let mut spare = self.spare();
+            let mut spare = self.spare.lock();
             let fits = |buffer: &Vec<u8>| {
                 buffer.capacity() >= capacity && buffer.capacity() / 2 <= capacity
             };
@@ -248,7 +243,7 @@ impl Shared {
     }
 
     fn give_back(&self, buffers: impl Iterator<Item = Vec<u8>>) {
-        let mut spare = self.spare();
+        let mut spare = self.spare.lock();
         for mut buffer in buffers.filter(|buffer| buffer.capacity() >= MIN_SPARE_BYTES) {
             if spare.len() == MAX_SPARE_BUFFERS {
                 spare.remove(0);
@@ -340,10 +335,7 @@ impl Queue {
         if !is_colour || !self.shared.colour_in_order.load(Ordering::Acquire) {
             return Task::Frame(work);
         }
-        let mut lanes = self
-            .lanes
-            .lock()
-            .unwrap_or_else(|poisoned| poisoned.into_inner());
+        let mut lanes = self.lanes.lock();
         let lane = lanes.entry(work.job.batch.source.clone()).or_default();
         lane.push(work);
         Task::Lane(lane.clone())
@@ -423,7 +415,7 @@ impl Workbench {
         if self.shared.writers.load(Ordering::Acquire) == 0 {
             return;
         }
-        let before = job.batch.queued_bytes() + job.payload.len();
+        let before = job.queued_bytes();
         let mut entries = code(&job, second, &mut |n| self.shared.buffer(n));
         entries.append(&mut job.batch.entries);
         let mut batch = job.batch;
@@ -433,11 +425,11 @@ impl Workbench {
         if after > before {
             self.shared
                 .bytes
-                .fetch_add(after - before, Ordering::AcqRel);
+                .fetch_add(after.saturating_sub(before), Ordering::AcqRel);
         } else {
             self.shared
                 .bytes
-                .fetch_sub(before - after, Ordering::AcqRel);
+                .fetch_sub(before.saturating_sub(after), Ordering::AcqRel);
         }
         // What was borrowed is given back here, before the writer hears of it.
         if let Payload::Copied(bytes) = job.payload {

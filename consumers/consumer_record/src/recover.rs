@@ -62,13 +62,14 @@ pub fn recover<R: Read>(mut walk: RecordWalk<R>, output: &Path) -> anyhow::Resul
             op::CHUNK => match for_each_in_chunk(&body, &mut |_| Ok(())) {
                 Ok(()) => {
                     for_each_in_chunk(&body, &mut |record| copy(record, &mut out))?;
-                    found.n_chunks += 1;
+                    found.n_chunks = found.n_chunks.saturating_add(1);
                 }
-                Err(_) => found.n_bad_chunks += 1,
+                Err(_) => found.n_bad_chunks = found.n_bad_chunks.saturating_add(1),
             },
             _ => {
                 if let Ok(record) = record(opcode, &body) {
-                    found.n_attachments += matches!(record, Record::Attachment { .. }) as u64;
+                    let n_more = u64::from(matches!(record, Record::Attachment { .. }));
+                    found.n_attachments = found.n_attachments.saturating_add(n_more);
                     copy(record, &mut out)?;
                 }
             }

@@ -111,7 +111,8 @@ impl ResultTopics {
     pub(crate) fn begin_file(&mut self) {
         let converter = std::mem::take(&mut self.converter);
         for (topic, n) in converter.bad_items() {
-            *self.bad_items.entry(topic.clone()).or_insert(0) += n;
+            let sum = self.bad_items.entry(topic.clone()).or_insert(0);
+            *sum = sum.saturating_add(*n);
         }
         self.topics
             .values_mut()

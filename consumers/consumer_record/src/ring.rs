@@ -33,8 +33,9 @@ pub struct Ring {
 const ENTRY_BYTES: usize = 128;
 
 fn bytes_of(batch: &Batch) -> usize {
-    let buffers: usize = batch.entries.iter().map(|it| it.bytes.capacity()).sum();
-    buffers + batch.entries.len() * ENTRY_BYTES + ENTRY_BYTES
+    let entries = batch.entries.iter();
+    let bytes = entries.flat_map(|it| [it.bytes.capacity(), ENTRY_BYTES]);
+    bytes.chain([ENTRY_BYTES]).sum()
 }
 
 impl Ring {
@@ -67,7 +68,7 @@ impl Ring {
                 for entry in &mut batch.entries {
                     entry.bytes.shrink_to_fit();
                 }
-                self.n_bytes += bytes_of(&batch);
+                self.n_bytes = self.n_bytes.saturating_add(bytes_of(&batch));
                 self.batches.push_back(Arc::new(batch));
                 self.forget();
             }
@@ -84,17 +85,20 @@ impl Ring {
 
     fn forget(&mut self) {
         let newest = self.batches.back().map_or(0, |batch| batch.log_nanos);
-        let step = if self.on_seconds { KEY_EVERY_NANOS } else { 1 };
-        let oldest_kept = newest.saturating_sub(self.settings.keep_nanos) / step;
+        let step_of = |nanos: u64| match self.on_seconds {
+            true => nanos / KEY_EVERY_NANOS,
+            false => nanos,
+        };
+        let oldest_kept = step_of(newest.saturating_sub(self.settings.keep_nanos));
         // Of a second that does not fit nothing is kept.
         let mut forgotten = None;
         while let Some(oldest) = self.batches.front() {
-            let second = oldest.log_nanos / step;
+            let second = step_of(oldest.log_nanos);
             let is_old = second < oldest_kept || (self.on_seconds && forgotten >= Some(second));
             if !is_old && self.n_bytes <= self.settings.max_bytes {
                 break;
             }
-            self.n_bytes -= bytes_of(oldest);
+            self.n_bytes = self.n_bytes.saturating_sub(bytes_of(oldest));
             self.context.batch(oldest);
             forgotten = forgotten.max(Some(second));
             self.batches.pop_front();
@@ -103,10 +107,11 @@ impl Ring {
 
     /// Begins to write what it holds, on a thread of its own; the answer says what came of it.
     pub(crate) fn dump(&mut self, request: DumpRequest) {
-        self.n_dumps += 1;
+        // Numbers whose files are there are passed over.
+        self.n_dumps = self.n_dumps.wrapping_add(1);
         let mut path = file_of_set(&self.base, self.n_dumps);
         while path.exists() || schema_recording::write::part_path(&path).exists() {
-            self.n_dumps += 1;
+            self.n_dumps = self.n_dumps.wrapping_add(1);
             path = file_of_set(&self.base, self.n_dumps);
         }
         let (context, batches) = (self.context.clone(), self.batches.clone());

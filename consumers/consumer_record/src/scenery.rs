@@ -83,7 +83,7 @@ impl Scenery {
         if is_soon && (told.last_failed || !wait) {
             return Ok(());
         }
-        told.not_before = Some(Instant::now() + FETCH_EVERY);
+        told.not_before = Instant::now().checked_add(FETCH_EVERY);
         let question = CommandBatch::new(vec![Command::Scenery]);
         if wait {
             let answer = self.asker.ask_and_wait(question);
@@ -154,7 +154,7 @@ impl Told {
             objects,
         };
         let mut data = serde_json::to_vec(&list)?;
-        self.n_bytes += data.len();
+        self.n_bytes = self.n_bytes.saturating_add(data.len());
         if self.n_bytes > MAX_BYTES {
             tracing::warn!(
                 limit_bytes = MAX_BYTES,

@@ -238,8 +238,7 @@ impl Session {
         self.results.end(id);
         if let Some(report) = self.domain.leave(id) {
             let loss = self.left.entry(report.topic).or_default();
-            loss.on_the_bus += report.counts.lost;
-            loss.refused += report.counts.refused;
+            loss.on_bus(report.counts.lost, report.counts.refused);
         }
         Ok(())
     }
@@ -437,7 +436,7 @@ impl Session {
             self.documents
                 .attach_map(true, &self.domain, self.run, &mut self.sink)?;
             self.sink.finish(&self.losses())?;
-            self.sink.n_runs += 1;
+            self.sink.n_runs = self.sink.n_runs.saturating_add(1);
             let output = Output::create(&self.options, self.sink.n_runs)?;
             tracing::info!(file = %output.path.display(), "the simulator was restarted; its new run goes into a new file");
             self.sink.output = Some(output);
@@ -494,8 +493,7 @@ impl Session {
         let mut lost = self.left.clone();
         for report in self.domain.reports() {
             let loss = lost.entry(report.topic).or_default();
-            loss.on_the_bus += report.counts.lost;
-            loss.refused += report.counts.refused;
+            loss.on_bus(report.counts.lost, report.counts.refused);
         }
         for (topic, n) in &self.sink.full {
             lost.entry(topic.clone()).or_default().queue_full = *n;

@@ -34,7 +34,15 @@ pub struct Loss {
 impl Loss {
     /// All of them.
     pub fn total(&self) -> u64 {
-        self.on_the_bus + self.queue_full + self.refused
+        [self.on_the_bus, self.queue_full, self.refused]
+            .iter()
+            .sum()
+    }
+
+    /// Adds what a reader has counted.
+    pub(crate) fn on_bus(&mut self, lost: u64, refused: u64) {
+        self.on_the_bus = self.on_the_bus.saturating_add(lost);
+        self.refused = self.refused.saturating_add(refused);
     }
 }
 
@@ -174,9 +182,9 @@ impl Sink {
             output.queue.offer(job)
         };
         match outcome {
-            Ok(()) => *self.recorded.entry(source.to_string()).or_insert(0) += 1,
+            Ok(()) => count(&mut self.recorded, source),
             Err(Refused::Full(_)) => {
-                *self.full.entry(source.to_string()).or_insert(0) += 1;
+                count(&mut self.full, source);
                 if !std::mem::replace(&mut self.full_said, true) {
                     let waiting_mb = output.queue.waiting_bytes() >> 20;
                     tracing::warn!(
@@ -213,8 +221,14 @@ impl Sink {
     }
 
     pub(crate) fn wall_nanos(&self, mono_nanos: u64) -> u64 {
-        u64::try_from(mono_nanos as i128 + self.wall_minus_mono_nanos).unwrap_or(0)
+        let wall_nanos = i128::from(mono_nanos).saturating_add(self.wall_minus_mono_nanos);
+        u64::try_from(wall_nanos).unwrap_or(0)
     }
+}
+
+fn count(frames: &mut BTreeMap<String, u64>, topic: &str) {
+    let n = frames.entry(topic.to_owned()).or_insert(0);
+    *n = n.saturating_add(1);
 }
 
 fn writer_ended() -> anyhow::Error {
@@ -224,7 +238,9 @@ fn writer_ended() -> anyhow::Error {
 pub(crate) fn wall_minus_mono_nanos() -> anyhow::Result<i128> {
     let wall = nix::time::clock_gettime(nix::time::ClockId::CLOCK_REALTIME)
         .context("cannot read the wall clock")?;
-    Ok(wall.tv_sec() as i128 * 1_000_000_000 + wall.tv_nsec() as i128 - mono_now().0 as i128)
+    let secs_nanos = (wall.tv_sec() as i128).saturating_mul(1_000_000_000);
+    let wall_nanos = secs_nanos.saturating_add(wall.tv_nsec() as i128);
+    Ok(wall_nanos.saturating_sub(mono_now().0 as i128))
 }
 
 fn file_metadata(domain: &str) -> Job {

@@ -2,11 +2,12 @@
 //! second.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::Arc;
 
 use consumer_forms::picture::PictureError;
 use consumer_forms::picture::h264::{H264, Planes};
 use foxglove::messages as fox;
+use parking_lot::Mutex;
 use schema_frames::FrameHeader;
 use schema_recording::messages::{Content, Entry};
 
@@ -32,12 +33,6 @@ struct Stream {
     is_refused: bool,
 }
 
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex
-        .lock()
-        .unwrap_or_else(|poisoned| poisoned.into_inner())
-}
-
 impl Videos {
     /// No stream yet; `qp` is the quantiser of every frame, see [`consumer_forms::picture::h264::QP`].
     pub fn new(qp: u8) -> Videos {
@@ -57,11 +52,13 @@ impl Videos {
         payload: &[u8],
         second: u64,
     ) -> Option<Entry> {
-        let stream = locked(&self.streams)
+        let stream = self
+            .streams
+            .lock()
             .entry(name.channel.clone())
             .or_default()
             .clone();
-        let mut stream = locked(&stream);
+        let mut stream = stream.lock();
         if stream.is_refused {
             return None;
         }

@@ -21,6 +21,9 @@ use crate::stages;
 /// How often requests to dump are looked for while nothing arrives.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
+/// How often it is looked whether a file is to be flushed: a quarter of [`FLUSH_EVERY`].
+const LOOK_AT_FLUSH_EVERY: Duration = Duration::from_millis(250);
+
 /// Where jobs go.
 pub enum Target {
     /// Into files.
@@ -75,7 +78,7 @@ pub fn run(target: Target, outlet: Outlet) -> anyhow::Result<Vec<(PathBuf, Writt
 fn into_files(mut files: Files, outlet: &Outlet) -> anyhow::Result<Vec<(PathBuf, Written)>> {
     let mut flushed = Instant::now();
     loop {
-        match outlet.next(FLUSH_EVERY / 4) {
+        match outlet.next(LOOK_AT_FLUSH_EVERY) {
             Ok(Some(job)) => {
                 let span = stages::WRITE.span();
                 files.write(&job)?;

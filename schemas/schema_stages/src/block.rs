@@ -14,10 +14,10 @@
 
 use std::fs::File;
 use std::os::unix::fs::FileExt as _;
-use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use nix::sys::memfd::{MFdFlags, memfd_create};
+use parking_lot::Mutex;
 
 use crate::span::{Sums, entered};
 
@@ -47,7 +47,7 @@ static POSTED: Mutex<Option<Posted>> = Mutex::new(None);
 /// nothing is due it costs some 50 ns. A kernel that has no such files shows nothing.
 pub fn post(tick: u64) {
     let now = Instant::now();
-    let mut posted = POSTED.lock().unwrap_or_else(|broken| broken.into_inner());
+    let mut posted = POSTED.lock();
     let posted = match &mut *posted {
         Some(posted) if now.duration_since(posted.last) < EVERY => return,
         Some(posted) => posted,

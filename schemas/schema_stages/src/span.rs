@@ -1,11 +1,11 @@
 //! Stages and the spans that add to them.
 
 use std::cell::Cell;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
 use nix::time::{ClockId, clock_gettime};
+use parking_lot::Mutex;
 
 /// Stages of this process that were entered at least once, in the order of their first time.
 static ENTERED: Mutex<Vec<&'static Stage>> = Mutex::new(Vec::new());
@@ -87,7 +87,7 @@ impl Stage {
 
 /// The list of entered stages; it stays usable after a panic elsewhere.
 pub(crate) fn entered<T>(use_it: impl FnOnce(&mut Vec<&'static Stage>) -> T) -> T {
-    use_it(&mut ENTERED.lock().unwrap_or_else(|broken| broken.into_inner()))
+    use_it(&mut ENTERED.lock())
 }
 
 /// A thread is in a stage until this is dropped, on the same thread.

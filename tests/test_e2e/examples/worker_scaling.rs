@@ -12,8 +12,9 @@ use std::time::{Duration, Instant};
 
 use launch_cli::bench::{self, BenchResult, anyhow, clap};
 use schema_bus::{Bus, CommandClient, FrameReader};
-use schema_frames::{Command, CommandReply};
+use schema_frames::Command;
 use test_e2e::{ask, counter, join_bus, reader, spawn_consumer, start_daemon};
+use test_kit::client::join_lockstep;
 use test_kit::{Process, Sandbox, eventually};
 
 /// Ticks before the first that counts.
@@ -116,13 +117,7 @@ impl<'a> Reading<'a> {
         let readers = topics.iter().map(|topic| reader(bus, topic)).collect();
         let participant = lockstep.then(|| {
             let acks = bus.ack_writer("reader").expect("there is room");
-            let name = "reader".into();
-            let CommandReply::Joined { participant, .. } =
-                ask(client, Command::JoinLockstep { name })
-            else {
-                panic!("joining was refused")
-            };
-            (participant, acks)
+            (join_lockstep(client, "reader"), acks)
         });
         Reading {
             readers,

@@ -6,10 +6,11 @@ use std::sync::atomic::{AtomicU16, Ordering};
 use std::time::Duration;
 
 use test_kit::client::assert_nothing_left;
+use test_kit::programs::{spawn_consumer, start_daemon};
 use test_kit::sandbox::repository;
 use test_kit::{Ended, Process, Sandbox};
 
-use crate::processes::{python_package, spawn_consumer, start_daemon, venv_program};
+use crate::processes::{python_package, venv_program};
 
 /// Longest run of a script. Scripts that hang end themselves and say where (`carla_kit.py`); this
 /// limit is far beyond theirs on any machine.

@@ -6,9 +6,10 @@ use test_kit::Sandbox;
 use test_kit::client::{counter, join_bus};
 use test_kit::patience::eventually;
 use test_kit::process::Ended;
+use test_kit::programs::{spawn_consumer, start_daemon};
 use test_kit::sandbox::repository;
 
-use crate::processes::{spawn_consumer, start_daemon, venv_program};
+use crate::processes::venv_program;
 
 /// Far beyond what a script takes on any machine.
 const LIMIT: Duration = Duration::from_secs(1800);

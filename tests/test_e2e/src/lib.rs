@@ -1,8 +1,8 @@
 //! What the end-to-end tests share: a daemon in a sandbox, and the test itself as a client on the
 //! same private bus ([`test_kit::client`]).
 //!
-//! In reading order: [`small_rig`] (the launch file), [`processes`], [`recording`], [`exports`], [`carla`],
-//! [`benchmark`], [`judged`], [`kept`], [`stage`] and [`laboratory`].
+//! In reading order: [`processes`], [`workers`], [`recording`], [`exports`], [`carla`], [`benchmark`],
+//! [`judged`], [`kept`], [`stage`] and [`laboratory`].
 
 #![forbid(unsafe_code)]
 
@@ -14,15 +14,13 @@ pub mod kept;
 pub mod laboratory;
 pub mod processes;
 pub mod recording;
-pub mod small_rig;
 pub mod stage;
+pub mod workers;
 
-pub use processes::{
-    mount_namespace, not_tested, python_package, spawn_consumer, spawn_daemon, start_daemon,
-    venv_program,
-};
-pub use small_rig::{SMALL_RIG, SMALL_RIG_TOPICS};
+pub use processes::{mount_namespace, not_tested, python_package, venv_program};
 pub use stage::Stage;
 pub use test_kit::client::{
     ask, assert_nothing_left, counter, document, join_bus, reader, step, wait_readers,
 };
+pub use test_kit::programs::{spawn_consumer, spawn_daemon, start_daemon};
+pub use test_kit::small_rig::{SMALL_RIG, SMALL_RIG_TOPICS};

@@ -6,9 +6,8 @@ use std::time::Duration;
 use schema_bus::{Bus, CommandClient};
 use schema_frames::{Command, CommandBatch, CommandReply};
 use test_kit::client::{ask, assert_nothing_left, counter, join_bus};
+use test_kit::programs::start_daemon;
 use test_kit::{Process, Sandbox, eventually};
-
-use crate::processes::start_daemon;
 
 /// A daemon that is ready, and this test as another client of it.
 #[derive(Debug)]

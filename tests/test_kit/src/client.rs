@@ -68,11 +68,37 @@ pub fn counter(client: &mut CommandClient, name: &str) -> u64 {
     }
 }
 
+/// Cues a tick without waiting for it, and returns its number.
+pub fn cue(client: &mut CommandClient) -> u64 {
+    cue_ticks(client, 1)
+}
+
+fn cue_ticks(client: &mut CommandClient, n: u64) -> u64 {
+    match ask(client, Command::Step { n }) {
+        CommandReply::Stepping { last_tick } => last_tick,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Joins the lockstep under this name, and returns the participant's number.
+pub fn join_lockstep(client: &mut CommandClient, name: &str) -> u32 {
+    let name = name.to_owned();
+    match ask(client, Command::JoinLockstep { name }) {
+        CommandReply::Joined { participant, .. } => participant,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Waits until so many render workers have a share.
+pub fn wait_workers(client: &mut CommandClient, n: u64) {
+    eventually(&format!("{n} workers"), || {
+        (counter(client, "render_workers") == n).then_some(())
+    });
+}
+
 /// Cues `n` ticks and waits until they are done.
 pub fn step(client: &mut CommandClient, n: u64) -> u64 {
-    let CommandReply::Stepping { last_tick } = ask(client, Command::Step { n }) else {
-        panic!("step was refused")
-    };
+    let last_tick = cue_ticks(client, n);
     eventually(&format!("tick {last_tick} is done"), || {
         (counter(client, "ticks") >= last_tick).then_some(last_tick)
     })

@@ -10,7 +10,8 @@
 //! A test of a program of your own starts with a [`Simulator`], also outside this repository: it
 //! steps the world, runs the program, and hands out frames, results and snapshots by tick.
 //!
-//! In reading order: [`sandbox`], [`process`], [`patience`], [`client`], [`simulator`].
+//! In reading order: [`sandbox`], [`process`], [`patience`], [`programs`], [`small_rig`], [`client`],
+//! [`simulator`].
 //!
 //! ```no_run
 //! use test_kit::{Setup, Simulator};
@@ -32,8 +33,10 @@
 pub mod client;
 pub mod patience;
 pub mod process;
+pub mod programs;
 pub mod sandbox;
 pub mod simulator;
+pub mod small_rig;
 
 pub use patience::{PATIENCE, eventually};
 pub use process::{Ended, Process, output_within};

@@ -23,7 +23,7 @@ use schema_frames::{Command, CommandBatch, CommandReply, VehicleControlRecord};
 use crate::state::known_world::World;
 use crate::wire::requests::Failure;
 use answer::{Answer, CommandError};
-use packing::{Ask, Backlog, Outcome, measure, requests};
+use packing::{Ask, Backlog, measure, send_all};
 
 /// Jobs that may queue up before connections have to wait.
 const QUEUE: usize = 4096;
@@ -359,50 +359,7 @@ impl Thread<'_> {
                 self.held.remove(actor_id);
             }
         }
-        let sizes: Vec<&[_]> = asks.iter().map(|ask| ask.sizes.as_slice()).collect();
-        let requests = requests(&sizes);
-        let mut outcomes = vec![Outcome::default(); asks.len()];
-        let mut silence = None;
-        for parts in requests {
-            let commands: Vec<Command> = parts
-                .iter()
-                .flat_map(|part| {
-                    asks[part.ask].commands[part.commands.clone()]
-                        .iter()
-                        .cloned()
-                })
-                .collect();
-            let n_commands = commands.len();
-            // Without a simulator that answers, the other requests would only take their time.
-            let answer = match &silence {
-                None => self.request(commands),
-                Some(error) => Err(CommandError::clone(error)),
-            };
-            if let Err(error) = &answer {
-                silence = Some(error.clone());
-            }
-            let answer = answer.and_then(|answer| {
-                if answer.replies.len() == n_commands {
-                    return Ok(answer);
-                }
-                Err(match &answer.replies[..] {
-                    [CommandReply::Refused { error }] => CommandError::Refused(error.clone()),
-                    _ => CommandError::OtherLength,
-                })
-            });
-            let replies: &[CommandReply] = answer.as_ref().map_or(&[], |answer| &answer.replies);
-            let mut replies = replies.iter();
-            for part in parts {
-                let outcome = &mut outcomes[part.ask];
-                match &answer {
-                    Ok(answer) => outcome.tick = answer.tick,
-                    Err(error) => outcome.error = Some(error.clone()),
-                }
-                outcome
-                    .replies
-                    .extend(part.commands.zip(replies.by_ref().cloned()));
-            }
-        }
+        let outcomes = send_all(&asks, |commands| self.request(commands));
         for (ask, outcome) in asks.into_iter().zip(outcomes) {
             match (ask.reply, outcome.answer(&ask.sizes)) {
                 // If the connection has ended meanwhile, nobody waits for the answer.

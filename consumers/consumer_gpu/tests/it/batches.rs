@@ -3,11 +3,12 @@
 
 use crate::common;
 
-use common::{child, on_gpu, start, take};
+use common::{child, on_gpu, take};
 use consumer_gpu::GpuTopic;
 use schema_bus::{Bus, CommandClient, FrameReader, names};
 use schema_frames::{Command, CommandReply, FrameHeader, Modality, WorldInfo};
 use test_kit::client::{ask, assert_nothing_left, counter, document, join_bus, reader, step};
+use test_kit::programs::start_daemon;
 use test_kit::{Ended, Sandbox, eventually};
 
 const MODALITIES: [Modality; 6] = [
@@ -135,7 +136,7 @@ impl Batch {
 fn images_are_those_of_the_cameras_own_topics_in_shared_memory_and_on_the_gpu() {
     for extra in [&[][..], &["--one-queue"][..], &["--staged"][..]] {
         let sandbox = Sandbox::new("batches");
-        let daemon = start(&sandbox, RIG, extra);
+        let daemon = start_daemon(&sandbox, RIG, extra);
         let bus = join_bus(&sandbox, "test");
         let mut client = bus.command_client("test").unwrap();
         let fleet = MODALITIES.map(|it| Batch::open(&bus, "fleet", &FLEET, it));
@@ -160,7 +161,7 @@ fn images_are_those_of_the_cameras_own_topics_in_shared_memory_and_on_the_gpu() 
 #[test]
 fn a_batch_alone_is_drawn_once_and_only_where_it_is_read() {
     let sandbox = Sandbox::new("batch-alone");
-    let _daemon = start(&sandbox, RIG, &[]);
+    let _daemon = start_daemon(&sandbox, RIG, &[]);
     let bus = join_bus(&sandbox, "test");
     let mut client = bus.command_client("test").unwrap();
     let topic = "batch/fleet/depth";
@@ -202,7 +203,7 @@ fn a_batch_alone_is_drawn_once_and_only_where_it_is_read() {
 #[test]
 fn readers_of_a_batch_may_be_killed() {
     let sandbox = Sandbox::new("batch-kills");
-    let daemon = start(&sandbox, &free_running(), &[]);
+    let daemon = start_daemon(&sandbox, &free_running(), &[]);
     let bus = join_bus(&sandbox, "test");
     let (mut gpu, mut host) = (
         on_gpu(&bus, "batch/fleet/rgb"),
@@ -230,7 +231,7 @@ fn readers_of_a_batch_may_be_killed() {
 #[test]
 fn a_frame_that_lacks_an_image_is_left_out_and_counted() {
     let sandbox = Sandbox::new("batch-gap");
-    let mut daemon = start(&sandbox, RIG, &[]);
+    let mut daemon = start_daemon(&sandbox, RIG, &[]);
     let bus = join_bus(&sandbox, "test");
     let mut client = bus.command_client("test").unwrap();
     let info: WorldInfo = document(&bus, names::WORLD_INFO).json().unwrap();

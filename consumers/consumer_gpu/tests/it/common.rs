@@ -9,47 +9,26 @@ use std::process::Command;
 use consumer_gpu::{Device, FrameOnGpu, GpuTopic};
 use schema_bus::Bus;
 use test_kit::sandbox::binary_path;
+use test_kit::small_rig::SMALL_RIG;
 use test_kit::{Process, Sandbox};
 
-/// Every kind of frame that can stay on the GPU, in steps.
-pub const RIG: &str = r#"version = 1
-[scenario]
-map = "Town10HD"
-seed = 7
-tick_hz = 20
-mode = "stepped"
-vehicles = 4
-[sensor.front]
-kind = "camera"
-modalities = ["rgb", "depth", "semantic", "instance", "flow", "normals", "dvs"]
-rate_hz = 20
-width_px = 96
-height_px = 64
-mount.position_m = [0.6, 0.0, 1.6]
-[sensor.side]
+/// A second camera beside the small rig's.
+const SIDE: &str = r#"[sensor.side]
 kind = "camera"
 modalities = ["depth"]
 rate_hz = 20
 width_px = 96
 height_px = 64
 mount.position_m = [0.0, 0.9, 1.6]
-[sensor.roof]
-kind = "lidar"
-rate_hz = 20
-channels = 8
-columns = 180
-mount.position_m = [0.0, 0.0, 2.0]
-[sensor.labels]
-kind = "lidar"
-semantic = true
-rate_hz = 20
-channels = 4
-columns = 90
-mount.position_m = [0.0, 0.0, 2.0]
-[sensor.imu]
-kind = "imu"
-rate_hz = 20
 "#;
+
+/// The small rig in steps, with a second camera and every sensor firing at every tick: every kind of
+/// frame that can stay on the GPU.
+pub fn gpu_rig() -> String {
+    let every_tick = SMALL_RIG.replace("rate_hz = 10", "rate_hz = 20");
+    let stepped = every_tick.replace("tick_hz = 20", "tick_hz = 20\nmode = \"stepped\"");
+    format!("{stepped}{SIDE}")
+}
 
 /// Two cameras of the rig as one frame.
 pub const BATCH: &str = r#"[batch.pair]
@@ -77,17 +56,6 @@ pub fn pattern(tick: u64, n: usize) -> Vec<u8> {
 /// Bytes of a result of this shape.
 pub fn n_bytes(shape: &[u32]) -> usize {
     4 * shape.iter().product::<u32>() as usize
-}
-
-/// Starts a simulator.
-pub fn start(sandbox: &Sandbox, launch: &str, extra: &[&str]) -> Process {
-    let file = sandbox.write("launch.toml", launch);
-    let file = file.to_str().expect("sandbox paths are text");
-    let mut arguments = vec!["--launch", file, "--domain", sandbox.domain()];
-    arguments.extend(extra);
-    let mut daemon = sandbox.spawn("simd", &arguments);
-    daemon.wait_line("ready");
-    daemon
 }
 
 /// A reader of the mapped memory.

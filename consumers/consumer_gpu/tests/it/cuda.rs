@@ -7,20 +7,21 @@ use std::fs::File;
 use std::os::unix::fs::FileExt as _;
 use std::path::Path;
 
-use common::{BATCH, CARD_TOPIC, DEPTH_TOPIC, RIG, child, fake_driver, start};
+use common::{BATCH, CARD_TOPIC, DEPTH_TOPIC, child, fake_driver, gpu_rig};
 use schema_bus::{
     Bus, FramePublisher, FrameTopic, GpuDevice, GpuServer, Notifier, SharedMemory, names,
 };
 use schema_frames::{FrameHeader, GPU_PLACE_BYTES, GpuAnswer, GpuPlace, Modality};
 use test_kit::client::{join_bus, step};
+use test_kit::programs::start_daemon;
 use test_kit::{Sandbox, eventually};
 
 /// Runs a child beside a simulator; `uuid` is what the driver says, `None` for the simulator's own.
 fn run(name: &str, test: &str, uuid: Option<&str>, env: &[(&str, &str)]) -> (Sandbox, String) {
     let sandbox = Sandbox::new(name);
     let driver = fake_driver(&sandbox);
-    let free = format!("{RIG}{BATCH}").replace("mode = \"stepped\"\n", "");
-    let _daemon = start(&sandbox, &free, &[]);
+    let free = format!("{}{BATCH}", gpu_rig()).replace("mode = \"stepped\"\n", "");
+    let _daemon = start_daemon(&sandbox, &free, &[]);
     let bus = join_bus(&sandbox, "test");
     let own = bus.gpu_offer(DEPTH_TOPIC).unwrap().device_uuid;
     let own: String = own.iter().map(|byte| format!("{byte:02x}")).collect();
@@ -86,7 +87,7 @@ fn another_gpu_gets_its_frames_over_page_locked_memory() {
 #[test]
 fn without_cuda_there_is_a_sentence() {
     let sandbox = Sandbox::new("cuda-none");
-    let _daemon = start(&sandbox, RIG, &[]);
+    let _daemon = start_daemon(&sandbox, &gpu_rig(), &[]);
     // A driver that is no library hides one that the machine may have.
     let folder = sandbox.path("none");
     std::fs::create_dir_all(&folder).unwrap();

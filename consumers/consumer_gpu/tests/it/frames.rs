@@ -7,11 +7,12 @@ use crate::common;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use common::{RIG, on_gpu, start, take};
+use common::{gpu_rig, on_gpu, take};
 use consumer_gpu::{Device, GpuTopic};
 use schema_bus::{Bus, Frame, FrameReader, GpuSample as _};
 use schema_frames::{FrameHeader, GpuAnswer, Modality};
 use test_kit::client::{assert_nothing_left, counter, join_bus, reader, step};
+use test_kit::programs::start_daemon;
 use test_kit::{Sandbox, eventually};
 
 const TOPICS: [&str; 9] = [
@@ -35,7 +36,7 @@ fn sockets(root: &Path) -> usize {
 fn every_modality_has_the_bytes_of_shared_memory_on_the_gpu() {
     for extra in [&[][..], &["--one-queue"][..], &["--staged"][..]] {
         let sandbox = Sandbox::new("on-gpu");
-        let daemon = start(&sandbox, RIG, extra);
+        let daemon = start_daemon(&sandbox, &gpu_rig(), extra);
         let bus = join_bus(&sandbox, "test");
         let mut client = bus.command_client("test").unwrap();
         let mut hosts: Vec<FrameReader> = TOPICS.iter().map(|topic| reader(&bus, topic)).collect();
@@ -79,7 +80,7 @@ fn every_modality_has_the_bytes_of_shared_memory_on_the_gpu() {
 #[test]
 fn each_place_is_filled_only_while_it_is_read() {
     let sandbox = Sandbox::new("sides");
-    let _daemon = start(&sandbox, RIG, &[]);
+    let _daemon = start_daemon(&sandbox, &gpu_rig(), &[]);
     let bus = join_bus(&sandbox, "test");
     let mut client = bus.command_client("test").unwrap();
     let topic = "ego/front/rgb";
@@ -122,7 +123,7 @@ fn each_place_is_filled_only_while_it_is_read() {
 #[test]
 fn a_frame_that_is_held_keeps_its_bytes() {
     let sandbox = Sandbox::new("held");
-    let _daemon = start(&sandbox, RIG, &[]);
+    let _daemon = start_daemon(&sandbox, &gpu_rig(), &[]);
     let bus = join_bus(&sandbox, "test");
     let mut client = bus.command_client("test").unwrap();
     let mut gpu = on_gpu(&bus, "ego/front/instance");
@@ -156,9 +157,9 @@ fn a_frame_that_is_held_keeps_its_bytes() {
 #[test]
 fn kills_of_readers_and_of_writers_leak_nothing() {
     let sandbox = Sandbox::new("gpu-kills");
-    let free = RIG.replace("mode = \"stepped\"\n", "");
+    let free = gpu_rig().replace("mode = \"stepped\"\n", "");
     let topic = "ego/front/rgb";
-    let mut daemon = start(&sandbox, &free, &[]);
+    let mut daemon = start_daemon(&sandbox, &free, &[]);
     let bus = join_bus(&sandbox, "test");
     let mut gpu = on_gpu(&bus, topic);
     let fresh_frame = |gpu: &mut GpuTopic| {
@@ -192,7 +193,7 @@ fn kills_of_readers_and_of_writers_leak_nothing() {
     for _ in 0..5 {
         daemon.kill9();
         bus.clean_dead_nodes();
-        daemon = start(&sandbox, &free, &[]);
+        daemon = start_daemon(&sandbox, &free, &[]);
         assert_eq!(fresh_frame(&mut gpu).len(), 96 * 64 * 4);
         assert_eq!(
             sockets(&sandbox.iceoryx_root()),
@@ -224,8 +225,11 @@ fn kills_of_readers_and_of_writers_leak_nothing() {
 #[test]
 fn what_is_not_there_or_does_not_fit_is_refused() {
     let sandbox = Sandbox::new("gpu-refused");
-    let kept = format!("{RIG}[topic.\"ego/front/rgb\"]\ngpu = true\ngpu_readers = 1\n");
-    let _daemon = start(&sandbox, &kept, &[]);
+    let kept = format!(
+        "{}[topic.\"ego/front/rgb\"]\ngpu = true\ngpu_readers = 1\n",
+        gpu_rig()
+    );
+    let _daemon = start_daemon(&sandbox, &kept, &[]);
     let bus = join_bus(&sandbox, "test");
     let mut client = bus.command_client("test").unwrap();
     let sentence = |topic: &str| {

@@ -4,10 +4,11 @@
 
 use crate::common;
 
-use common::{BATCH, RIG, on_gpu, start, take};
+use common::{BATCH, gpu_rig, on_gpu, take};
 use consumer_gpu::GpuTopic;
 use schema_bus::{Bus, CommandClient, FrameReader};
-use test_kit::client::{assert_nothing_left, counter, join_bus, reader, step};
+use test_kit::client::{assert_nothing_left, counter, cue, join_bus, reader, step, wait_workers};
+use test_kit::programs::{spawn_consumer, start_daemon};
 use test_kit::{Process, Sandbox, eventually};
 
 const TOPICS: [&str; 9] = [
@@ -35,16 +36,7 @@ mount.rpy_deg = [0.0, 0.0, 180.0]
 "#;
 
 fn worker(sandbox: &Sandbox, name: &str) -> Process {
-    sandbox.spawn(
-        "gantry-render",
-        &["--domain", sandbox.domain(), "--name", name],
-    )
-}
-
-fn wait_workers(client: &mut CommandClient, n: u64) {
-    eventually(&format!("{n} workers"), || {
-        (counter(client, "render_workers") == n).then_some(())
-    });
+    spawn_consumer(sandbox, "gantry-render", &["--name", name])
 }
 
 /// Both kinds of readers of all topics.
@@ -95,14 +87,14 @@ impl Readers {
 }
 
 fn rig() -> String {
-    format!("{RIG}{REAR}{BATCH}")
+    format!("{}{REAR}{BATCH}", gpu_rig())
 }
 
 #[test]
 fn workers_keep_frames_on_their_gpus_and_readers_outlive_them() {
     let sandbox = Sandbox::new("gpu-moves");
     let args = ["--no-gpu", "--await-workers", "2"];
-    let daemon = start(&sandbox, &rig(), &args);
+    let daemon = start_daemon(&sandbox, &rig(), &args);
     let (one, two) = (worker(&sandbox, "one"), worker(&sandbox, "two"));
     let bus = join_bus(&sandbox, "test");
     let mut client = bus.command_client("test").unwrap();
@@ -134,19 +126,10 @@ fn workers_keep_frames_on_their_gpus_and_readers_outlive_them() {
     assert_nothing_left(&sandbox);
 }
 
-/// Cues a tick without waiting for it.
-fn cue(client: &mut CommandClient) -> u64 {
-    let answer = test_kit::client::ask(client, schema_frames::Command::Step { n: 1 });
-    match answer {
-        schema_frames::CommandReply::Stepping { last_tick } => last_tick,
-        other => panic!("{other:?}"),
-    }
-}
-
 #[test]
 fn a_simulator_that_draws_itself_gives_its_readers_away_and_takes_them_back() {
     let sandbox = Sandbox::new("gpu-own");
-    let daemon = start(&sandbox, &rig(), &[]);
+    let daemon = start_daemon(&sandbox, &rig(), &[]);
     let bus = join_bus(&sandbox, "test");
     let mut client = bus.command_client("test").unwrap();
     let mut readers = Readers::open(bus);
@@ -176,8 +159,11 @@ fn a_simulator_that_draws_itself_gives_its_readers_away_and_takes_them_back() {
 #[test]
 fn readers_on_a_workers_gpu_alone_are_enough() {
     let sandbox = Sandbox::new("gpu-alone");
-    let kept = format!("{RIG}[topic.\"ego/front/rgb\"]\ngpu = true\ngpu_readers = 1\n");
-    let daemon = start(&sandbox, &kept, &["--no-gpu", "--await-workers", "1"]);
+    let kept = format!(
+        "{}[topic.\"ego/front/rgb\"]\ngpu = true\ngpu_readers = 1\n",
+        gpu_rig()
+    );
+    let daemon = start_daemon(&sandbox, &kept, &["--no-gpu", "--await-workers", "1"]);
     let one = worker(&sandbox, "one");
     let bus = join_bus(&sandbox, "test");
     let mut client = bus.command_client("test").unwrap();

@@ -1,7 +1,6 @@
 //! Collects the contact forces that the engine reports during its step.
 
-use std::sync::Mutex;
-
+use parking_lot::Mutex;
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::*;
 use schema_types::{ActorId, Class};
@@ -42,9 +41,7 @@ pub(crate) struct ContactLog {
 impl ContactLog {
     /// The contacts so far; their points are relative to the engine's origin.
     pub fn entries(&mut self) -> &mut Vec<Collision> {
-        self.entries
-            .get_mut()
-            .expect("nobody panics while logging a contact")
+        self.entries.get_mut()
     }
 }
 
@@ -77,10 +74,7 @@ impl EventHandler for ContactLog {
         // The normal points from the first to the second collider; the second is pushed along it.
         let impulse = direction.try_normalize(0.0).unwrap_or_default()
             * (total_force_n * self.dt_secs) as f64;
-        let mut entries = self
-            .entries
-            .lock()
-            .expect("nobody panics while logging a contact");
+        let mut entries = self.entries.lock();
         for (this, that, impulse) in [(first, second, -impulse), (second, first, impulse)] {
             let (this, that, other_class) = (this as u32, that as u32, Class((that >> 32) as u8));
             if this != 0 {

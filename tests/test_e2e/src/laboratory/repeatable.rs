@@ -6,11 +6,11 @@ use std::time::Duration;
 
 use nix::sys::signal::Signal;
 use test_kit::client::assert_nothing_left;
+use test_kit::programs::{spawn_consumer, spawn_daemon};
 use test_kit::{Process, Sandbox};
 
 use super::cast::RIG;
 use super::table::{Blow, Fault, Moment, Role, Tally};
-use crate::processes::{spawn_consumer, spawn_daemon};
 
 const N_TICKS: &str = "60";
 

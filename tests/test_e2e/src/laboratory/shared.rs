@@ -10,11 +10,11 @@ use nix::sys::signal::Signal;
 use schema_bus::FrameReader;
 use schema_frames::{Command, CommandReply};
 use test_kit::client::{ask, assert_nothing_left, counter, join_bus, reader};
+use test_kit::programs::{spawn_consumer, start_daemon};
 use test_kit::{Process, Sandbox, eventually};
 
 use super::cast::RIG;
 use super::table::{Blow, Fault, Moment, Role, Tally};
-use crate::processes::{spawn_consumer, start_daemon};
 
 /// Ticks of a run; a step is one of them, and there is time behind the last one to be brought back.
 const N_TICKS: u64 = 60;

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 
 use schema_bus::{Bus, CommandClient, FrameReader};
 use schema_frames::{Command, CommandReply, FrameHeader};
-use test_e2e::{ask, assert_nothing_left, counter, join_bus, reader, spawn_consumer, start_daemon};
-use test_kit::client::step;
+use test_e2e::workers::{assert_same, joined_worker, worker};
+use test_e2e::{ask, assert_nothing_left, counter, join_bus, reader, start_daemon};
+use test_kit::client::{cue, join_lockstep, step, wait_workers};
 use test_kit::{Process, Sandbox, eventually};
 
 /// Two rigs with a batch across them for each of their two cameras, and one camera in none. The
@@ -67,24 +68,6 @@ const BATCHES: [(&str, [&str; 2]); 5] = [
     ("batch/rears/flow", ["ego/rear/flow", "chaser/rear/flow"]),
 ];
 
-fn worker(sandbox: &Sandbox, name: &str) -> Process {
-    spawn_consumer(sandbox, "gantry-render", &["--name", name])
-}
-
-fn wait_workers(client: &mut CommandClient, n: u64) {
-    eventually(&format!("{n} workers"), || {
-        (counter(client, "render_workers") == n).then_some(())
-    });
-}
-
-/// Cues a tick without waiting for it.
-fn cue(client: &mut CommandClient) -> u64 {
-    match ask(client, Command::Step { n: 1 }) {
-        CommandReply::Stepping { last_tick } => last_tick,
-        other => panic!("{other:?}"),
-    }
-}
-
 /// Header bytes and payload of the frames of a tick, by topic.
 type Frames = BTreeMap<String, (Vec<u8>, Vec<u8>)>;
 
@@ -112,7 +95,7 @@ impl Readers {
         let mut frames = Frames::new();
         for reader in &mut self.0 {
             let topic = reader.topic().to_owned();
-            if topic.contains("rear") && tick % 2 == 0 {
+            if topic.contains("rear") && tick.is_multiple_of(2) {
                 continue;
             }
             let frame = eventually(&format!("{topic} at tick {tick}"), || {
@@ -160,20 +143,6 @@ fn run_ticks(
     for tick in ticks {
         assert_eq!(cue(client), tick);
         assert_whole(&readers.see(tick));
-    }
-}
-
-fn assert_same(one: &[Frames], other: &[Frames]) {
-    assert_eq!(one.len(), other.len());
-    for (tick, (one, other)) in one.iter().zip(other).enumerate() {
-        assert!(one.keys().eq(other.keys()));
-        for (topic, frame) in one {
-            assert!(
-                *frame == other[topic],
-                "{topic} differs at tick {}",
-                tick + 1
-            );
-        }
     }
 }
 
@@ -258,8 +227,7 @@ fn a_killed_workers_batch_moves_and_costs_no_tick() {
     run_ticks(&mut client, &mut readers, 6..=7);
     assert_eq!(counter(&mut client, "batches_moved"), 3);
     // One that comes gets one of them.
-    let mut three = worker(&sandbox, "three");
-    three.wait_line("joined");
+    let three = joined_worker(&sandbox, "three");
     wait_workers(&mut client, 2);
     run_ticks(&mut client, &mut readers, 8..=10);
     assert_eq!(counter(&mut client, "batches_moved"), 4);
@@ -289,8 +257,7 @@ fn a_simulator_that_draws_gives_its_batches_away_and_takes_them_back() {
     for killed in [true, false] {
         run_ticks(&mut client, &mut readers, tick + 1..=tick + 2);
         assert_eq!(readers.writer(topic), Some(daemon.pid()));
-        let mut one = worker(&sandbox, "one");
-        one.wait_line("joined");
+        let one = joined_worker(&sandbox, "one");
         wait_workers(&mut client, 1);
         run_ticks(&mut client, &mut readers, tick + 3..=tick + 4);
         assert_eq!(readers.writer(topic), Some(one.pid()));
@@ -324,11 +291,7 @@ fn lockstep_goes_on_without_the_killed_worker_of_a_batch() {
     let mut client = bus.command_client("test").unwrap();
     let mut readers = Readers::of_batches(&bus);
     let acks = bus.ack_writer("reader").unwrap();
-    let name = "reader".into();
-    let joined = ask(&mut client, Command::JoinLockstep { name });
-    let CommandReply::Joined { participant, .. } = joined else {
-        panic!("{joined:?}")
-    };
+    let participant = join_lockstep(&mut client, "reader");
     let mut one = Some(one);
     for tick in 1..=8 {
         if tick == 4 {
@@ -358,8 +321,7 @@ fn a_batch_waits_for_a_worker_where_nobody_draws_and_lacks_what_has_ended() {
     let mut up = reader(&bus, "ego/front/rgb");
     assert_eq!(step(&mut client, 2), 2);
     assert!(fronts.next().unwrap().is_none());
-    let mut one = worker(&sandbox, "one");
-    one.wait_line("joined");
+    let mut one = joined_worker(&sandbox, "one");
     wait_workers(&mut client, 1);
     cue(&mut client);
     let frame = eventually("a frame", || fronts.next().unwrap());

@@ -3,7 +3,7 @@
 //! successor. Without it the client drives by itself.
 
 use test_e2e::carla::{Stage, empty_town, free_port, start_script};
-use test_e2e::processes::spawn_consumer;
+use test_e2e::spawn_consumer;
 use test_kit::Process;
 
 /// Starts a manager that clients find at `port`.

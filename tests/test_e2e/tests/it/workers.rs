@@ -2,18 +2,18 @@
 //! is killed.
 
 use std::collections::BTreeMap;
-use std::sync::OnceLock;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nix::sys::signal::Signal;
 use schema_bus::{Bus, CommandClient, FrameReader, names};
 use schema_frames::document::SpawnPoints;
 use schema_frames::{Command, CommandReply, FrameHeader};
 use schema_types::Pose;
+use test_e2e::workers::{assert_same, joined_worker, worker};
 use test_e2e::{
     SMALL_RIG, SMALL_RIG_TOPICS, ask, assert_nothing_left, counter, document, join_bus, reader,
     spawn_consumer, start_daemon,
 };
+use test_kit::client::{cue, join_lockstep, wait_workers};
 use test_kit::{Process, Sandbox, eventually};
 
 /// Cameras of several places, sizes and memories beside the small rig.
@@ -85,61 +85,12 @@ fn stepped() -> String {
     rig().replace("tick_hz = 20", "tick_hz = 20\nmode = \"stepped\"")
 }
 
-/// UUIDs of this machine's GPUs, if it has several and all are equal; else nothing.
-fn equal_gpus() -> &'static [String] {
-    static UUIDS: OnceLock<Vec<String>> = OnceLock::new();
-    UUIDS.get_or_init(|| {
-        let sandbox = Sandbox::new("w-adapters");
-        let listed = spawn_consumer(&sandbox, "simd", &["--adapters", "--json"]).wait();
-        let gpus: Vec<serde_json::Value> = listed
-            .expect_code(0)
-            .lines
-            .iter()
-            .filter_map(|line| serde_json::from_str(line).ok())
-            .filter(|adapter: &serde_json::Value| adapter["software"] == false)
-            .collect();
-        let is_equal = |gpu: &serde_json::Value| gpu["name"] == gpus[0]["name"];
-        if gpus.len() < 2 || !gpus.iter().all(is_equal) {
-            return Vec::new();
-        }
-        let uuids = gpus
-            .iter()
-            .map(|gpu| gpu["uuid"].as_str().map(str::to_owned));
-        uuids.map(|uuid| uuid.expect("simd lists it")).collect()
-    })
-}
-
-/// A worker. Where the machine has several equal GPUs, workers take them by turns.
-fn worker(sandbox: &Sandbox, name: &str) -> Process {
-    static STARTED: AtomicUsize = AtomicUsize::new(0);
-    let gpus = equal_gpus();
-    let mut args = vec!["--name", name];
-    if !gpus.is_empty() {
-        let gpu = &gpus[STARTED.fetch_add(1, Ordering::Relaxed) % gpus.len()];
-        args.extend(["--adapter", gpu]);
-    }
-    spawn_consumer(sandbox, "gantry-render", &args)
-}
-
-fn joined_worker(sandbox: &Sandbox, name: &str) -> Process {
-    let mut worker = worker(sandbox, name);
-    worker.wait_line("joined");
-    worker
-}
-
 fn topics() -> impl Iterator<Item = &'static str> {
     SMALL_RIG_TOPICS.into_iter().chain(MORE_TOPICS)
 }
 
 fn readers(bus: &Bus) -> Vec<FrameReader> {
     topics().map(|topic| reader(bus, topic)).collect()
-}
-
-fn cue(client: &mut CommandClient, n: u64) -> u64 {
-    let CommandReply::Stepping { last_tick } = ask(client, Command::Step { n }) else {
-        panic!("step was refused")
-    };
-    last_tick
 }
 
 /// Whether a topic of the rig has a frame at a tick.
@@ -196,7 +147,7 @@ fn run(
     let mut ticks = Vec::new();
     for tick in 1..=n_ticks {
         before(tick, &mut client);
-        assert_eq!(cue(&mut client, 1), tick);
+        assert_eq!(cue(&mut client), tick);
         ticks.push(frames_of(&mut readers, tick));
     }
     let by_workers = counter(&mut client, "sent_by_workers");
@@ -208,16 +159,6 @@ fn run(
     daemon.stop().expect_code(0);
     assert_nothing_left(&sandbox);
     ticks
-}
-
-fn assert_same(one: &[Frames], other: &[Frames]) {
-    assert_eq!(one.len(), other.len());
-    for (tick, (one, other)) in one.iter().zip(other).enumerate() {
-        for ((topic, a), (of_other, b)) in one.iter().zip(other) {
-            assert_eq!(topic, of_other);
-            assert!(a == b, "{topic} at tick {} differs", tick + 1);
-        }
-    }
 }
 
 /// Cars that drive off, scenery hidden, weather, debug shapes, another map: all of it reaches workers.
@@ -272,15 +213,15 @@ fn a_killed_worker_costs_no_tick() {
     let mut client = bus.command_client("test").unwrap();
     let mut readers = readers(&bus);
     for tick in 1..=3 {
-        cue(&mut client, 1);
+        cue(&mut client);
         frames_of(&mut readers, tick);
     }
     // In the middle of a tick, as likely as not.
-    cue(&mut client, 1);
+    cue(&mut client);
     one.kill9();
     frames_of(&mut readers, 4);
     for tick in 5..=6 {
-        cue(&mut client, 1);
+        cue(&mut client);
         frames_of(&mut readers, tick);
     }
     assert_eq!(counter(&mut client, "render_workers"), 1);
@@ -288,12 +229,12 @@ fn a_killed_worker_costs_no_tick() {
     let three = joined_worker(&sandbox, "three");
     wait_workers(&mut client, 2);
     for tick in 7..=9 {
-        cue(&mut client, 1);
+        cue(&mut client);
         frames_of(&mut readers, tick);
     }
     two.kill9();
     for tick in 10..=11 {
-        cue(&mut client, 1);
+        cue(&mut client);
         frames_of(&mut readers, tick);
     }
     drop((readers, client, bus));
@@ -311,7 +252,7 @@ fn the_simulator_s_own_gpu_takes_over_and_gives_away() {
     let mut readers = readers(&bus);
     let go_on = |client: &mut CommandClient, readers: &mut [FrameReader], ticks| {
         for tick in ticks {
-            assert_eq!(cue(client, 1), tick);
+            assert_eq!(cue(client), tick);
             frames_of(readers, tick);
         }
     };
@@ -323,7 +264,7 @@ fn the_simulator_s_own_gpu_takes_over_and_gives_away() {
     eventually("frames of the worker", || {
         (counter(&mut client, "sent_by_workers") > 0).then_some(())
     });
-    cue(&mut client, 1);
+    cue(&mut client);
     one.kill9();
     frames_of(&mut readers, 5);
     go_on(&mut client, &mut readers, 6..=8);
@@ -344,12 +285,12 @@ fn a_frame_stays_for_its_reader_when_its_camera_moves_in_the_same_tick() {
     let mut readers = readers(&bus);
     wait_workers(&mut client, 1);
     for tick in 1..=3 {
-        cue(&mut client, 1);
+        cue(&mut client);
         frames_of(&mut readers, tick);
     }
     // The worker ends before it has begun the tick, so the simulator makes the frames.
     one.signal(Signal::SIGSTOP);
-    cue(&mut client, 1);
+    cue(&mut client);
     one.kill9();
     let two = joined_worker(&sandbox, "two");
     wait_workers(&mut client, 1);
@@ -357,7 +298,7 @@ fn a_frame_stays_for_its_reader_when_its_camera_moves_in_the_same_tick() {
     // The next worker gets its share all the same.
     let n_sent = counter(&mut client, "sent_by_workers");
     for tick in 5..=6 {
-        cue(&mut client, 1);
+        cue(&mut client);
         frames_of(&mut readers, tick);
     }
     assert!(counter(&mut client, "sent_by_workers") > n_sent);
@@ -376,12 +317,12 @@ fn frames_that_a_worker_sent_before_its_end_reach_readers_that_had_none_of_it() 
         let mut client = bus.command_client("test").unwrap();
         let mut readers = readers(&bus);
         for tick in 1..=2 {
-            cue(&mut client, 1);
+            cue(&mut client);
             frames_of(&mut readers, tick);
         }
         let mut one = joined_worker(&sandbox, "one");
         wait_workers(&mut client, 1);
-        cue(&mut client, 1);
+        cue(&mut client);
         // The answer comes after all frames of the tick.
         eventually("frames of the worker", || {
             (counter(&mut client, "sent_by_workers") > 0).then_some(())
@@ -391,7 +332,7 @@ fn frames_that_a_worker_sent_before_its_end_reach_readers_that_had_none_of_it() 
         wait_workers(&mut client, 0);
         for tick in 3..=4 {
             frames_of(&mut readers, tick);
-            cue(&mut client, 1);
+            cue(&mut client);
         }
         drop((readers, client, bus));
         daemon.stop().expect_code(0);
@@ -409,7 +350,7 @@ fn a_worker_that_ends_after_another_map_was_loaded_costs_no_tick() {
     let mut readers = readers(&bus);
     wait_workers(&mut client, 1);
     for tick in 1..=2 {
-        cue(&mut client, 1);
+        cue(&mut client);
         frames_of(&mut readers, tick);
     }
     assert!(counter(&mut client, "sent_by_workers") > 0);
@@ -421,7 +362,7 @@ fn a_worker_that_ends_after_another_map_was_loaded_costs_no_tick() {
     one.kill9();
     wait_workers(&mut client, 0);
     // Sensors begin anew with the map, at its first tick.
-    cue(&mut client, 1);
+    cue(&mut client);
     for reader in &mut readers {
         let topic = reader.topic().to_owned();
         let frame = eventually(&topic, || reader.next().unwrap());
@@ -430,12 +371,6 @@ fn a_worker_that_ends_after_another_map_was_loaded_costs_no_tick() {
     drop((readers, client, bus));
     daemon.stop().expect_code(0);
     assert_nothing_left(&sandbox);
-}
-
-fn wait_workers(client: &mut CommandClient, n: u64) {
-    eventually(&format!("{n} workers"), || {
-        (counter(client, "render_workers") == n).then_some(())
-    });
 }
 
 #[test]
@@ -457,15 +392,7 @@ fn lockstep_goes_on_without_a_killed_worker() {
     let mut client = bus.command_client("test").unwrap();
     let mut readers = readers(&bus);
     let acks = bus.ack_writer("reader").unwrap();
-    let joined = ask(
-        &mut client,
-        Command::JoinLockstep {
-            name: "reader".into(),
-        },
-    );
-    let CommandReply::Joined { participant, .. } = joined else {
-        panic!("{joined:?}")
-    };
+    let participant = join_lockstep(&mut client, "reader");
     let mut one = Some(one);
     for tick in 1..=8 {
         if tick == 4 {
@@ -532,15 +459,15 @@ fn a_worker_follows_the_next_simulator() {
     let mut camera = reader(&bus, "ego/front/rgb");
     {
         let mut client = bus.command_client("test").unwrap();
-        cue(&mut client, 1);
+        cue(&mut client);
         eventually("a frame", || camera.next().unwrap());
-        cue(&mut client, 1);
+        cue(&mut client);
     }
     daemon.kill9();
     one.wait_line("waiting for the next one");
     let daemon = start_daemon(&sandbox, &stepped(), &["--no-gpu", "--await-workers", "1"]);
     let mut client = bus.command_client("again").unwrap();
-    cue(&mut client, 1);
+    cue(&mut client);
     eventually("a frame of the next simulator", || {
         camera
             .next()
@@ -563,7 +490,7 @@ fn without_gpu_and_worker_only_cameras_are_without_frames() {
     let mut camera = reader(&bus, "ego/front/depth");
     let [mut lidar, mut imu] = ["ego/roof/lidar", "ego/imu/imu"].map(|topic| reader(&bus, topic));
     for tick in 1..=3 {
-        cue(&mut client, 1);
+        cue(&mut client);
         let frame = eventually("motion", || imu.next().unwrap());
         assert_eq!(frame.header().tick, tick);
     }
@@ -571,7 +498,7 @@ fn without_gpu_and_worker_only_cameras_are_without_frames() {
     assert!(camera.next().unwrap().is_none());
     let one = joined_worker(&sandbox, "one");
     wait_workers(&mut client, 1);
-    cue(&mut client, 1);
+    cue(&mut client);
     let frame = eventually("an image", || camera.next().unwrap());
     assert_eq!((frame.header().tick, frame.header().seq), (4, 4));
     drop(frame);
@@ -596,7 +523,7 @@ fn a_worker_renders_the_spectator_and_what_is_spawned() {
     let bus = join_bus(&sandbox, "test");
     let mut client = bus.command_client("test").unwrap();
     let mut spectator = reader(&bus, "spectator/rgb");
-    cue(&mut client, 1);
+    cue(&mut client);
     let frame = eventually("the spectator", || spectator.next().unwrap());
     let (seq, actor_id) = (frame.header().seq, frame.header().sensor_id);
     drop(frame);
@@ -630,7 +557,7 @@ fn a_worker_renders_the_spectator_and_what_is_spawned() {
     };
     let mut depth = reader(&bus, &topics[0]);
     for n in 1..=3 {
-        let tick = cue(&mut client, 1);
+        let tick = cue(&mut client);
         let frame = eventually("the spawned camera", || depth.next().unwrap());
         assert_eq!((frame.header().tick, frame.header().seq), (tick, n));
     }
@@ -638,7 +565,7 @@ fn a_worker_renders_the_spectator_and_what_is_spawned() {
         ask(&mut client, Command::Destroy { actor_id }),
         CommandReply::Done
     );
-    cue(&mut client, 1);
+    cue(&mut client);
     assert!(depth.next().unwrap().is_none());
     drop((depth, spectator, client, bus));
     one.stop().expect_code(0);
@@ -757,7 +684,7 @@ fn way_across(name: &str, n_workers: usize) -> (Vec<Frames>, Vec<u64>) {
             };
             assert_eq!(ask(&mut client, moved), CommandReply::Done);
         }
-        assert_eq!(cue(&mut client, 1), tick);
+        assert_eq!(cue(&mut client), tick);
         let mut frames = Frames::new();
         for reader in &mut readers {
             let topic = reader.topic().to_owned();

@@ -151,14 +151,167 @@ impl Outcome {
     }
 }
 
+/// Sends the commands of all asks, in order, by `request`, and says what became of each ask. A
+/// request that fails fails only those whose commands it has.
+pub(super) fn send_all(
+    asks: &[Ask],
+    mut request: impl FnMut(Vec<Command>) -> Result<Answer, CommandError>,
+) -> Vec<Outcome> {
+    let sizes: Vec<&[_]> = asks.iter().map(|ask| ask.sizes.as_slice()).collect();
+    let mut outcomes = vec![Outcome::default(); asks.len()];
+    let mut silence = None;
+    for parts in requests(&sizes) {
+        let commands_of = |part: &Part| asks[part.ask].commands[part.commands.clone()].iter();
+        let commands: Vec<Command> = parts.iter().flat_map(commands_of).cloned().collect();
+        let n_commands = commands.len();
+        // Without a simulator that answers, the other requests would only take their time.
+        let answer = match &silence {
+            None => request(commands),
+            Some(error) => Err(CommandError::clone(error)),
+        };
+        if let Err(error) = &answer {
+            silence = Some(error.clone());
+        }
+        let answer = answer.and_then(|answer| {
+            if answer.replies.len() == n_commands {
+                return Ok(answer);
+            }
+            Err(match &answer.replies[..] {
+                [CommandReply::Refused { error }] => CommandError::Refused(error.clone()),
+                _ => CommandError::OtherLength,
+            })
+        });
+        let replies: &[CommandReply] = answer.as_ref().map_or(&[], |answer| &answer.replies);
+        let mut replies = replies.iter();
+        for part in parts {
+            let outcome = &mut outcomes[part.ask];
+            match &answer {
+                Ok(answer) => outcome.tick = answer.tick,
+                Err(error) => outcome.error = Some(error.clone()),
+            }
+            outcome
+                .replies
+                .extend(part.commands.zip(replies.by_ref().cloned()));
+        }
+    }
+    outcomes
+}
+
 #[cfg(test)]
 mod tests {
     use schema_bus::qos;
+    use schema_frames::CommandBatch;
+    use schema_frames::document::PoseText;
 
     use super::*;
 
     fn part(ask: usize, commands: Range<usize>) -> Part {
         Part { ask, commands }
+    }
+
+    fn spawn(role: String, x_m: f64) -> Command {
+        Command::Spawn {
+            type_id: "vehicle.tesla.model3".into(),
+            pose: PoseText {
+                translation_m: [x_m, 0.0, 0.0],
+                rotation_xyzw: [0.0, 0.0, 0.0, 1.0],
+            },
+            parent_id: None,
+            role,
+            attributes: BTreeMap::new(),
+        }
+    }
+
+    fn ask(commands: Vec<Command>) -> Ask {
+        Ask {
+            sizes: commands.iter().map(measure).collect(),
+            commands,
+            reply: None,
+            _room: Arc::new(Backlog::default()).enter(0, false).unwrap(),
+        }
+    }
+
+    /// A simulator that refuses what the real one does, by the length of a request and of a role,
+    /// and that knows which actors it has made.
+    #[derive(Default)]
+    struct Simulator {
+        made: Vec<u32>,
+    }
+
+    impl Simulator {
+        fn request(&mut self, commands: Vec<Command>) -> Result<Answer, CommandError> {
+            let batch = CommandBatch::new(commands);
+            let refused = |error: &str| CommandReply::Refused {
+                error: error.to_owned(),
+            };
+            let n_bytes = serde_json::to_vec(&batch).unwrap().len();
+            if n_bytes > qos::MAX_COMMAND_BYTES {
+                let replies = vec![refused("the request is too long")];
+                return Ok(Answer { replies, tick: 3 });
+            }
+            let reply = |command: &Command| match command {
+                Command::Spawn { role, .. } if role.len() <= 256 => {
+                    let actor_id = 100 + self.made.len() as u32;
+                    self.made.push(actor_id);
+                    let topics = Vec::new();
+                    CommandReply::Spawned { actor_id, topics }
+                }
+                _ => refused("the role is too long"),
+            };
+            let replies = batch.commands.iter().map(reply).collect();
+            Ok(Answer { replies, tick: 3 })
+        }
+    }
+
+    /// Of six clients whose commands wait together, two send megabytes that a request can hold, and
+    /// one sends more than any request may have: the others get their actors, and there is none that
+    /// no client knows.
+    #[test]
+    fn one_clients_16_mib_of_json_fail_its_own_request_only_and_leave_no_orphan() {
+        let small = || spawn("hero".into(), 1.0);
+        let large = |n_bytes: usize| spawn("x".repeat(n_bytes), 2.0);
+        let asks = [
+            ask(vec![small()]),
+            ask(vec![small(), large(COMMAND_BYTES - 1024), small()]),
+            ask(vec![small()]),
+            ask(vec![large(10 << 20)]),
+            // Each of these letters has six bytes in JSON.
+            ask(vec![spawn("\u{1}".repeat(3 << 20), 2.0)]),
+            ask(vec![small()]),
+        ];
+        let mut simulator = Simulator::default();
+        let outcomes = send_all(&asks, |commands| simulator.request(commands));
+        let mut told = Vec::new();
+        let mut said: Vec<Vec<String>> = Vec::new();
+        for (ask, outcome) in asks.iter().zip(outcomes) {
+            let replies = outcome.answer(&ask.sizes).map(|answer| answer.replies);
+            let replies = replies.unwrap_or_else(|error| {
+                vec![CommandReply::Refused {
+                    error: error.to_string(),
+                }]
+            });
+            assert_eq!(replies.len(), ask.commands.len());
+            said.push(Vec::new());
+            for reply in replies {
+                match reply {
+                    CommandReply::Spawned { actor_id, .. } => told.push(actor_id),
+                    CommandReply::Refused { error } => said.last_mut().unwrap().push(error),
+                    other => panic!("{other:?}"),
+                }
+            }
+        }
+        assert_eq!(
+            told, simulator.made,
+            "each actor has a client that knows it"
+        );
+        assert_eq!(told.len(), 5);
+        let none: [&str; 0] = [];
+        assert_eq!(said[0], none);
+        assert_eq!(said[1], ["the role is too long"]);
+        assert_eq!(said[2], none);
+        assert_eq!(said[3], ["the role is too long"]);
+        assert!(said[4][0].contains("send less at a time"), "{said:?}");
+        assert_eq!(said[5], none);
     }
 
     #[test]
@@ -211,16 +364,6 @@ mod tests {
 
     #[test]
     fn commands_that_would_spoil_a_request_of_all_are_sent_by_nobody() {
-        let spawn = |role: String, x_m: f64| Command::Spawn {
-            type_id: "vehicle.tesla.model3".into(),
-            pose: schema_frames::document::PoseText {
-                translation_m: [x_m, 0.0, 0.0],
-                rotation_xyzw: [0.0, 0.0, 0.0, 1.0],
-            },
-            parent_id: None,
-            role,
-            attributes: BTreeMap::new(),
-        };
         assert!(measure(&spawn("hero".into(), 1.0)).is_ok_and(|n| n < 1000));
         let long = measure(&spawn("x".repeat(qos::MAX_COMMAND_BYTES), 1.0));
         assert!(

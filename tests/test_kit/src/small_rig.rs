@@ -1,4 +1,4 @@
-//! The launch file that most tests run, and its topics.
+//! The launch file that most tests run across processes, and its topics.
 
 /// A small rig with cameras, lidars, IMU and GNSS. Images of 96×64 pixels keep software rendering
 /// cheap.
