@@ -1,5 +1,6 @@
 """gantry.envs: gymnasium's contract, worlds in a vector equal to worlds alone, refusals, and evaluation."""
 
+import json
 import os
 import pathlib
 import subprocess
@@ -18,6 +19,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import gantry
 import gantry.envs
+from gantry.envs import ars
 from gantry.envs import INFO_NAMES, STATE_NAMES, DriveEnv, DriveVectorEnv, evaluate, task_text
 
 SOURCE = pathlib.Path(__file__).resolve().parent.parent / "python"
@@ -435,6 +437,57 @@ class Evaluations(Case):
         self.refused(ValueError, lambda: evaluate(brake, asked, []), "seeds is empty")
         self.refused(ValueError, lambda: evaluate(brake, asked, [1, -2]), "seeds[1] is -2")
         self.refused(ValueError, lambda: evaluate(lambda state: state, asked, [1]), "(1, 18)", "(1, 2)")
+
+
+class Learning(Case):
+    def test_a_policy_learns_far_beyond_chance(self):
+        settings = ars.Settings(iterations=10, directions=8, best=4, episodes=2)
+        policy, curve = ars.train("LaneKeeping", settings, seed=1)
+        self.assertEqual([point.iteration for point in curve], list(range(10)))
+        learned = evaluate(policy, "LaneKeeping", range(40))
+        lots = np.random.default_rng(1)
+        chance = evaluate(lambda state: lots.uniform(-1, 1, (len(state), 2)), "LaneKeeping", range(40))
+        self.assertGreater(learned.score.low, chance.score.high + 0.1, f"{learned.verdict} {chance.verdict}")
+
+    def test_the_same_seed_is_the_same_policy_with_any_number_of_threads(self):
+        settings = ars.Settings(iterations=2, directions=4, best=2, episodes=2)
+        task = self.task(limit_steps=40)
+        one, other = (ars.train(task, settings, seed=5, threads=threads) for threads in (1, 2))
+        self.same(one[0].weights, other[0].weights)
+        self.assertEqual([point.mean_score for point in one[1]], [point.mean_score for point in other[1]])
+        self.assertNotEqual(ars.train(task, settings, seed=6)[0].weights.tobytes(), one[0].weights.tobytes())
+
+    def test_a_mirrored_car_steers_the_other_way_and_drives_as_fast(self):
+        policy, _ = ars.train(self.task(limit_steps=40), ars.Settings(iterations=1, directions=2, best=2, episodes=1))
+        state = np.random.default_rng(3).normal(size=(5, len(STATE_NAMES))).astype(np.float32)
+        mirrored = state.copy()
+        for i, name in enumerate(STATE_NAMES):
+            if "left" in name or "offset" in name or name in ("sin heading", "yaw rate / 1 rad/s", "last steer"):
+                mirrored[:, i] *= -1
+        np.testing.assert_allclose(policy(mirrored), policy(state) * [-1, 1], atol=1e-12)
+        self.assertGreater(np.abs(policy(state)).min(), 0)
+
+    def test_the_program_writes_what_it_found_and_refuses_in_sentences(self):
+        task, curve, saved = str(self.task(limit_steps=20)), pathlib.Path(self.folder.name, "curve.json"), pathlib.Path(self.folder.name, "policy.npz")
+
+        def program(*words):
+            env = {**os.environ, "PYTHONPATH": str(SOURCE)}
+            return subprocess.run([sys.executable, "-m", "gantry.envs.ars", *words], capture_output=True, text=True, env=env, timeout=300)
+
+        done = program(task, "--iterations", "2", "--json", str(curve), "--save", str(saved))
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("LaneKeeping, 200 episodes:", done.stdout)
+        record = json.loads(curve.read_text())
+        self.assertEqual([point["iteration"] for point in record["curve"]], [0, 1])
+        loaded = ars.Policy.load(saved)
+        again = evaluate(loaded, task, range(200))
+        self.assertEqual(record["evaluation"]["score"], again.score._asdict())
+        for words, expected in ((["Parking"], "'Parking' is neither a file nor one of"), (["--iterations", "0"], "--iterations is 0"), (["--seed", "-1"], "--seed -1")):
+            done = program(*words)
+            self.assertEqual((done.returncode, done.stdout), (2, ""), done.stderr)
+            self.assertTrue(done.stderr.startswith("error: ") and expected in done.stderr, done.stderr)
+        np.savez(saved, weights=np.zeros(3), n=0, mean=np.zeros(2), spread=np.zeros(2))
+        self.refused(ValueError, lambda: ars.Policy.load(saved), "weights has the shape (3,)", "is needed")
 
 
 if __name__ == "__main__":

@@ -10,8 +10,8 @@ The import registers `gantry/LaneKeeping-v0`, `gantry/EmergencyBrake-v0`, and `g
 `task=` the path of a file like the built-in ones (`task_text`). `gym.make` gives one world. World k of a
 vector is, to the byte, the world that has its seed and actions alone, whatever the number of threads.
 An observation has the columns STATE_NAMES, an action ACTION_NAMES, and an info INFO_NAMES. `evaluate`
-judges a policy. No simulator is started: worlds live in the process itself, without bus and pictures.
-It needs gymnasium: `pip install 'gantry-sim[envs]'`.
+judges a policy, and `python -m gantry.envs.ars` trains one. No simulator is started: worlds live in
+the process itself, without bus and pictures. It needs gymnasium: `pip install 'gantry-sim[envs]'`.
 """
 
 try:
