@@ -326,6 +326,8 @@ Description: {SUMMARY}
 def metadata():
     """What the wheel says of itself, from pyproject.toml."""
     project = tomllib.loads((PYTHON / "pyproject.toml").read_text())["project"]
+    # What the programs need comes with them; the rest is for who asks for it.
+    extras = {name: needs for name, needs in project["optional-dependencies"].items() if name != "programs"}
     lines = [
         "Metadata-Version: 2.1",
         f"Name: {project['name']}",
@@ -336,6 +338,8 @@ def metadata():
         f"Requires-Python: {project['requires-python']}",
         *(f"Classifier: {classifier}" for classifier in project["classifiers"]),
         *(f"Requires-Dist: {need}" for need in project["dependencies"] + project["optional-dependencies"]["programs"]),
+        *(f"Provides-Extra: {name}" for name in extras),
+        *(f'Requires-Dist: {need}; extra == "{name}"' for name, needs in extras.items() for need in needs),
         "Description-Content-Type: text/markdown",
     ]
     return "\n".join(lines) + "\n\n" + (PYTHON / "README.md").read_text()

@@ -11,7 +11,7 @@
 //!
 //! Modules in reading order: `fork`, `errors`, `place` (a domain), `wait`, `view` (arrays),
 //! `elements`, `dlpack`, `tensor`, `recorded`, `frame`, `topic`, `world`, `lockstep`, `control`, `result`, `publish`,
-//! `publish_gpu`, `recording` and `result_file`.
+//! `publish_gpu`, `recording`, `result_file`, and `worlds`, which needs no bus.
 
 #![warn(missing_docs)]
 
@@ -33,6 +33,7 @@ mod topic;
 mod view;
 mod wait;
 mod world;
+mod worlds;
 
 use pyo3::prelude::*;
 
@@ -68,10 +69,12 @@ mod _native {
     use crate::topic::Reader;
     #[pymodule_export]
     use crate::world::{Snapshots, document, snapshot};
+    #[pymodule_export]
+    use crate::worlds::{Worlds, columns, tasks};
 
     /// Number of this interface, which the Python half compares with its own.
     #[pymodule_export]
-    const INTERFACE: u32 = 11;
+    const INTERFACE: u32 = 12;
     /// Version of the layouts that this module reads and writes.
     #[pymodule_export]
     const SCHEMA_VERSION: u16 = schema_frames::SCHEMA_VERSION;

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from typing_extensions import assert_type
 import gantry
 import gantry.bench
+import gantry.envs
 
 with gantry.open("ego/front/rgb") as camera, gantry.open("mine/boxes", result="boxes2d") as boxes:
     assert_type(camera, gantry.Topic[gantry.Frame])
@@ -53,6 +54,18 @@ class Detector(gantry.bench.Program):
 
 assert_type(gantry.bench.run(detect), gantry.bench.RunCounts)
 gantry.bench.run(Detector(), lockstep="detector", n=3)
+
+def straight(state: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return state[:, :2] * 0
+
+envs = gantry.envs.DriveVectorEnv("LaneKeeping", 8, reward=lambda step: step.info["progress_m"], autoreset_mode="NextStep")
+observations, infos = envs.reset(seed=[1, 2, None, 4, 5, 6, 7, 8])
+observations, rewards, terminated, truncated, infos = envs.step(straight(observations))
+one = gantry.envs.DriveEnv("EmergencyBrake")
+assert_type(one.step(observations[0])[1], float)
+result = gantry.envs.evaluate(straight, "LaneKeeping", range(20))
+assert_type(result.score.low, float)
+assert_type(result.solved, bool | None)
 
 async def main() -> None:
     async for row in gantry.sync(["ego/front/rgb"], snapshots=True):

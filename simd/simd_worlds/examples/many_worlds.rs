@@ -60,7 +60,7 @@ fn measure(args: &Args, result: &mut BenchResult) -> anyhow::Result<()> {
     for name in Task::names() {
         let course = Arc::new(Course::new(Task::built_in(name)?, 1)?);
         let mut worlds = Worlds::new(course, args.worlds, args.threads, Autoreset::SameStep)?;
-        worlds.reset_all(1);
+        worlds.reset_all(1)?;
         let mut wanted = Vec::new();
         let (mut n_ended, mut sums, mut reward) = (0, [0.0; INFO_NAMES.len()], 0.0);
         let begin = Instant::now();

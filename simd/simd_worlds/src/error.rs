@@ -123,4 +123,17 @@ pub enum WorldsError {
         /// The last number.
         last: usize,
     },
+    /// A panic of the simulator.
+    #[error(
+        "the simulator broke down in world {world}: {cause}; make new worlds, and please report this with the task and the seed"
+    )]
+    Broken {
+        /// The world.
+        world: usize,
+        /// What the panic said.
+        cause: String,
+    },
+    /// A call after a panic.
+    #[error("the simulator broke down before, and these worlds cannot go on; make new ones")]
+    Lost,
 }

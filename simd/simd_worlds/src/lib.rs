@@ -16,7 +16,7 @@
 //! let task = Task::built_in("LaneKeeping")?;
 //! let course = Arc::new(Course::new(task, 1)?);
 //! let mut worlds = Worlds::new(course, 4, 1, Autoreset::SameStep)?;
-//! worlds.reset_all(7);
+//! worlds.reset_all(7)?;
 //! worlds.step(&[0.0, 0.5].repeat(4))?;
 //! assert_eq!(worlds.outputs().reward.len(), 4);
 //! # Ok::<(), Box<dyn std::error::Error>>(())

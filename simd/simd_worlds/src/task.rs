@@ -113,13 +113,20 @@ impl Task {
     /// # Errors
     /// [`TaskError::Unknown`].
     pub fn built_in(name: &str) -> Result<Task, TaskError> {
-        let Some((_, text)) = BUILT_IN.iter().find(|(known, _)| *known == name) else {
-            return Err(TaskError::Unknown {
-                name: name.to_owned(),
-                known: Task::names().collect::<Vec<_>>().join(", "),
-            });
+        Task::from_toml(Task::text(name)?)
+    }
+
+    /// The file of a built-in task, which users copy and change.
+    ///
+    /// # Errors
+    /// [`TaskError::Unknown`].
+    pub fn text(name: &str) -> Result<&'static str, TaskError> {
+        let found = BUILT_IN.iter().find(|(known, _)| *known == name);
+        let unknown = || TaskError::Unknown {
+            name: name.to_owned(),
+            known: Task::names().collect::<Vec<_>>().join(", "),
         };
-        Task::from_toml(text)
+        found.map(|(_, text)| *text).ok_or_else(unknown)
     }
 
     /// A task from the text of a file.

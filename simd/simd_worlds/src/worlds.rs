@@ -1,5 +1,7 @@
 //! All worlds: they step side by side, and their rows are put together in order.
 
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -54,6 +56,8 @@ pub struct Worlds {
     threads: Option<ThreadPool>,
     autoreset: Autoreset,
     outputs: Outputs,
+    /// A member was left in the middle of a call, so that nothing may be asked of it any more.
+    is_broken: bool,
 }
 
 impl Worlds {
@@ -89,6 +93,7 @@ impl Worlds {
             threads,
             autoreset,
             outputs: Outputs::default(),
+            is_broken: false,
         };
         worlds.collect();
         Ok(worlds)
@@ -110,19 +115,23 @@ impl Worlds {
     }
 
     /// Begins all worlds anew: world k with the seed `seed + k`.
-    pub fn reset_all(&mut self, seed: u64) {
+    ///
+    /// # Errors
+    /// [`WorldsError::Broken`], [`WorldsError::Lost`].
+    pub fn reset_all(&mut self, seed: u64) -> Result<(), WorldsError> {
         let seeds: Vec<u64> = (0..self.members.len() as u64)
             .map(|k| seed.wrapping_add(k))
             .collect();
-        self.each(&seeds, |member, seed| member.reset(*seed));
+        self.each(&seeds, |member, seed| member.reset(*seed))?;
         self.collect();
+        Ok(())
     }
 
     /// Begins those worlds anew that `mask` names, each with its own seed; the others stay as they
     /// are, with a reward of 0 and without an end.
     ///
     /// # Errors
-    /// [`WorldsError::Length`].
+    /// [`WorldsError::Length`], [`WorldsError::Broken`], [`WorldsError::Lost`].
     pub fn reset(&mut self, mask: &[bool], seeds: &[u64]) -> Result<(), WorldsError> {
         self.check_length("the mask", mask.len(), 1)?;
         self.check_length("the seeds", seeds.len(), 1)?;
@@ -130,7 +139,31 @@ impl Worlds {
         self.each(&both, |member, (is_named, seed)| match is_named {
             true => member.reset(*seed),
             false => member.pass_over(),
-        });
+        })?;
+        self.collect();
+        Ok(())
+    }
+
+    /// Begins the next episode of those worlds that `mask` names, as an episode that has ended is
+    /// followed by the next one; the others stay as they are, as in [`Worlds::reset`].
+    ///
+    /// # Errors
+    /// [`WorldsError::Length`], [`WorldsError::NotReset`], [`WorldsError::Broken`],
+    /// [`WorldsError::Lost`].
+    pub fn begin_next(&mut self, mask: &[bool]) -> Result<(), WorldsError> {
+        self.check_length("the mask", mask.len(), 1)?;
+        let named = self.members.iter().zip(mask);
+        let is_new = |(member, is_named): (&Member, &bool)| *is_named && !member.has_begun;
+        if let Some(world) = named.map(is_new).position(|is_new| is_new) {
+            return Err(WorldsError::NotReset { world });
+        }
+        self.each(mask, |member, is_named| {
+            member.pass_over();
+            if *is_named {
+                member.outcome = Default::default();
+                member.begin_next();
+            }
+        })?;
         self.collect();
         Ok(())
     }
@@ -174,7 +207,7 @@ impl Worlds {
                 (member.final_state, member.has_final) = (member.state, true);
                 member.begin_next();
             }
-        });
+        })?;
         self.collect();
         Ok(())
     }
@@ -183,9 +216,12 @@ impl Worlds {
     /// episodes stay their own.
     ///
     /// # Errors
-    /// [`WorldsError::NoWorld`], [`WorldsError::NotReset`].
+    /// [`WorldsError::NoWorld`], [`WorldsError::NotReset`], [`WorldsError::Lost`].
     pub fn fork(&mut self, source: usize, into: &[usize]) -> Result<(), WorldsError> {
         let last = self.members.len() - 1;
+        if self.is_broken {
+            return Err(WorldsError::Lost);
+        }
         if let Some(&world) = std::iter::once(&source).chain(into).find(|k| **k > last) {
             return Err(WorldsError::NoWorld { world, last });
         }
@@ -224,20 +260,43 @@ impl Worlds {
     }
 
     /// Does something to every member with its own argument; members know nothing of each other.
-    fn each<T: Sync>(&mut self, arguments: &[T], act: impl Fn(&mut Member, &T) + Sync) {
+    /// A panic is an error that names the first world of those that had one.
+    fn each<T: Sync>(
+        &mut self,
+        arguments: &[T],
+        act: impl Fn(&mut Member, &T) + Sync,
+    ) -> Result<(), WorldsError> {
+        if self.is_broken {
+            return Err(WorldsError::Lost);
+        }
+        // Whoever was left half-way is not used again: these worlds refuse everything from now on.
+        let guarded = |(world, (member, argument)): (usize, (&mut Member, &T))| {
+            let done = catch_unwind(AssertUnwindSafe(|| act(member, argument)));
+            done.err().map(|payload| (world, cause(&*payload)))
+        };
         let members = &mut self.members;
-        match &self.threads {
+        let broken = match &self.threads {
             None => members
                 .iter_mut()
                 .zip(arguments)
-                .for_each(|(member, argument)| act(member, argument)),
+                .enumerate()
+                .find_map(guarded),
             Some(threads) => threads.install(|| {
                 members
                     .par_iter_mut()
                     .zip(arguments)
+                    .enumerate()
                     .with_min_len(CHUNK)
-                    .for_each(|(member, argument)| act(member, argument));
+                    .filter_map(guarded)
+                    .min_by_key(|(world, _)| *world)
             }),
+        };
+        match broken {
+            None => Ok(()),
+            Some((world, cause)) => {
+                self.is_broken = true;
+                Err(WorldsError::Broken { world, cause })
+            }
         }
     }
 
@@ -260,4 +319,13 @@ impl Worlds {
             out.has_final.push(member.has_final);
         }
     }
+}
+
+/// What a panic said.
+fn cause(payload: &(dyn Any + Send)) -> String {
+    let text = payload
+        .downcast_ref::<&str>()
+        .map(|text| (*text).to_owned());
+    text.or_else(|| payload.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "it said nothing".to_owned())
 }

@@ -47,7 +47,7 @@ fn neighbours_forks_resets_and_threads_change_no_byte() {
         let mut expected = Vec::new();
         for k in watched {
             let mut one = worlds(task, 1, 1, Autoreset::SameStep);
-            one.reset_all(50 + k as u64);
+            one.reset_all(50 + k as u64).unwrap();
             let mut seen = vec![bytes_of(&one, 0)];
             for at in 0..N_STEPS {
                 step(&mut one, &[k as u64], at);
@@ -57,7 +57,7 @@ fn neighbours_forks_resets_and_threads_change_no_byte() {
         }
         for n_threads in [1, 2, 5] {
             let mut many = worlds(task, N, n_threads, Autoreset::SameStep);
-            many.reset_all(50);
+            many.reset_all(50).unwrap();
             let who: Vec<u64> = (0..N as u64).collect();
             for at in 0..=N_STEPS {
                 for (k, seen) in watched.iter().zip(&expected) {
@@ -82,7 +82,7 @@ fn neighbours_forks_resets_and_threads_change_no_byte() {
 #[test]
 fn a_fork_goes_on_as_its_source_does() {
     let mut many = worlds("EmergencyBrake", 6, 2, Autoreset::SameStep);
-    many.reset_all(3);
+    many.reset_all(3).unwrap();
     for at in 0..10 {
         step(&mut many, &[0, 1, 2, 3, 4, 5], at);
     }
@@ -102,7 +102,7 @@ fn a_fork_goes_on_as_its_source_does() {
 #[test]
 fn the_world_of_a_member_is_an_ordinary_world() {
     let mut one = worlds("LaneKeeping", 1, 1, Autoreset::SameStep);
-    one.reset_all(12);
+    one.reset_all(12).unwrap();
     let mut alone = one.world(0).unwrap().clone();
     let ego = alone.actor_with_role("ego_vehicle").unwrap();
     for at in 0..20 {
@@ -130,7 +130,7 @@ fn ten_thousand_resets_begin_in_ten_thousand_ways() {
         let mut many = worlds(task, 100, 2, Autoreset::SameStep);
         let mut starts = BTreeSet::new();
         for round in 0..100 {
-            many.reset_all(1000 + 100 * round);
+            many.reset_all(1000 + 100 * round).unwrap();
             let rows = many.outputs().state.chunks(STATE_NAMES.len());
             starts.extend(rows.map(|row| row.iter().map(|x| x.to_bits()).collect::<Vec<_>>()));
         }
@@ -145,7 +145,7 @@ fn ten_thousand_resets_begin_in_ten_thousand_ways() {
 #[test]
 fn beginning_others_anew_brings_no_reward_and_no_end() {
     let mut three = worlds("LaneKeeping", 3, 1, Autoreset::Disabled);
-    three.reset_all(5);
+    three.reset_all(5).unwrap();
     step(&mut three, &[0, 1, 2], 0);
     let before = three.outputs().clone();
     assert!(before.reward.iter().all(|reward| *reward != 0.0));
@@ -169,4 +169,34 @@ fn beginning_others_anew_brings_no_reward_and_no_end() {
     assert_ne!(after.state[..columns], before.state[..columns]);
     let refused = three.step(&[0.0; 6]).unwrap_err().to_string();
     assert!(refused.contains("world 1"), "{refused}");
+}
+
+#[test]
+fn a_reset_without_a_seed_begins_the_episode_that_an_end_would_begin() {
+    let mut automatic = worlds("EmergencyBrake", 2, 1, Autoreset::SameStep);
+    let mut by_hand = worlds("EmergencyBrake", 2, 1, Autoreset::Disabled);
+    let refused = by_hand.begin_next(&[false, true]).unwrap_err().to_string();
+    assert!(refused.starts_with("world 1 was never reset"), "{refused}");
+    automatic.reset_all(8).unwrap();
+    by_hand.reset_all(8).unwrap();
+    let mut n_ended = 0;
+    for _ in 0..600 {
+        automatic.step(&[0.0, -1.0, 0.0, -1.0]).unwrap();
+        by_hand.step(&[0.0, -1.0, 0.0, -1.0]).unwrap();
+        let out = by_hand.outputs();
+        let ended: Vec<bool> = (0..2)
+            .map(|k| out.terminated[k] || out.truncated[k])
+            .collect();
+        n_ended += ended.iter().filter(|ended| **ended).count();
+        assert_eq!(ended, automatic.outputs().has_final);
+        if ended.contains(&true) {
+            by_hand.begin_next(&ended).unwrap();
+            assert_eq!(by_hand.outputs().reward, [0.0; 2]);
+        }
+        for k in 0..2 {
+            let [a, b] = [&automatic, &by_hand].map(|worlds| records(worlds.world(k).unwrap()));
+            assert!(a == b, "world {k}");
+        }
+    }
+    assert!(n_ended > 4, "{n_ended} episodes ended");
 }

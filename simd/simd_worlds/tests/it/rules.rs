@@ -17,7 +17,7 @@ fn state(worlds: &Worlds, k: usize, name: &str) -> f32 {
 #[test]
 fn lane_keeping_pays_speed_less_the_square_of_the_offset() {
     let mut ten = worlds("LaneKeeping", 10, 1, Autoreset::Disabled);
-    ten.reset_all(5);
+    ten.reset_all(5).unwrap();
     ten.step(&[0.0, 0.3].repeat(10)).unwrap();
     for k in 0..10 {
         let share = state(&ten, k, "speed / 30 m/s") * state(&ten, k, "cos heading")
@@ -33,7 +33,7 @@ fn lane_keeping_pays_speed_less_the_square_of_the_offset() {
 #[test]
 fn leaving_the_lane_ends_the_episode_with_nothing() {
     let mut one = worlds("LaneKeeping", 1, 1, Autoreset::Disabled);
-    one.reset_all(2);
+    one.reset_all(2).unwrap();
     let mut last = 0.0;
     for _ in 0..200 {
         last = state(&one, 0, "offset / half lane");
@@ -67,7 +67,7 @@ fn who_brakes_at_once_stops_needlessly_and_who_never_does_runs_into_things() {
     let mut all = worlds("EmergencyBrake", n, 2, Autoreset::Disabled);
     let mut needless_alone = 0;
     for (pedal, column) in [(-1.0, "needless_stop"), (0.25, "contact")] {
-        all.reset_all(100);
+        all.reset_all(100).unwrap();
         let there: Vec<bool> = (0..n)
             .map(|k| state(&all, k, "obstacle there") > 0.5)
             .collect();
@@ -107,8 +107,8 @@ fn the_last_state_is_kept_and_the_next_episode_begins_when_it_should() {
         worlds("LaneKeeping", 1, 1, Autoreset::SameStep),
         worlds("LaneKeeping", 1, 1, Autoreset::NextStep),
     );
-    same.reset_all(4);
-    next.reset_all(4);
+    same.reset_all(4).unwrap();
+    next.reset_all(4).unwrap();
     for _ in 0..200 {
         same.step(&actions).unwrap();
         next.step(&actions).unwrap();

@@ -65,6 +65,9 @@ fn allowed(from: &str, to: &str) -> bool {
         ("consumer_record" | "consumer_bridge" | "consumer_replay", "consumer_forms") => true,
         ("consumer_sets", "consumer_forms") | ("consumer_export", "consumer_sets") => true,
         ("consumer_python", "consumer_forms" | "consumer_gpu") => true,
+        // `gantry.envs` holds worlds in the Python process; they know no bus, so it reads nothing
+        // of a daemon that other consumers could not.
+        ("consumer_python", "simd_worlds") => true,
         (from, "consumer_kit") => district(from) == "consumer",
         // All programs in one file, and nothing else.
         ("launch_all", "gantry" | "simd" | "simd_render") => true,
