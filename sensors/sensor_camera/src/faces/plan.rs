@@ -16,8 +16,8 @@ const MAX_TANGENT: f64 = 1.192;
 const MARGIN_PX: u32 = 2;
 /// Longest side of a face, pixels.
 const MAX_SIDE_PX: u32 = 4096;
-/// Pixels of a face are at most this many times finer than half of the picture's are.
-const MAX_FINER: f64 = 2.0;
+/// Faces are as fine as the picture is up to this angle off the axis, whose cosine it is: 30°.
+const SHARP_COSINE: f64 = 0.866;
 /// Of a table's entry: what a place is counted in, per pixel.
 const PER_PX: f64 = 65536.0;
 /// Of a table's entry: where the number of the face begins.
@@ -85,7 +85,7 @@ impl FacePlan {
         };
         let places: Vec<Option<(u32, [f64; 2])>> =
             (0..seen.len()).into_par_iter().map(face_of).collect();
-        let focal_px = focal_px(&places, width, &cuts);
+        let focal_px = focal_px(&seen, &places, width, &cuts);
         let mut faces: Vec<Face> = cuts
             .iter()
             .map(|cut| {
@@ -218,10 +218,16 @@ fn cut<I: Iterator<Item = Vector3<f64>>>(side: u32, seen: impl Fn() -> I) -> Cut
         })
 }
 
-/// The focal length at which no pixel of a face is larger than the picture's, as far as
-/// [`MAX_FINER`] and [`MAX_SIDE_PX`] allow.
-fn focal_px(places: &[Option<(u32, [f64; 2])>], width: usize, cuts: &[Cut]) -> f64 {
-    let mut per_tangent = Vec::new();
+/// The focal length at which no pixel of a face is larger than the picture's near the axis, as far as
+/// [`MAX_SIDE_PX`] allows. A picture that does not show its axis counts as a whole.
+fn focal_px(
+    seen: &[Option<Vector3<f64>>],
+    places: &[Option<(u32, [f64; 2])>],
+    width: usize,
+    cuts: &[Cut],
+) -> f64 {
+    let is_near = |pixel: usize| seen[pixel].is_some_and(|it| it.z > SHARP_COSINE);
+    let (mut near, mut whole) = (0.0f64, 1.0f64);
     for (pixel, place) in places.iter().enumerate() {
         let Some((face, [x, y])) = place else {
             continue;
@@ -231,19 +237,17 @@ fn focal_px(places: &[Option<(u32, [f64; 2])>], width: usize, cuts: &[Cut]) -> f
             if let Some(Some((other, [u, v]))) = places.get(next)
                 && other == face
             {
-                per_tangent.push(1.0 / (u - x).hypot(v - y).max(1e-9));
+                let per_tangent = 1.0 / (u - x).hypot(v - y).max(1e-9);
+                whole = whole.max(per_tangent);
+                if is_near(pixel) {
+                    near = near.max(per_tangent);
+                }
             }
         }
     }
-    if per_tangent.is_empty() {
-        per_tangent.push(1.0);
-    }
-    let middle = per_tangent.len() / 2;
-    let most = per_tangent.iter().copied().fold(0.0, f64::max);
-    let (_, median, _) = per_tangent.select_nth_unstable_by(middle, f64::total_cmp);
     let half = cuts.iter().flat_map(|cut| cut.half).fold(1e-6, f64::max);
     let fits = f64::from(MAX_SIDE_PX / 2 - MARGIN_PX - 1) / half;
-    most.min(MAX_FINER * *median).min(fits)
+    if near > 0.0 { near } else { whole }.min(fits)
 }
 
 #[cfg(test)]
@@ -292,7 +296,7 @@ mod tests {
                     height_px,
                     focal_px,
                 } = face.intrinsics;
-                let place = [first & (1 << FACE_SHIFT) - 1, *second];
+                let place = [first & ((1 << FACE_SHIFT) - 1), *second];
                 let place = place.map(|it| f64::from(it) / PER_PX);
                 assert!(place[0] < f64::from(width_px - 1) && place[1] < f64::from(height_px - 1));
                 let tangent = [

@@ -203,9 +203,9 @@ pub struct ViewJob<'v, 'a> {
     pub outputs: Vec<Output<'a>>,
 }
 
-impl<'v, 'a> ViewJob<'v, 'a> {
+impl<'a> ViewJob<'_, 'a> {
     /// The same job for a while; its outputs go with it.
-    pub(crate) fn reborrow<'s>(&'s mut self) -> ViewJob<'s, 'a> {
+    pub(crate) fn reborrow(&mut self) -> ViewJob<'_, 'a> {
         ViewJob {
             view: &mut *self.view,
             world_from_sensor: self.world_from_sensor,
