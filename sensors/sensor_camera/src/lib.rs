@@ -18,7 +18,7 @@
 //! | `camera_motion`, `assets`, `target` | poses, meshes on the GPU, render targets |
 //! | `occlusion`, `visible`, `lamps`, `light`, `shadow` | what a view sees, and the light it is seen in |
 //! | `binding_layout`, `bindings` | bind groups that several passes share |
-//! | `geometry`, `raster`, `shade`, `blur`, `post`, `debug`, `lens` | the passes, each beside its shaders |
+//! | `geometry`, `raster`, `shade`, `blur`, `post`, `debug`, `lens`, `faces` | the passes, each beside its shaders |
 //! | `overlay` | what the spectator alone sees: texts, lines on the screen |
 //! | [`dvs`] | the event camera, on the CPU and on the GPU |
 //! | `view` | what is asked of a camera, and the results |
@@ -74,6 +74,7 @@ mod bindings;
 
 mod blur;
 mod debug;
+mod faces;
 mod geometry;
 mod lens;
 mod overlay;

@@ -119,6 +119,9 @@ pub(crate) struct PostJob<'p> {
     /// Simulated time since the previous firing.
     pub since_secs: f32,
     pub smooth_edges: bool,
+    /// Whether radiance without alpha is beyond a lens's field and stays black; `PostPass::new` is
+    /// told the same.
+    pub has_field: bool,
 }
 
 impl PostJob<'_> {
@@ -149,6 +152,7 @@ impl PostJob<'_> {
             ghosts: self.has_flare(),
             lens: self.optics.distortion().is_some(),
             smooths_edges: self.smooth_edges,
+            has_field: self.has_field,
         }
     }
 }
@@ -160,6 +164,7 @@ struct Program {
     ghosts: bool,
     lens: bool,
     smooths_edges: bool,
+    has_field: bool,
 }
 
 /// What development reads of a view beside radiance.
@@ -221,6 +226,7 @@ fn program(
         ("HAS_GHOSTS", can.ghosts),
         ("HAS_LENS", can.lens),
         ("SMOOTHS_EDGES", can.smooths_edges),
+        ("HAS_FIELD", can.has_field),
     ]
     .map(|(name, is_on)| (name, f64::from(u8::from(is_on))));
     gpu.device()
@@ -244,7 +250,9 @@ const _: () = assert!(POST_BYTES.is_multiple_of(256));
 const POSTS_BYTES: u64 = POST_BYTES * MAX_TOGETHER as u64;
 
 impl PostPass {
-    pub fn new(gpu: &Gpu) -> Self {
+    /// The passes for pinhole images, or for those of lenses whose field may end before the image's
+    /// rim.
+    pub fn new(gpu: &Gpu, has_field: bool) -> Self {
         let device = gpu.device();
         let written = |binding, format| {
             let access = wgpu::StorageTextureAccess::WriteOnly;
@@ -289,6 +297,7 @@ impl PostPass {
         let shader = gpu.shader("post", &post_wgsl());
         let plain = Program {
             smooths_edges: true,
+            has_field,
             ..Program::default()
         };
         let pipeline = |entry_point| program(gpu, &pipeline_layout, &shader, entry_point, plain);

@@ -6,6 +6,7 @@ mod admit;
 mod assign_targets;
 mod bend;
 mod check;
+mod compose;
 mod find;
 mod gpu_events;
 mod groups;
@@ -25,6 +26,7 @@ use sensor_gpu::{CopyBatch, Gpu, GpuError};
 use active::Active;
 pub use admit::HeldImages;
 pub use check::RenderError;
+use compose::{Composer, FacesOf, TickFaces};
 use gpu_events::GpuEvents;
 use modality::targets_of;
 use passes::Passes;
@@ -57,6 +59,7 @@ pub struct CameraRenderer {
     sky: Option<wgpu::TextureView>,
     passes: Passes,
     lens: LensPass,
+    composer: Composer,
     shadows: ShadowMaps,
     pool: TargetPool,
     events: GpuEvents,
@@ -85,6 +88,7 @@ impl CameraRenderer {
             sky: None,
             passes,
             lens: LensPass::default(),
+            composer: Composer::default(),
             shadows: ShadowMaps::new(gpu, quality, layout),
             pool: TargetPool::default(),
             events: GpuEvents::new(gpu),
@@ -102,7 +106,10 @@ impl CameraRenderer {
     /// Bytes that the images of a view take on the GPU if it makes these modalities.
     pub fn target_bytes(&self, view: &View, modalities: &[Modality]) -> u64 {
         let n_sets = if self.gpu.copies_beside() { 2 } else { 1 };
-        admit::target_bytes(view, self.targets_for(view, modalities), n_sets)
+        let set = self.targets_for(view, modalities);
+        let faces = view.faces.iter();
+        let of_faces = faces.map(|face| admit::target_bytes(face, set, n_sets));
+        admit::target_bytes(view, set, n_sets) + of_faces.sum::<u64>()
     }
 
     /// Whether the images of a view fit the GPU, beside those of other views that take `used_bytes`.
@@ -133,7 +140,12 @@ impl CameraRenderer {
             });
         }
         let set = self.targets_for(view, modalities);
-        admit::try_targets(&self.gpu, view, set, self.passes.shading().surfaces())
+        let surfaces = self.passes.shading().surfaces();
+        let mut held = admit::try_targets(&self.gpu, view, set, surfaces)?;
+        for face in &view.faces {
+            held.add(admit::try_targets(&self.gpu, face, set, surfaces)?);
+        }
+        Ok(held)
     }
 
     /// Forgets what a tick or a map that found no memory left behind. The next tick makes it anew.
@@ -237,9 +249,14 @@ impl CameraRenderer {
         for job in &mut jobs {
             outputs::begin_firing(&self.gpu, job, scene);
         }
-        let submission = self.draw(scene, &mut jobs);
+        let n_jobs = jobs.len();
+        let mut faces = TickFaces::take(&mut jobs);
+        let mut jobs_of_all = Vec::with_capacity(n_jobs);
+        jobs_of_all.extend(jobs.iter_mut().map(ViewJob::reborrow));
+        let faces_of = faces.add_to(&mut jobs_of_all);
+        let submission = self.draw(scene, &mut jobs_of_all, &faces_of);
         let poses = Arc::new(InstancePoses::of(scene));
-        for job in jobs {
+        for job in jobs_of_all {
             let world_from_camera = world_from_camera(&job.world_from_sensor);
             job.view.previous = Some(Firing {
                 world_from_camera,
@@ -248,15 +265,22 @@ impl CameraRenderer {
                 poses: poses.clone(),
             });
         }
+        faces.give_back(&mut jobs);
         Ok(submission)
     }
 
-    fn draw<'a>(&mut self, scene: &Scene, jobs: &mut [ViewJob<'_, 'a>]) -> Submission<'a> {
+    /// `faces` are those of the first jobs; the jobs behind them are faces.
+    fn draw<'a>(
+        &mut self,
+        scene: &Scene,
+        jobs: &mut [ViewJob<'_, 'a>],
+        faces: &[FacesOf],
+    ) -> Submission<'a> {
         let gpu = self.gpu.clone();
         let leaders = gpu.time("merge", || leaders(jobs));
-        let mut active = self.activate(scene, jobs, &leaders);
+        let mut active = self.activate(scene, jobs, &leaders, faces);
         if active.is_empty() {
-            return Submission::new(None, jobs.iter().map(|_| Vec::new()).collect());
+            return Submission::new(None, faces.iter().map(|_| Vec::new()).collect());
         }
         gpu.time("find", || self.make_light(scene));
         let tick = TickScene {
@@ -315,9 +339,15 @@ impl CameraRenderer {
                 None => (active.targets.clone(), active.layer),
             });
         }
+        let composer = &mut self.composer;
+        for (job_idx, picture) in composer.compose(&tick, jobs, faces, &active, &mut encoder) {
+            batch.overwrites(&picture.reads);
+            images[job_idx] = Some((picture, 0));
+        }
         self.spare_drawn = active.into_iter().map(|active| active.drawn).collect();
         let plans = jobs
             .iter_mut()
+            .take(faces.len())
             .zip(&leaders)
             .map(|(job, leader)| match &images[*leader] {
                 Some((targets, layer)) => {
@@ -343,6 +373,7 @@ impl CameraRenderer {
         scene: &Scene,
         jobs: &mut [ViewJob<'_, '_>],
         leaders: &[usize],
+        faces: &[FacesOf],
     ) -> Vec<Active> {
         let lamps = match scene.assets.switched.is_empty() {
             true => SceneryLamps::AsBuilt,
@@ -355,9 +386,14 @@ impl CameraRenderer {
                 set.union(targets_of(output.modality))
             });
         }
+        for (job_idx, FacesOf { first, n }) in faces.iter().enumerate().filter(|it| it.1.n > 0) {
+            let set = self.completed(asked[job_idx], &jobs[job_idx].view.spec, lamps);
+            asked[*first..first + n].fill(set);
+            asked[job_idx] = TargetSet::default();
+        }
         for (job_idx, (job, asked)) in jobs.iter_mut().zip(asked).enumerate() {
             let mut set = self.completed(asked, &job.view.spec, lamps);
-            if set.contains(Target::Color) && is_drawn(scene, &job.view.spec) {
+            if set.contains(Target::Color) && !job.view.is_face && is_drawn(scene, &job.view.spec) {
                 set = set.union(Target::Depth.bit());
             }
             if set == TargetSet::default() {

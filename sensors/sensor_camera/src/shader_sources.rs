@@ -3,7 +3,7 @@
 use crate::geometry::{GeometryShader, Instances, SceneryLamps};
 use crate::shade::Shading;
 use crate::target::Surfaces;
-use crate::{blur, dvs, lens, post, raster, shade, shadow};
+use crate::{blur, dvs, faces, lens, post, raster, shade, shadow};
 
 /// The text of every shader by name, as the GPU gets it.
 pub fn shader_sources() -> Vec<(&'static str, String)> {
@@ -39,6 +39,7 @@ pub fn shader_sources() -> Vec<(&'static str, String)> {
         ("blur", blur::BLUR_WGSL.to_owned()),
         ("post", post::post_wgsl()),
         ("lens", lens::LENS_WGSL.to_owned()),
+        ("faces", faces::FACES_WGSL.to_owned()),
         ("shadow", shadow::SHADOW_WGSL.to_owned()),
         ("events", dvs::events_wgsl()),
     ]

@@ -133,9 +133,22 @@ impl CameraSpec {
             let allowed = "lens.model bends the image already; leave it out";
             refuse(key, value.to_string(), allowed);
         }
-        let unseen = |it: &&Modality| matches!(it, Modality::Rgb | Modality::Flow | Modality::Dvs);
+        if optics.is_blurred() {
+            let focus = &optics.focus;
+            let (key, value) = match (optics.smears_motion(), focus.distance_m > 0.0) {
+                (true, _) => {
+                    let shutter_secs = optics.motion_blur.shutter_secs;
+                    ("optics.motion_blur.shutter_secs", shutter_secs)
+                }
+                (false, true) => ("optics.focus.distance_m", focus.distance_m),
+                (false, false) => ("optics.focus.haze_px", focus.haze_px),
+            };
+            let allowed = "pictures through lens.model are not blurred; leave it out";
+            refuse(key, value.to_string(), allowed);
+        }
+        let unseen = |it: &&Modality| matches!(it, Modality::Flow | Modality::Dvs);
         if let Some(modality) = self.modalities.iter().find(unseen) {
-            let allowed = "a camera with lens.model makes only depth, semantic, instance, normals; name these";
+            let allowed = "a camera with lens.model makes only rgb, depth, semantic, instance, normals; name these";
             refuse("modalities", format!("{:?}", modality.name()), allowed);
         }
     }
@@ -164,4 +177,45 @@ fn from_names<'de, D: Deserializer<'de>>(input: D) -> Result<Vec<Modality>, D::E
             })
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lens::LensKind;
+
+    fn sentences(change: impl Fn(&mut CameraSpec)) -> Vec<String> {
+        let mut spec = CameraSpec::default();
+        spec.lens.model = LensKind::Equidistant;
+        spec.lens.focal_px = [200.0; 2];
+        change(&mut spec);
+        let mut errors = Vec::new();
+        spec.check(&mut errors);
+        errors.iter().map(ToString::to_string).collect()
+    }
+
+    #[test]
+    fn what_no_picture_through_a_lens_has_is_refused() {
+        assert_eq!(sentences(|_| ()), [""; 0]);
+        for (change, wanted) in [
+            (
+                (|it| it.modalities.push(Modality::Flow)) as fn(&mut CameraSpec),
+                "modalities is \"flow\", but a camera with lens.model makes only rgb, depth, semantic, instance, normals; name these",
+            ),
+            (
+                |it| it.optics.motion_blur.shutter_secs = 0.01,
+                "optics.motion_blur.shutter_secs is 0.01, but pictures through lens.model are not blurred; leave it out",
+            ),
+            (
+                |it| it.optics.focus.distance_m = 5.0,
+                "optics.focus.distance_m is 5, but pictures through lens.model are not blurred; leave it out",
+            ),
+            (
+                |it| it.optics.distortion_k = 0.1,
+                "optics.distortion_k is 0.1, but lens.model bends the image already; leave it out",
+            ),
+        ] {
+            assert_eq!(sentences(change), [wanted]);
+        }
+    }
 }

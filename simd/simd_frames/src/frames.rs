@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use launch_cli::wrong_usage;
 use schema_bus::{Bus, mono_now};
-use schema_frames::SceneFiring;
+use schema_frames::{Modality, SceneFiring};
 use schema_types::{ActorId, SimTime, Tick};
 use sensor_camera::{CameraRenderer, View};
 use sensor_core::lane_marks::PaintedLines;
@@ -550,10 +550,12 @@ impl Sensors {
     /// A sentence that names what does not fit.
     pub fn admit(&self, spec: &SensorSpec) -> anyhow::Result<()> {
         if let Some(renderer) = &self.renderer
-            && !spec.has_lens()
-            && let Model::View(view) = Model::new(spec, 0, 0, false)
+            && let model = Model::new(spec, 0, 0, false)
+            && let Some(view) = model.view()
         {
-            renderer.admit(&view, &spec.modalities(), self.image_bytes(renderer))?;
+            let modalities = spec.modalities().into_iter();
+            let rendered: Vec<Modality> = modalities.filter(|it| model.renders(*it)).collect();
+            renderer.admit(view, &rendered, self.image_bytes(renderer))?;
         }
         Ok(())
     }
@@ -568,7 +570,7 @@ impl Sensors {
         };
         let mut used_bytes = 0;
         for (sensor, view) in self.cameras() {
-            let modalities = sensor.modalities();
+            let modalities = sensor.rendered();
             renderer
                 .admit(view, &modalities, used_bytes)
                 .map_err(|error| wrong_usage(format!("sensor {:?}: {error}", sensor.name)))?;
@@ -580,7 +582,7 @@ impl Sensors {
     /// Bytes that the images of all cameras take on the GPU once they are read.
     fn image_bytes(&self, renderer: &CameraRenderer) -> u64 {
         let bytes_of =
-            |(sensor, view): (&Sensor, &View)| renderer.target_bytes(view, &sensor.modalities());
+            |(sensor, view): (&Sensor, &View)| renderer.target_bytes(view, &sensor.rendered());
         self.cameras().map(bytes_of).sum()
     }
 
@@ -589,12 +591,8 @@ impl Sensors {
     fn cameras(&self) -> impl Iterator<Item = (&Sensor, &View)> {
         self.sensors
             .iter()
-            .filter_map(|sensor| match &sensor.model {
-                Model::View(view) if sensor.role == Role::Sensor && sensor.maker == Maker::Here => {
-                    Some((sensor, &**view))
-                }
-                _ => None,
-            })
+            .filter(|sensor| sensor.role == Role::Sensor && sensor.maker == Maker::Here)
+            .filter_map(|sensor| Some((sensor, sensor.model.view()?)))
     }
 
     /// Adds a sensor made at run time.

@@ -8,6 +8,7 @@ mod stream;
 use std::rc::Rc;
 use std::sync::Arc;
 
+use launch_cli::wrong_usage;
 use launch_spec::TopicLimits;
 use schema_bus::{Bus, GpuServer};
 use schema_frames::Modality;
@@ -146,9 +147,14 @@ impl Sensor {
         } = identity;
         let mut topics = Vec::new();
         let is_camera = matches!(spec, SensorSpec::Camera(_));
-        // Rays need no GPU.
-        let is_cast = spec.has_lens();
-        let is_away = is_camera && !is_cast && (context.cameras_are_away || context.gpu.is_none());
+        // Rays need no GPU, and with one at hand the colour of such a camera is made beside its labels.
+        let has_lens = spec.has_lens();
+        if has_lens && context.gpu.is_none() && spec.modalities().contains(&Modality::Rgb) {
+            return Err(wrong_usage(format!(
+                "sensor {name:?} has rgb through lens.model, which render workers do not make; start the daemon without --no-gpu, or leave rgb out"
+            )));
+        }
+        let is_away = is_camera && !has_lens && (context.cameras_are_away || context.gpu.is_none());
         let tick_secs = context.period_nanos as f64 * 1e-9;
         let vehicle_from_sensor = match launch_rig {
             Some(launch_spec::Rig::Ego | launch_spec::Rig::Other(_)) => {
@@ -167,7 +173,7 @@ impl Sensor {
                 remembers: role == Role::Sensor && spec.remembers(modality),
                 is_told: context.is_told && !is_added,
                 is_away,
-                is_cast,
+                is_cast: has_lens && modality != Modality::Rgb,
                 vehicle_from_sensor,
             };
             topics.push(Topic::open(
@@ -223,6 +229,12 @@ impl Sensor {
         self.topics.iter().map(|topic| topic.modality).collect()
     }
 
+    /// What its view makes of that.
+    pub fn rendered(&self) -> Vec<Modality> {
+        let topics = self.topics.iter().map(|topic| topic.modality);
+        topics.filter(|it| self.model.renders(*it)).collect()
+    }
+
     /// Its topics, for `world/actors`.
     pub fn topic_infos(&self) -> Vec<TopicInfo> {
         self.topics.iter().map(Topic::info).collect()
@@ -270,7 +282,7 @@ impl Sensor {
     /// Another process makes its frames, or this one does again. What the model saw is forgotten. No
     /// frame may be in flight.
     pub fn hand_over(&mut self, maker: Maker, bus: &Bus, gpu: Option<&Gpu>) {
-        if let Model::View(view) = &mut self.model {
+        if let Some(view) = self.model.view_mut() {
             view.release();
         }
         for topic in &mut self.topics {

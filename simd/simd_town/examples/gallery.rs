@@ -227,6 +227,7 @@ impl Studio {
             &gpu,
             ViewSpec {
                 intrinsics,
+                lens: None,
                 optics: Default::default(),
                 dvs: DvsSpec::default(),
                 seed: 1,

@@ -1,11 +1,13 @@
 //! Pictures of towns: `rendering_gallery sheets OUT_DIR` writes the contact sheets of
 //! docs/gallery/sensors; `rendering_gallery look OUT_DIR TOWN PLACE low|high WEATHER …` writes
-//! single pictures to look at; `rendering_gallery front OUT_DIR` the picture of the README.
+//! single pictures to look at; `rendering_gallery front OUT_DIR` the picture of the README;
+//! `rendering_gallery lenses OUT_DIR` what calibrated lenses see.
 
 use std::path::Path;
 
 use anyhow::{Context as _, bail};
 use schema_frames::Modality;
+use schema_types::lens::{Lens, LensModel, Plane};
 use sensor_camera::{CameraRenderer, Output, Place, Quality, View, ViewJob, ViewSpec};
 use sensor_gpu::{Gpu, GpuOptions};
 use sensor_spec::Intrinsics;
@@ -48,6 +50,19 @@ impl Studio {
         size_px: [u32; 2],
         modalities: &[Modality],
     ) -> anyhow::Result<Vec<Picture>> {
+        let lens = Intrinsics::from_fov(size_px[0], size_px[1], 80f64.to_radians());
+        self.shoot_as(ViewSpec::pinhole(lens), place, weather, modalities)
+    }
+
+    /// The same by any camera.
+    fn shoot_as(
+        &mut self,
+        spec: ViewSpec,
+        place: usize,
+        weather: &str,
+        modalities: &[Modality],
+    ) -> anyhow::Result<Vec<Picture>> {
+        let size_px = [spec.intrinsics.width_px, spec.intrinsics.height_px];
         let weather = weathers::named(weather).with_context(|| {
             format!(
                 "weather {weather:?} is none of {}",
@@ -58,8 +73,7 @@ impl Studio {
             || weather.precipitation > 30.0
             || weather.fog_density > 30.0;
         self.stage.set_lamps(if is_dark { LIGHTS_ON } else { 0 });
-        let lens = Intrinsics::from_fov(size_px[0], size_px[1], 80f64.to_radians());
-        let mut view = View::new(&self.gpu, ViewSpec::pinhole(lens));
+        let mut view = View::new(&self.gpu, spec);
         let mut bytes: Vec<Vec<u8>> = modalities
             .iter()
             .map(|modality| vec![0; view.payload_bytes(*modality)])
@@ -179,10 +193,60 @@ fn front(gpu: &Gpu, folder: &Path) -> anyhow::Result<()> {
     Picture::sheet(&all, 3).write(&folder.join("front.png"))
 }
 
+/// Lenses of cameras that are sold: a fisheye of 190°, one whose circle lies in the image, a double
+/// sphere, and a wide pinhole with OpenCV's distortion.
+fn lenses() -> anyhow::Result<[Lens; 4]> {
+    let make = |model, focal_px, max_deg: f64| {
+        let plane = Plane {
+            focal_px: [focal_px; 2],
+            shear_px: [0.0; 2],
+            centre_px: [402.0, 298.5],
+        };
+        Lens::new(model, plane, Some(max_deg.to_radians()))
+    };
+    let kannala_brandt = |coefficients| LensModel::KannalaBrandt { coefficients };
+    let opencv = LensModel::OpenCv {
+        coefficients: vec![-0.28, 0.1, 0.0006, -0.0004, -0.016],
+    };
+    let double_sphere = LensModel::DoubleSphere {
+        xi: -0.2,
+        alpha: 0.6,
+    };
+    Ok([
+        make(kannala_brandt([0.04, -0.012, 0.003, -0.0005]), 235.0, 95.0)?,
+        make(
+            kannala_brandt([0.083, -0.011, 0.0086, -0.0009]),
+            150.0,
+            95.0,
+        )?,
+        make(double_sphere, 190.0, 100.0)?,
+        make(opencv, 330.0, 62.0)?,
+    ])
+}
+
+fn through_lenses(gpu: &Gpu, folder: &Path) -> anyhow::Result<()> {
+    let mut studio = Studio::new(gpu, "Town10HD", Quality::High)?;
+    let mut shown = Vec::new();
+    for weather in ["day", "rain", "night"] {
+        for lens in lenses()? {
+            let spec = ViewSpec {
+                lens: Some(lens),
+                ..ViewSpec::pinhole(Intrinsics::from_fov(800, 600, 1.0))
+            };
+            let rgb = studio
+                .shoot_as(spec, 57, weather, &[Modality::Rgb])?
+                .remove(0);
+            rgb.write(&folder.join(format!("lens_{weather}_{}.png", shown.len() % 4)))?;
+            shown.push(rgb.shrunk(2));
+        }
+    }
+    Picture::sheet(&shown, 4).write_jpeg(&folder.join("lenses.jpg"))
+}
+
 fn run() -> anyhow::Result<()> {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let [command, folder, rest @ ..] = words.as_slice() else {
-        bail!("say sheets OUT_DIR, look OUT_DIR … or front OUT_DIR");
+        bail!("say sheets OUT_DIR, look OUT_DIR …, front OUT_DIR or lenses OUT_DIR");
     };
     let folder = Path::new(folder);
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
@@ -191,7 +255,8 @@ fn run() -> anyhow::Result<()> {
         "look" => look(&gpu, folder, rest),
         "sheets" => sheets(&gpu, folder),
         "front" => front(&gpu, folder),
-        _ => bail!("{command:?} is none of sheets, look and front"),
+        "lenses" => through_lenses(&gpu, folder),
+        _ => bail!("{command:?} is none of sheets, look, front and lenses"),
     }
 }
 

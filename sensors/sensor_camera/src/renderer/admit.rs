@@ -16,6 +16,13 @@ pub struct HeldImages {
     _targets: Vec<Arc<Targets>>,
 }
 
+impl HeldImages {
+    /// Holds those of another one, too.
+    pub(super) fn add(&mut self, other: HeldImages) {
+        self._targets.extend(other._targets);
+    }
+}
+
 /// Bytes of the targets of `set` for a view, on a GPU that copies them `n_sets` at a time.
 pub(super) fn target_bytes(view: &View, set: TargetSet, n_sets: u64) -> u64 {
     let texel_bytes = Target::ALL

@@ -15,6 +15,12 @@ pub enum RenderError {
         /// What was asked for.
         modality: Modality,
     },
+    /// Renderers make colour alone through a calibrated lens.
+    #[error("a camera with a calibrated lens was asked for {:?}; only \"rgb\" is rendered through one", modality.name())]
+    NotThroughLens {
+        /// What was asked for.
+        modality: Modality,
+    },
     /// A list was asked for twice: only images go to several places.
     #[error("{:?} was asked for twice of one view in one tick; only images go to several places", modality.name())]
     Twice {
@@ -39,6 +45,9 @@ pub(super) fn check(job: &ViewJob<'_, '_>) -> Result<(), RenderError> {
         let modality = *modality;
         if targets_of(modality) == TargetSet::default() {
             return Err(RenderError::NotACamera { modality });
+        }
+        if job.view.spec.lens.is_some() && modality != Modality::Rgb {
+            return Err(RenderError::NotThroughLens { modality });
         }
         let mut before = job.outputs[..i].iter();
         if !modality.is_image() && before.any(|other| other.modality == modality) {

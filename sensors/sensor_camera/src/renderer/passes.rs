@@ -98,7 +98,7 @@ impl Passes {
         Passes {
             geometry: GeometryPass::new(gpu, &bindings, shading.surfaces()),
             shade: ShadePass::new(gpu, &bindings, quality, shading),
-            post: PostPass::new(gpu),
+            post: PostPass::new(gpu, false),
             raster: computes.then(|| RasterPass::new(gpu, &bindings)),
             debug: DebugPass::new(gpu),
             bindings,
@@ -178,8 +178,8 @@ impl Passes {
             }
         });
         for active in active {
-            let spec = &jobs[active.job_idx].view.spec;
-            if active.set.contains(Target::Color) && is_drawn(scene, spec) {
+            let View { spec, is_face, .. } = &*jobs[active.job_idx].view;
+            if active.set.contains(Target::Color) && !is_face && is_drawn(scene, spec) {
                 let view = DebugView {
                     overlay: spec.shows_overlay.then_some(&scene.overlay),
                     lens: &jobs[active.job_idx].view.drawn,
@@ -262,7 +262,8 @@ impl Passes {
                 .previous
                 .as_ref()
                 .map_or(scene.sim_time.0, |firing| firing.sim_time.0);
-            let post = (active.set.is_lit() && developed).then(|| PostJob {
+            // A picture is developed as one once its faces are together.
+            let post = (active.set.is_lit() && developed && !view.is_face).then(|| PostJob {
                 view_idx,
                 optics: &view.spec.optics,
                 lens: view.spec.intrinsics,
@@ -272,6 +273,7 @@ impl Passes {
                 exposure: light.exposure,
                 since_secs: scene.sim_time.0.saturating_sub(previous) as f32 * 1e-9,
                 smooth_edges: quality == Quality::High,
+                has_field: false,
             });
             if let Some(key) = shade {
                 self.shade.prepare(gpu, key);

@@ -81,6 +81,8 @@ override HAS_SHAPED_FILM: bool = true;
 override HAS_GHOSTS: bool = true;
 override HAS_LENS: bool = true;
 override SMOOTHS_EDGES: bool = true;
+// Whether what has an alpha of 0 lies beyond a lens's field.
+override HAS_FIELD: bool = false;
 
 const N_BINS: u32 = 128u;
 // Luminance of the lowest bin: 2^-18 of white; 5 bins a stop.
@@ -100,7 +102,11 @@ fn cs_meter(@builtin(local_invocation_index) thread: u32) {
     for (var i = thread; i < 4096u; i += 256u) {
         let share = (vec2(f32(i % 64u), f32(i / 64u)) + 0.5) / 64.0;
         let at = share * posts[which].out_px + 0.5 * (posts[which].size_px - posts[which].out_px);
-        let luminance = luminance_of(textureLoad(radiance_maps, vec2<u32>(at), posts[which].layer, 0).rgb);
+        let texel = textureLoad(radiance_maps, vec2<u32>(at), posts[which].layer, 0);
+        if HAS_FIELD && texel.a == 0.0 {
+            continue;
+        }
+        let luminance = luminance_of(texel.rgb);
         let bin = (log2(max(luminance, 1e-9)) - LOWEST) * BINS_PER_STOP;
         atomicAdd(&bins[u32(clamp(bin, 0.0, f32(N_BINS) - 1.0))], 1u);
     }
@@ -108,12 +114,22 @@ fn cs_meter(@builtin(local_invocation_index) thread: u32) {
     if thread != 0u {
         return;
     }
+    // A tenth of what was counted; of the whole grid these are 410 and 3686 points.
+    var total = 4096.0;
+    if HAS_FIELD {
+        total = 0.0;
+        for (var bin = 0u; bin < N_BINS; bin++) {
+            total += f32(atomicLoad(&bins[bin]));
+        }
+    }
+    let low = total * (410.0 / 4096.0);
+    let high = total * (3686.0 / 4096.0);
     var before = 0.0;
     var sum = 0.0;
     var weight = 0.0;
     for (var bin = 0u; bin < N_BINS; bin++) {
         let n = f32(atomicLoad(&bins[bin]));
-        let counted = max(min(before + n, 3686.0) - max(before, 410.0), 0.0);
+        let counted = max(min(before + n, high) - max(before, low), 0.0);
         sum += counted * (f32(bin) + 0.5);
         weight += counted;
         before += n;
@@ -296,6 +312,10 @@ fn smoothed(at: vec2<f32>, factor: f32) -> vec3<f32> {
 fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
     which = at.z;
     if f32(at.x) >= posts[which].size_px.x || f32(at.y) >= posts[which].size_px.y {
+        return;
+    }
+    if HAS_FIELD && textureLoad(radiance_maps, at.xy, posts[which].layer, 0).a == 0.0 {
+        textureStore(color_maps, at.xy, posts[which].layer, vec4(0xff000000u, 0u, 0u, 0u));
         return;
     }
     // The image is a pinhole's, with margins around the picture if the lens will bend it.

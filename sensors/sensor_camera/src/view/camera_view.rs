@@ -5,12 +5,13 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 use parking_lot::Mutex;
 use schema_frames::Modality;
-use schema_types::{ActorId, Distortion};
+use schema_types::{ActorId, Distortion, Lens};
 use sensor_gpu::{Gpu, Place};
 use sensor_spec::{DvsSpec, Intrinsics, OpticsSpec, drawn_by};
 
 use crate::camera_motion::Firing;
 use crate::dvs::{EventCamera, GpuEventCamera};
+use crate::faces::{FacePlan, FaceTable};
 use crate::target::{TargetSet, Targets, Turns};
 
 /// The constant properties of a view.
@@ -18,6 +19,9 @@ use crate::target::{TargetSet, Targets, Turns};
 pub struct ViewSpec {
     /// Lens and resolution.
     pub intrinsics: Intrinsics,
+    /// A calibrated lens in place of the pinhole, of which only the size is left then. Such a view
+    /// makes `rgb` alone.
+    pub lens: Option<Lens>,
     /// Exposure, lens and white balance of `rgb`.
     pub optics: OpticsSpec,
     /// Event camera; used only if `dvs` is asked for.
@@ -35,6 +39,7 @@ impl ViewSpec {
     pub fn pinhole(intrinsics: Intrinsics) -> ViewSpec {
         ViewSpec {
             intrinsics,
+            lens: None,
             optics: OpticsSpec::default(),
             dvs: DvsSpec::default(),
             seed: 0,
@@ -51,6 +56,14 @@ pub struct View {
     pub(crate) drawn: Intrinsics,
     /// Actors that it does not show, by rising id.
     pub(crate) hidden: Vec<ActorId>,
+    /// Of a calibrated lens: its faces, and where the picture's pixels lie in them.
+    pub(crate) plan: Option<Arc<FacePlan>>,
+    /// A view for each face of `plan`.
+    pub(crate) faces: Vec<View>,
+    /// Whether it is a face of another view.
+    pub(crate) is_face: bool,
+    /// `plan`'s table on the GPU.
+    pub(crate) face_table: Option<FaceTable>,
     /// Bent images: those of this firing and of the one before.
     pub(crate) bent: [Arc<Targets>; 2],
     /// Targets for compute shaders, shared with views of equal size.
@@ -90,7 +103,18 @@ impl View {
             Some(bend) => drawn_by(&bend, &spec.intrinsics),
             None => spec.intrinsics,
         };
+        let size_px = [spec.intrinsics.width_px, spec.intrinsics.height_px];
+        let plan = spec.lens.as_ref().map(|lens| FacePlan::new(lens, size_px));
+        let face = |intrinsics: Intrinsics| View {
+            is_face: true,
+            ..View::of(ViewSpec::pinhole(intrinsics))
+        };
+        let faces = plan.iter().flat_map(|plan| &plan.faces);
         View {
+            faces: faces.map(|it| face(it.intrinsics)).collect(),
+            plan: plan.map(Arc::new),
+            is_face: false,
+            face_table: None,
             spec,
             drawn,
             hidden: Vec::new(),
@@ -139,6 +163,8 @@ impl View {
     /// Gives back all that it has on the GPU, and forgets what [`View::reset`] forgets.
     pub fn release(&mut self) {
         self.reset();
+        self.faces.iter_mut().for_each(View::release);
+        self.face_table = None;
         self.bent = Default::default();
         self.turns = None;
         self.targets = Default::default();
@@ -147,6 +173,7 @@ impl View {
     /// Forgets the previous firing and the event camera's state, as if the sensor had just been
     /// made.
     pub fn reset(&mut self) {
+        self.faces.iter_mut().for_each(View::reset);
         self.previous = None;
         self.dvs = None;
         self.gpu_events = None;
@@ -174,4 +201,15 @@ pub struct ViewJob<'v, 'a> {
     pub world_from_sensor: Isometry3<f64>,
     /// Outputs with readers; a modality that is an image may have several places.
     pub outputs: Vec<Output<'a>>,
+}
+
+impl<'a> ViewJob<'_, 'a> {
+    /// The same job for a while; its outputs go with it.
+    pub(crate) fn reborrow(&mut self) -> ViewJob<'_, 'a> {
+        ViewJob {
+            view: &mut *self.view,
+            world_from_sensor: self.world_from_sensor,
+            outputs: std::mem::take(&mut self.outputs),
+        }
+    }
 }

@@ -26,6 +26,7 @@ fn shares_drawing(
 ) -> bool {
     let first = &jobs[leader];
     let sees_alike = first.view.spec.intrinsics == job.view.spec.intrinsics
+        && first.view.spec.lens == job.view.spec.lens
         && first.view.spec.optics.distortion() == job.view.spec.optics.distortion()
         && first.view.spec.shows_overlay == job.view.spec.shows_overlay
         && first.world_from_sensor == job.world_from_sensor

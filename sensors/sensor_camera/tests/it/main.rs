@@ -9,6 +9,7 @@ mod event_model;
 mod events;
 mod events_gpu;
 mod exact;
+mod faces;
 mod hiding;
 mod lanes;
 mod layout;

@@ -79,8 +79,7 @@ impl SceneryStream {
         let mut rays: BTreeSet<Tile> = self.asked.keys().copied().collect();
         let mut casts = !rays.is_empty();
         for sensor in &sensors.sensors {
-            let reach = reach_of(sensor, sensors.is_read(sensor));
-            let Some((is_view, reach_m)) = reach else {
+            let Some(reach) = reach_of(sensor, sensors.is_read(sensor)) else {
                 continue;
             };
             let Some(record) = world.record(sensor.actor) else {
@@ -90,12 +89,13 @@ impl SceneryStream {
             if !(at[0].is_finite() && at[1].is_finite()) {
                 continue;
             }
-            let near = tiles_near(at[0], at[1], reach_m);
-            if is_view {
-                views.extend(near);
-            } else {
+            let near = || tiles_near(at[0], at[1], reach.metres);
+            if reach.is_cast {
                 casts = true;
-                rays.extend(near);
+                rays.extend(near());
+            }
+            if reach.is_drawn {
+                views.extend(near());
             }
         }
         if views != self.views {
@@ -136,14 +136,24 @@ impl SceneryStream {
     }
 }
 
-/// Whether a sensor that is read is a view, and how far it reaches; `None` for one that needs no
-/// scenery.
-fn reach_of(sensor: &Sensor, is_read: bool) -> Option<(bool, f64)> {
-    match &sensor.model {
-        _ if !is_read => None,
-        Model::View(_) => Some((true, VIEW_REACH_M)),
-        Model::Lens(_) => Some((false, VIEW_REACH_M)),
-        model if model.casts_rays() => Some((false, RAY_REACH_M)),
-        _ => None,
-    }
+/// How far a sensor sees, and by what.
+struct Reach {
+    metres: f64,
+    is_drawn: bool,
+    is_cast: bool,
+}
+
+/// Of a sensor that is read; `None` for one that needs no scenery.
+fn reach_of(sensor: &Sensor, is_read: bool) -> Option<Reach> {
+    let (is_drawn, is_cast) = (sensor.model.view().is_some(), sensor.model.casts_rays());
+    let metres = match sensor.model {
+        _ if !is_read || !(is_drawn || is_cast) => return None,
+        Model::View(_) | Model::Lens(_) => VIEW_REACH_M,
+        _ => RAY_REACH_M,
+    };
+    Some(Reach {
+        metres,
+        is_drawn,
+        is_cast,
+    })
 }

@@ -1,4 +1,4 @@
-//! Frames of cameras with a lens: the processor casts a ray through each pixel.
+//! Labels of cameras with a lens: the processor casts a ray through each pixel.
 
 use schema_bus::mono_now;
 use schema_frames::{FrameHeader, Modality};
@@ -25,6 +25,10 @@ pub(super) fn cast(
     let audience = shot.audience;
     let mut loans = Vec::new();
     for (topic_idx, topic) in sensor.topics.iter_mut().enumerate() {
+        // Its view makes these.
+        if topic.modality == Modality::Rgb {
+            continue;
+        }
         if let Some(loan) = topic.loan_if_read(audience) {
             loans.push((topic_idx, topic.modality, loan));
         }
@@ -45,23 +49,19 @@ pub(super) fn cast(
         *image = Some(loan.payload_mut());
     }
     let place = &shot.world_from_sensor;
-    camera
-        .rays
-        .cast(rays.current(), place, &camera.hidden, images);
-    let (size_px, optics, crc) = (camera.size_px, camera.optics, camera.calibration_crc);
+    if let Some(cast) = &camera.rays {
+        cast.cast(rays.current(), place, &camera.hidden, images);
+    }
     let rendered_mono_nanos = mono_now().0;
     if !may_send() {
         return Ok(false);
     }
     for (topic_idx, modality, loan) in loans {
         let mut header = FrameHeader {
-            lens: [f32::NAN; 4],
-            optics,
-            calibration_crc: crc,
             rendered_mono_nanos,
             ..shot.header(sensor.actor, modality)
         };
-        header.set_image(size_px[0], size_px[1]);
+        camera.tell(&mut header);
         sensor.topics[topic_idx].send_list(gpu, loan, header, audience)?;
     }
     Ok(true)

@@ -105,15 +105,19 @@ pub(super) fn submit(
         }
         let audience = sensor.audience(audience);
         let shot = Shot::new(tick, due, sensor, audience);
-        let Model::View(view) = &sensor.model else {
+        let Some(view) = sensor.model.view() else {
             continue;
         };
         let lens = (
             view.intrinsics(),
             view.lens().map_or([0.0; 4], |lens| lens.as_array()),
         );
+        let model = &sensor.model;
         let mut outputs = Vec::new();
         for (topic_idx, topic) in sensor.topics.iter_mut().enumerate() {
+            if !model.renders(topic.modality) {
+                continue;
+            }
             let slots = match topic.modality.is_image() {
                 true => topic.loans_if_read(audience),
                 false => Loans {
@@ -137,10 +141,15 @@ pub(super) fn submit(
                 continue;
             }
             let mut header = shot.header(sensor.actor, topic.modality);
-            let (intrinsics, bend) = lens;
-            header.intrinsics_px = intrinsics.as_array();
-            header.lens = bend;
-            header.set_image(intrinsics.width_px, intrinsics.height_px);
+            match model {
+                Model::Lens(camera) => camera.tell(&mut header),
+                _ => {
+                    let (intrinsics, bend) = lens;
+                    header.intrinsics_px = intrinsics.as_array();
+                    header.lens = bend;
+                    header.set_image(intrinsics.width_px, intrinsics.height_px);
+                }
+            }
             frames.push(PendingFrame {
                 sensor_idx,
                 topic_idx,
@@ -152,7 +161,7 @@ pub(super) fn submit(
             });
         }
         batching.add_to(sensor_idx, sensor, jobs.len(), &mut outputs);
-        let Model::View(view) = &mut sensor.model else {
+        let Some(view) = sensor.model.view_mut() else {
             continue;
         };
         jobs.push(ViewJob {
@@ -200,7 +209,7 @@ fn refuse_what_does_not_fit(
 ) -> anyhow::Result<()> {
     renderer.recover();
     for sensor in sensors.iter_mut() {
-        if let Model::View(view) = &mut sensor.model {
+        if let Some(view) = sensor.model.view_mut() {
             view.release();
         }
     }
@@ -210,8 +219,8 @@ fn refuse_what_does_not_fit(
         let mut of_sensor = batches.iter().filter(|batch| batch.has_camera(sensor));
         let is_read = sensor.topics.iter().any(|topic| topic.n_readers() > 0)
             || of_sensor.any(Batch::is_read);
-        let modalities = sensor.modalities();
-        let Model::View(view) = &sensor.model else {
+        let modalities = sensor.rendered();
+        let Some(view) = sensor.model.view() else {
             continue;
         };
         if !is_read || now_nanos < sensor.refused_until_nanos {

@@ -1,13 +1,13 @@
 //! What a sensor remembers between firings.
 
 use nalgebra::Isometry3;
-use schema_frames::{FrameHeader, RadarDetection};
+use schema_frames::{FrameHeader, Modality, RadarDetection};
 use schema_types::{ActorId, Lens};
 use sensor_camera::{View, ViewSpec};
 use sensor_core::imu::{ImuState, STANDARD_GRAVITY_MPS2};
 use sensor_core::lane_marks::Corners;
 use sensor_ray::{Lidar, RayCamera};
-use sensor_spec::SensorSpec;
+use sensor_spec::{CameraSpec, SensorSpec};
 
 use crate::carrier::Carrier;
 
@@ -45,8 +45,10 @@ pub enum Model {
 
 /// A camera with a lens.
 pub struct LensCamera {
-    /// The direction of each pixel.
-    pub rays: RayCamera,
+    /// The direction of each pixel; `None` if it makes no labels.
+    pub rays: Option<RayCamera>,
+    /// Renders its colour; `None` if it makes none.
+    pub view: Option<Box<View>>,
     /// Width and height.
     pub size_px: [u32; 2],
     /// `optics` of its headers.
@@ -58,9 +60,21 @@ pub struct LensCamera {
 }
 
 impl LensCamera {
-    fn new(lens: &Lens, size_px: [u32; 2]) -> LensCamera {
+    fn new(lens: &Lens, camera: &CameraSpec, seed: u64, sensor_id: u32) -> LensCamera {
+        let size_px = [camera.width_px, camera.height_px];
+        let is_rendered = |modality: &Modality| *modality == Modality::Rgb;
+        let modalities = &camera.modalities;
+        let has_view = modalities.iter().any(is_rendered);
+        let has_rays = !modalities.iter().all(is_rendered);
+        let view = || {
+            Box::new(View::of(ViewSpec {
+                lens: Some(lens.clone()),
+                ..view_spec(camera, seed, sensor_id)
+            }))
+        };
         LensCamera {
-            rays: RayCamera::new(lens, size_px),
+            rays: has_rays.then(|| RayCamera::new(lens, size_px)),
+            view: has_view.then(view),
             size_px,
             optics: u32::from(lens.model().number()) | FrameHeader::DEPTH_ALONG_RAY,
             calibration_crc: FrameHeader::crc_of(lens, size_px),
@@ -72,6 +86,29 @@ impl LensCamera {
     pub fn hide(&mut self, actors: &[ActorId]) {
         self.hidden = actors.to_vec();
         self.hidden.sort_unstable();
+        if let Some(view) = &mut self.view {
+            view.hide(actors.iter().copied());
+        }
+    }
+
+    /// Says in a header which lens its image was made through.
+    pub fn tell(&self, header: &mut FrameHeader) {
+        let [width_px, height_px] = self.size_px;
+        header.lens = [f32::NAN; 4];
+        header.optics = self.optics;
+        header.calibration_crc = self.calibration_crc;
+        header.set_image(width_px, height_px);
+    }
+}
+
+/// What a camera's view is made from, without a lens and without what the spectator alone sees.
+fn view_spec(camera: &CameraSpec, seed: u64, sensor_id: u32) -> ViewSpec {
+    ViewSpec {
+        dvs: camera.dvs.clone(),
+        optics: camera.optics.clone(),
+        seed,
+        sensor_id,
+        ..ViewSpec::pinhole(camera.intrinsics())
     }
 }
 
@@ -81,17 +118,13 @@ impl Model {
         if let SensorSpec::Camera(camera) = spec
             && let Some(lens) = camera.lens()
         {
-            let size_px = [camera.width_px, camera.height_px];
-            return Model::Lens(Box::new(LensCamera::new(&lens, size_px)));
+            let camera = LensCamera::new(&lens, camera, seed, sensor_id);
+            return Model::Lens(Box::new(camera));
         }
         match spec {
             SensorSpec::Camera(camera) => Model::View(Box::new(View::of(ViewSpec {
-                intrinsics: camera.intrinsics(),
-                dvs: camera.dvs.clone(),
-                optics: camera.optics.clone(),
-                seed,
-                sensor_id,
                 shows_overlay,
+                ..view_spec(camera, seed, sensor_id)
             }))),
             SensorSpec::Lidar(lidar) => Model::Lidar {
                 lidar: Box::new(Lidar::new(lidar.clone())),
@@ -109,10 +142,38 @@ impl Model {
 
     /// Whether it needs the scene's triangles as rays see them.
     pub fn casts_rays(&self) -> bool {
-        matches!(
-            self,
-            Model::Lens(_) | Model::Lidar { .. } | Model::Radar(_) | Model::Obstacle
-        )
+        match self {
+            Model::Lens(camera) => camera.rays.is_some(),
+            Model::Lidar { .. } | Model::Radar(_) | Model::Obstacle => true,
+            _ => false,
+        }
+    }
+
+    /// The view that the renderer draws, of a camera that has one.
+    pub fn view(&self) -> Option<&View> {
+        match self {
+            Model::View(view) => Some(view),
+            Model::Lens(camera) => camera.view.as_deref(),
+            _ => None,
+        }
+    }
+
+    /// The same to draw it.
+    pub fn view_mut(&mut self) -> Option<&mut View> {
+        match self {
+            Model::View(view) => Some(view),
+            Model::Lens(camera) => camera.view.as_deref_mut(),
+            _ => None,
+        }
+    }
+
+    /// Whether its view makes images of `modality`; rays make the others of a camera with a lens.
+    pub fn renders(&self, modality: Modality) -> bool {
+        match self {
+            Model::View(_) => true,
+            Model::Lens(camera) => camera.view.is_some() && modality == Modality::Rgb,
+            _ => false,
+        }
     }
 
     /// Whether it measures its own motion and place, for which it needs nothing of the scene.
@@ -157,8 +218,8 @@ impl Model {
             }
             Model::Imu(state) => state.reset(),
             Model::LaneInvasion { corners } => *corners = None,
-            Model::Lens(_) | Model::Radar(_) | Model::Gnss | Model::Obstacle | Model::Collision => {
-            }
+            Model::Lens(camera) => camera.view.iter_mut().for_each(|view| view.reset()),
+            Model::Radar(_) | Model::Gnss | Model::Obstacle | Model::Collision => {}
         }
     }
 }

@@ -3,6 +3,7 @@
 mod exact_random;
 mod exact_towns;
 mod lamps;
+mod lens_colour;
 mod tiles;
 mod triangles;
 mod weather;
