@@ -7,7 +7,7 @@ use schema_types::SimTime;
 use sensor_core::InstancePoses;
 use sensor_spec::Intrinsics;
 
-use crate::uniform::{MapPlace, ViewData};
+use crate::uniform::{MAX_BLOCKERS, MapPlace, ViewData};
 
 /// Near plane, metres.
 pub(crate) const NEAR_M: f64 = 0.1;
@@ -84,10 +84,11 @@ impl CameraMotion {
             first_draw: 0,
             n_draws: 0,
             first_pixel: 0,
-            unused: 0,
+            n_blockers: 0,
             near_map: nowhere,
             far_map: nowhere,
-            rest: [[0; 4]; 13],
+            blockers: [[0.0; 4]; 2 * MAX_BLOCKERS],
+            rest: [0; 4],
         }
     }
 }

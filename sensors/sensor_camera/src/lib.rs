@@ -63,6 +63,7 @@ mod camera_motion;
 mod assets;
 mod target;
 
+mod contact;
 mod lamps;
 mod light;
 mod occlusion;

@@ -183,7 +183,12 @@ impl TileRenderer {
             instances: &camera.drawn.instances,
             draws: &self.draws,
         };
-        let mut view = motion.view_data(lens);
+        let blockers = &camera.drawn.blockers;
+        let mut view = ViewData {
+            n_blockers: blockers.n,
+            blockers: blockers.boxes,
+            ..motion.view_data(lens)
+        };
         if !set.contains(Target::Color) {
             self.pass.draw(&view, &input, None, set, images);
             return;

@@ -78,15 +78,20 @@ pub struct ViewData {
     pub n_draws: u32,
     /// First pixel in the list of what was seen.
     pub first_pixel: u32,
-    /// Unused.
-    pub unused: u32,
+    /// Number of `blockers`.
+    pub n_blockers: u32,
     /// Where compute shaders find its shadow map.
     pub near_map: MapPlace,
     /// The same of its far shadow map.
     pub far_map: MapPlace,
+    /// What stands on the ground and moves, two each: see `contact.rs`.
+    pub blockers: [[f32; 4]; 2 * MAX_BLOCKERS],
     /// Unused: a uniform's offset can be a multiple of 256 only.
-    pub rest: [[u32; 4]; 13],
+    pub rest: [u32; 4],
 }
+
+/// Room for boxes that take the light of the sky from the ground about them, in one view.
+pub(crate) const MAX_BLOCKERS: usize = 6;
 
 /// Views in one binding, and so in one dispatch: every adapter can bind 16 KiB of uniforms.
 pub(crate) const MAX_TOGETHER: usize = 32;

@@ -8,6 +8,7 @@ use sensor_spec::Intrinsics;
 
 use crate::assets::{MeshDraw, Meshes, Sphere, matrix_rows};
 use crate::camera_motion::{CameraMotion, Firing, NEAR_M, rows};
+use crate::contact::Blockers;
 use crate::occlusion::Blocks;
 use crate::uniform::InstanceData;
 
@@ -39,6 +40,8 @@ pub(crate) struct Drawn {
     /// Index of the view's first instance in the list of all views.
     pub first_instance: u32,
     pub n_triangles: u32,
+    /// What moves and darkens the ground that it stands on.
+    pub blockers: Blockers,
     /// Static instances in view, nearest first: index, mesh, distance.
     candidates: Vec<(u32, MeshDraw, f64)>,
     /// How far one can see between walls.
@@ -298,6 +301,13 @@ pub(crate) fn visible(
         drawn.add(mesh, distance_m, data);
     }
     (drawn.blocks, drawn.candidates) = (blocks, candidates);
+    let still = drawn.candidates.iter().map(|candidate| candidate.0);
+    drawn
+        .blockers
+        .find(scene, assets, hidden, still, motion, |centre, radius_m| {
+            let centre = apply(&camera_from_world, centre.coords.into());
+            frustum.sees(centre, radius_m)
+        });
     drawn.sort();
 }
 

@@ -34,7 +34,7 @@ impl Default for Overrides {
 #[derive(Clone, Copy)]
 pub struct Bound<'a, M> {
     pub overrides: Overrides,
-    pub views: &'a [u32; 128],
+    pub views: &'a [u32; 4096],
     pub light: &'a [u32; 252],
     pub switched: &'a [u32],
     pub lamps: &'a [u32],
@@ -262,6 +262,13 @@ pub fn pixel_of<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, point_in_camera: [L;
     let t_7 = [number::<L>(bound.views[0]), number::<L>(bound.views[1]), number::<L>(bound.views[2]), number::<L>(bound.views[3])];
     let t_8 = [t_7[2], t_7[3]];
     return [t_6[0].add(t_8[0]), t_6[1].add(t_8[1])];
+}
+
+#[inline(always)]
+pub fn blocker_of<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, half: L::Words) -> [L; 4] {
+    let at = half.min_unsigned(word::<L>(11)).min_unsigned(word::<L>(11)).mul(word::<L>(4));
+    let t = [numbers_at::<L>(bound.views, at, 76), numbers_at::<L>(bound.views, at, 77), numbers_at::<L>(bound.views, at, 78), numbers_at::<L>(bound.views, at, 79)];
+    return t;
 }
 
 #[inline(always)]
@@ -691,6 +698,11 @@ pub fn wall_at<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, albed
     let mut seen: [L; 3] = [L::splat(0.0); 3];
     let mut v: L::Mask = L::mask(false);
     let mut v_2: L::Mask = L::mask(false);
+    let mut v_3: L::Mask = L::mask(false);
+    let mut v_4: L::Mask = L::mask(false);
+    let mut shown: [L; 3] = [L::splat(0.0); 3];
+    let mut v_5: L::Mask = L::mask(false);
+    let mut v_6: L::Mask = L::mask(false);
     let mut room: [L; 3] = [L::splat(0.0); 3];
     let style = style_of::<L>(id, is_shop);
     let grain = grain_of::<L>(pixel_m);
@@ -718,51 +730,93 @@ pub fn wall_at<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, albed
     v_2 = L::and(t_11, lot[1].lt(window.place[1]));
     let t_12 = v_2;
     let blind = L::splat(1.0).sub(shop).mul(number_of::<L>(t_12));
-    let t_13 = [L::splat(2.6), L::splat(2.2)];
-    let t_14 = [uv_m[0].mul(t_13[0]), uv_m[1].mul(t_13[1])];
-    let shelf = [t_14[0].floor(), t_14[1].floor()];
-    let t_15 = [L::splat(0.7548777), L::splat(0.381966), L::splat(0.2548777)];
-    let t_16 = [shelf[0].mul(t_15[0]), shelf[0].mul(t_15[1]), shelf[0].mul(t_15[2])];
-    let t_17 = [L::splat(0.5698403), L::splat(0.443044), L::splat(0.8191725)];
-    let t_18 = [shelf[1].mul(t_17[0]), shelf[1].mul(t_17[1]), shelf[1].mul(t_17[2])];
-    let t_19 = [t_16[0].add(t_18[0]), t_16[1].add(t_18[1]), t_16[2].add(t_18[2])];
-    let t_20 = [lot[0], lot[1], lot[2]];
-    let t_21 = [t_19[0].add(t_20[0]), t_19[1].add(t_20[1]), t_19[2].add(t_20[2])];
-    let pack = [fract(t_21[0]), fract(t_21[1]), fract(t_21[2])];
-    let t_22 = [pack[1]; 3];
-    let t_23 = L::splat(0.35);
-    let goods = [mix(t_22[0], pack[0], t_23), mix(t_22[1], pack[1], t_23), mix(t_22[2], pack[2], t_23)];
-    let shown = shop.mul(number_of::<L>(L::splat(0.35).lt(pack[0]))).mul(L::splat(0.25).mul(grain.px_per_m).sub(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0))).mul(L::splat(2.6).sub(window.place[1].mul(L::splat(3.0))).max(L::splat(0.0)).min(L::splat(1.0)));
-    let t_24 = [L::splat(0.07), L::splat(0.064), L::splat(0.056)];
-    let t_25 = L::splat(0.3).add(lot[0]);
-    let t_26 = [t_24[0].mul(t_25), t_24[1].mul(t_25), t_24[2].mul(t_25)];
-    let t_27 = [L::splat(0.018), L::splat(0.02), L::splat(0.024)];
-    room = [L::select(is_shop, t_26[0], t_27[0]), L::select(is_shop, t_26[1], t_27[1]), L::select(is_shop, t_26[2], t_27[2])];
-    let t_28 = room;
-    let t_29 = [goods[0].mul(goods[0]), goods[1].mul(goods[1]), goods[2].mul(goods[2])];
-    let t_30 = L::splat(0.3);
-    let t_31 = [t_29[0].mul(t_30), t_29[1].mul(t_30), t_29[2].mul(t_30)];
-    room = [mix(t_28[0], t_31[0], shown), mix(t_28[1], t_31[1], shown), mix(t_28[2], t_31[2], shown)];
-    let t_32 = room;
-    let t_33 = [L::splat(0.34), L::splat(0.32), L::splat(0.28)];
-    let t_34 = L::splat(0.4).add(L::splat(0.6).mul(lot[1]));
-    let t_35 = [t_33[0].mul(t_34), t_33[1].mul(t_34), t_33[2].mul(t_34)];
-    let t_36 = L::splat(0.7).mul(curtain).max(blind);
-    room = [mix(t_32[0], t_35[0], t_36), mix(t_32[1], t_35[1], t_36), mix(t_32[2], t_35[2], t_36)];
-    let t_37 = seen;
-    let t_38 = room;
-    seen = [mix(t_37[0], t_38[0], window.pane), mix(t_37[1], t_38[1], window.pane), mix(t_37[2], t_38[2], window.pane)];
-    let t_39 = seen;
-    let t_40 = [t_39[0].mul(window.shade), t_39[1].mul(window.shade), t_39[2].mul(window.shade)];
-    out.albedo = [mix(albedo[0], t_40[0], is_wall), mix(albedo[1], t_40[1], is_wall), mix(albedo[2], t_40[2], is_wall)];
+    let fine = L::splat(0.25).mul(grain.px_per_m).sub(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0));
+    let pane_at = window.place[0].mul(style.n_parts[0]);
+    let in_pane = fract(pane_at);
+    let t_13 = [pane_at.sub(in_pane).mul(L::splat(0.381966)); 3];
+    let t_14 = [lot[0], lot[1], lot[2]];
+    let t_15 = [t_13[0].add(t_14[0]), t_13[1].add(t_14[1]), t_13[2].add(t_14[2])];
+    let own = [fract(t_15[0]), fract(t_15[1]), fract(t_15[2])];
+    let good = uv_m[0].mul(L::splat(1.6).add(L::splat(2.2).mul(lot[1])));
+    let in_good = fract(good);
+    let t_16 = good.sub(in_good);
+    let t_17 = [L::splat(0.7548777), L::splat(0.5698403), L::splat(0.381966)];
+    let t_18 = [t_16.mul(t_17[0]), t_16.mul(t_17[1]), t_16.mul(t_17[2])];
+    let t_19 = [lot[1], lot[2], lot[0]];
+    let t_20 = [t_18[0].add(t_19[0]), t_18[1].add(t_19[1]), t_18[2].add(t_19[2])];
+    let look = [fract(t_20[0]), fract(t_20[1]), fract(t_20[2])];
+    let up_m = uv_m[1].sub(L::splat(0.62));
+    let goods = number_of::<L>(in_good.sub(L::splat(0.5)).abs().lt(L::splat(0.46).sub(L::splat(0.26).mul(up_m.sub(L::splat(0.3).mul(look[1])).max(L::splat(0.0)).min(L::splat(1.0)))))).mul(number_of::<L>(up_m.lt(L::splat(0.12).add(L::splat(1.1).mul(look[0]).mul(look[0]))))).mul(number_of::<L>(L::splat(0.0).lt(up_m)));
+    let back = mix(L::splat(0.035), L::splat(0.075), lot[0]).mul(L::splat(0.35).add(L::splat(0.9).mul(window.place[1].max(L::splat(0.0)).min(L::splat(1.0)))));
+    let tubes = number_of::<L>(L::splat(0.86).lt(window.place[1])).mul(number_of::<L>(fract(uv_m[0].mul(L::splat(0.9)).add(lot[2])).sub(L::splat(0.5)).abs().lt(L::splat(0.3))));
+    let t_21 = [in_pane.sub(L::splat(0.5)), window.place[1].sub(L::splat(0.42))];
+    let t_22 = [t_21[0].abs(), t_21[1].abs()];
+    let t_23 = [L::splat(1.0), L::splat(0.9)];
+    let poster_at = [t_22[0].mul(t_23[0]), t_22[1].mul(t_23[1])];
+    let t_24 = L::splat(0.66).lt(own[0]);
+    v_3 = L::and(t_24, poster_at[0].lt(L::splat(0.3)));
+    let t_25 = v_3;
+    v_4 = L::and(t_25, poster_at[1].lt(L::splat(0.24)));
+    let t_26 = v_4;
+    let poster = number_of::<L>(t_26);
+    let t_27 = [back; 3];
+    let t_28 = [L::splat(1.05), L::splat(1.0), L::splat(0.9)];
+    shown = [t_27[0].mul(t_28[0]), t_27[1].mul(t_28[1]), t_27[2].mul(t_28[2])];
+    let t_29 = shown;
+    let t_30 = [look[2]; 3];
+    let t_31 = L::splat(0.5);
+    let t_32 = [mix(t_30[0], look[0], t_31), mix(t_30[1], look[1], t_31), mix(t_30[2], look[2], t_31)];
+    let t_33 = L::splat(0.03).add(L::splat(0.2).mul(look[1]));
+    let t_34 = [t_32[0].mul(t_33), t_32[1].mul(t_33), t_32[2].mul(t_33)];
+    let t_35 = goods.mul(fine);
+    shown = [mix(t_29[0], t_34[0], t_35), mix(t_29[1], t_34[1], t_35), mix(t_29[2], t_34[2], t_35)];
+    let t_36 = shown;
+    let t_37 = up_m.lt(L::splat(0.0));
+    v_5 = L::and(t_37, L::splat(-0.3).lt(up_m));
+    let t_38 = v_5;
+    let t_39 = [L::splat(0.11), L::splat(0.1), L::splat(0.09)];
+    let t_40 = number_of::<L>(t_38);
+    shown = [mix(t_36[0], t_39[0], t_40), mix(t_36[1], t_39[1], t_40), mix(t_36[2], t_39[2], t_40)];
+    let t_41 = shown;
+    let t_42 = [L::splat(0.42), L::splat(0.41), L::splat(0.38)];
+    let t_43 = tubes.mul(L::splat(0.25).add(L::splat(0.5).mul(lot[3])));
+    shown = [mix(t_41[0], t_42[0], t_43), mix(t_41[1], t_42[1], t_43), mix(t_41[2], t_42[2], t_43)];
+    let headline = number_of::<L>(poster_at[1].sub(L::splat(0.12)).abs().lt(L::splat(0.05)));
+    let t_44 = shown;
+    let t_45 = poster_at[0].lt(L::splat(0.16));
+    v_6 = L::and(t_45, poster_at[1].lt(L::splat(0.04)));
+    let t_46 = v_6;
+    let t_47 = [L::splat(0.36), L::splat(0.35), L::splat(0.33)];
+    let t_48 = L::splat(0.3);
+    let t_49 = [t_48.mul(own[0]), t_48.mul(own[1]), t_48.mul(own[2])];
+    let t_50 = [t_49[0].mul(own[0]), t_49[1].mul(own[1]), t_49[2].mul(own[2])];
+    let t_51 = headline.max(number_of::<L>(t_46));
+    let t_52 = [mix(t_47[0], t_50[0], t_51), mix(t_47[1], t_50[1], t_51), mix(t_47[2], t_50[2], t_51)];
+    let t_53 = poster.mul(fine);
+    shown = [mix(t_44[0], t_52[0], t_53), mix(t_44[1], t_52[1], t_53), mix(t_44[2], t_52[2], t_53)];
+    let t_54 = shown;
+    let t_55 = [L::splat(0.018), L::splat(0.02), L::splat(0.024)];
+    room = [L::select(is_shop, t_54[0], t_55[0]), L::select(is_shop, t_54[1], t_55[1]), L::select(is_shop, t_54[2], t_55[2])];
+    let t_56 = room;
+    let t_57 = [L::splat(0.34), L::splat(0.32), L::splat(0.28)];
+    let t_58 = L::splat(0.4).add(L::splat(0.6).mul(lot[1]));
+    let t_59 = [t_57[0].mul(t_58), t_57[1].mul(t_58), t_57[2].mul(t_58)];
+    let t_60 = L::splat(0.7).mul(curtain).max(blind);
+    room = [mix(t_56[0], t_59[0], t_60), mix(t_56[1], t_59[1], t_60), mix(t_56[2], t_59[2], t_60)];
+    let t_61 = seen;
+    let t_62 = room;
+    seen = [mix(t_61[0], t_62[0], window.pane), mix(t_61[1], t_62[1], window.pane), mix(t_61[2], t_62[2], window.pane)];
+    let t_63 = seen;
+    let t_64 = [t_63[0].mul(window.shade), t_63[1].mul(window.shade), t_63[2].mul(window.shade)];
+    out.albedo = [mix(albedo[0], t_64[0], is_wall), mix(albedo[1], t_64[1], is_wall), mix(albedo[2], t_64[2], is_wall)];
     out.cool = number_of::<L>(L::splat(0.8).lt(lot[3]));
-    let t_41 = as_switched::<L, M>(bound, lanes, id, [L::splat(1.0); 3], number::<L>(bound.light[45]));
-    let share = t_41[3].mul(L::select(is_shop, L::splat(0.8), L::splat(0.34)));
+    let t_65 = as_switched::<L, M>(bound, lanes, id, [L::splat(1.0); 3], number::<L>(bound.light[45]));
+    let share = t_65[3].mul(L::select(is_shop, L::splat(0.8), L::splat(0.34)));
     let floor_up = fract(uv_m[1].div(L::select(is_shop, L::splat(3.6), L::splat(3.1))));
-    let t_42 = out.pane;
-    out.glow = t_42.mul(number_of::<L>(lot[2].lt(share))).mul(L::splat(0.12).add(L::splat(0.88).mul(lot[3]).mul(lot[1]))).mul(L::splat(0.45).add(L::splat(0.9).mul(floor_up)));
-    let t_43 = out;
-    return t_43;
+    let t_66 = out.pane;
+    out.glow = t_66.mul(number_of::<L>(lot[2].lt(share))).mul(L::splat(0.12).add(L::splat(0.88).mul(lot[3]).mul(lot[1]))).mul(L::splat(0.45).add(L::splat(0.9).mul(floor_up)));
+    let t_67 = out;
+    return t_67;
 }
 
 #[inline(always)]
@@ -874,19 +928,25 @@ pub fn finish_at<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, wor
     let t_36 = rough_at[1];
     let t_37 = L::splat(1.0).add(t_33.mul(t_34.sub(L::splat(0.5)))).add(t_35.mul(t_36.sub(L::splat(0.5)))).max(L::splat(0.0));
     albedo = [t_32[0].mul(t_37), t_32[1].mul(t_37), t_32[2].mul(t_37)];
+    let row = world_m[1].mul(L::splat(2.5));
+    let row_up = row.floor();
+    let slab = [world_m[0].mul(L::splat(1.5625)).add(L::splat(0.5).mul(row_up)), row];
+    let in_slab = [fract(slab[0]), fract(slab[1])];
     let t_38 = [L::splat(0.5); 2];
-    let t_39 = [world_m[0], world_m[1]];
-    let t_40 = [fract(t_39[0]), fract(t_39[1])];
-    let t_41 = [L::splat(0.5); 2];
-    let t_42 = [t_40[0].sub(t_41[0]), t_40[1].sub(t_41[1])];
-    let t_43 = [t_42[0].abs(), t_42[1].abs()];
-    let joint_m = [t_38[0].sub(t_43[0]), t_38[1].sub(t_43[1])];
-    let joint = L::splat(0.012).sub(joint_m[0].min(joint_m[1])).div(L::splat(0.6).mul(pixel_m).add(L::splat(0.004))).add(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0)).mul(L::splat(0.1).div(pixel_m).sub(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0)));
+    let t_39 = [L::splat(0.5); 2];
+    let t_40 = [in_slab[0].sub(t_39[0]), in_slab[1].sub(t_39[1])];
+    let t_41 = [t_40[0].abs(), t_40[1].abs()];
+    let t_42 = [t_38[0].sub(t_41[0]), t_38[1].sub(t_41[1])];
+    let t_43 = [L::splat(0.64), L::splat(0.4)];
+    let joint_m = [t_42[0].mul(t_43[0]), t_42[1].mul(t_43[1])];
+    let fine = L::splat(0.07).div(pixel_m).sub(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0));
+    let joint = L::splat(0.008).sub(joint_m[0].min(joint_m[1])).div(L::splat(0.6).mul(pixel_m).add(L::splat(0.004))).add(L::splat(0.5)).max(L::splat(0.0)).min(L::splat(1.0));
+    let tone = fract(slab[0].sub(in_slab[0]).mul(L::splat(0.734375)).add(row_up.mul(L::splat(0.578125))).add(L::splat(0.37).mul(fract(row_up.mul(L::splat(0.1796875))))));
     let t_44 = albedo;
     let t_45 = material.eq(word::<L>(2));
     v = L::and(t_45, ground);
     let t_46 = v;
-    let t_47 = L::splat(1.0).sub(L::select(t_46, L::splat(0.35).mul(joint), L::splat(0.0)));
+    let t_47 = L::splat(1.0).add(L::select(t_46, fine.mul(L::splat(0.26).mul(tone.sub(L::splat(0.5))).sub(L::splat(0.5).mul(joint))), L::splat(0.0)));
     albedo = [t_44[0].mul(t_47), t_44[1].mul(t_47), t_44[2].mul(t_47)];
     let t_48 = albedo;
     let t_49 = gloss[2];
@@ -922,7 +982,7 @@ pub fn finish_at<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, wor
     let t_67 = L::splat(1.0).sub(t_66.mul(mix(L::splat(0.88), L::splat(0.6), palest)));
     albedo = [t_65[0].mul(t_67), t_65[1].mul(t_67), t_65[2].mul(t_67)];
     let t_68 = gloss[0];
-    out.mirror = t_68.max(L::splat(0.16).mul(pane));
+    out.mirror = t_68.max(L::splat(0.09).mul(pane));
     let t_69 = gloss[1];
     out.rough = mix(t_69, L::splat(2.0), pane);
     let t_70 = gloss[2];
@@ -1052,6 +1112,53 @@ pub fn shadow_at<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, point_in_camera: [L
     let far = far_shadow::<L, M>(bound, [far_at[0], far_at[1]], far_biased);
     let far_inside = number::<L>(bound.views[57]).mul(L::splat(1.0).sub(smoothstep(L::splat(0.42), L::splat(0.49), far_edge)));
     return mix(mix(L::splat(1.0), far, far_inside), near, inside);
+}
+
+#[inline(always)]
+pub fn hidden_by<L: Lanes>(inside_m: L, per_m: L) -> L {
+    let outside = L::splat(1.0).add(inside_m.mul(per_m)).max(L::splat(0.0));
+    let below = L::splat(1.0).sub(inside_m.mul(per_m).mul(L::splat(6.0))).max(L::splat(0.0));
+    return L::select(inside_m.lt(L::splat(0.0)), L::splat(0.5).mul(outside).mul(outside), L::splat(1.0).sub(L::splat(0.5).mul(below).mul(below)));
+}
+
+#[inline(always)]
+pub fn blocked_sky<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, offset: [L; 3]) -> L {
+    let mut open: L = L::splat(1.0);
+    let mut i: L::Words = word::<L>(0);
+    let mut on = lanes;
+    while L::any(on) {
+        let m = on;
+        let t = i;
+        let t_2 = t.lt_unsigned(word::<L>(bound.views[67]));
+        let m_2 = L::and(m, L::not(t_2));
+        on = L::and(on, L::not(m_2));
+        let m_3 = L::and(m, on);
+        if L::any(m_3) {
+            let t_3 = i;
+            let foot = blocker_of::<L, M>(bound, word::<L>(2).mul(t_3));
+            let t_4 = [foot[0], foot[1], foot[2]];
+            let away = [offset[0].sub(t_4[0]), offset[1].sub(t_4[1]), offset[2].sub(t_4[2])];
+            let low = L::splat(1.3).sub(L::splat(2.5).mul(away[2].abs())).max(L::splat(0.0)).min(L::splat(1.0));
+            let t_5 = L::splat(0.0).lt(low);
+            let m_4 = L::and(m_3, t_5);
+            if L::any(m_4) {
+                let t_6 = i;
+                let sides = blocker_of::<L, M>(bound, word::<L>(2).mul(t_6).add(word::<L>(1)));
+                let along = away[0].mul(sides[0]).add(away[1].mul(sides[1])).abs();
+                let across = away[1].mul(sides[0]).sub(away[0].mul(sides[1])).abs();
+                let t_7 = open;
+                let t_8 = hidden_by::<L>(sides[2].sub(along), foot[3]);
+                let t_9 = hidden_by::<L>(sides[3].sub(across), foot[3]);
+                let t_10 = t_7.mul(L::splat(1.0).sub(low.mul(t_8).mul(t_9)));
+                open = L::select(m_4, t_10, open);
+            }
+        }
+        let t_11 = i;
+        let t_12 = t_11.add(word::<L>(1));
+        i = <L::Words>::select(on, t_12, i);
+    }
+    let t_13 = open;
+    return L::splat(1.0).sub(t_13);
 }
 
 #[inline(always)]
@@ -1414,127 +1521,128 @@ pub fn shade<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, point: 
     let sun = [number::<L>(bound.light[0]), number::<L>(bound.light[1]), number::<L>(bound.light[2])];
     let facing = dot(normal, sun);
     let direct = facing.max(L::splat(0.0)).mul(L::splat(1.0).sub(finish.through)).add(finish.through.mul(L::splat(0.35).add(L::splat(0.65).mul(facing.abs()))));
-    let lit = shadow_at::<L, M>(bound, point.in_camera, facing, finish.through);
-    let t_3 = [number::<L>(bound.light[8]), number::<L>(bound.light[9]), number::<L>(bound.light[10])];
-    let t_4 = [number::<L>(bound.light[12]), number::<L>(bound.light[13]), number::<L>(bound.light[14]), number::<L>(bound.light[15])];
-    let t_5 = [t_4[0], t_4[1], t_4[2]];
-    let t_6 = [normal[0].mul(t_5[0]), normal[0].mul(t_5[1]), normal[0].mul(t_5[2])];
-    let t_7 = [t_3[0].add(t_6[0]), t_3[1].add(t_6[1]), t_3[2].add(t_6[2])];
-    let t_8 = [number::<L>(bound.light[16]), number::<L>(bound.light[17]), number::<L>(bound.light[18]), number::<L>(bound.light[19])];
-    let t_9 = [t_8[0], t_8[1], t_8[2]];
-    let t_10 = [normal[1].mul(t_9[0]), normal[1].mul(t_9[1]), normal[1].mul(t_9[2])];
-    let t_11 = [t_7[0].add(t_10[0]), t_7[1].add(t_10[1]), t_7[2].add(t_10[2])];
-    let t_12 = [number::<L>(bound.light[20]), number::<L>(bound.light[21]), number::<L>(bound.light[22]), number::<L>(bound.light[23])];
-    let t_13 = [t_12[0], t_12[1], t_12[2]];
-    let t_14 = [normal[2].mul(t_13[0]), normal[2].mul(t_13[1]), normal[2].mul(t_13[2])];
-    let sky = [t_11[0].add(t_14[0]), t_11[1].add(t_14[1]), t_11[2].add(t_14[2])];
-    let t_15 = [number::<L>(bound.light[4]), number::<L>(bound.light[5]), number::<L>(bound.light[6])];
-    let t_16 = direct.mul(lit);
-    let t_17 = [t_15[0].mul(t_16), t_15[1].mul(t_16), t_15[2].mul(t_16)];
-    let t_18 = [L::splat(0.0); 3];
-    let t_19 = [sky[0].max(t_18[0]), sky[1].max(t_18[1]), sky[2].max(t_18[2])];
-    let t_20 = [t_19[0].mul(point.open), t_19[1].mul(point.open), t_19[2].mul(point.open)];
-    falling = [t_17[0].add(t_20[0]), t_17[1].add(t_20[1]), t_17[2].add(t_20[2])];
+    let t_3 = blocked_sky::<L, M>(bound, lanes, offset);
+    let blocked = t_3.mul(L::splat(0.5).add(L::splat(0.5).mul(normal[2].abs())));
+    let open = point.open.mul(L::splat(1.0).sub(blocked));
+    let t_4 = shadow_at::<L, M>(bound, point.in_camera, facing, finish.through);
+    let lit = t_4.mul(L::splat(2.0).sub(L::splat(2.0).mul(blocked)).max(L::splat(0.0)).min(L::splat(1.0)));
+    let t_5 = [number::<L>(bound.light[8]), number::<L>(bound.light[9]), number::<L>(bound.light[10])];
+    let t_6 = [number::<L>(bound.light[12]), number::<L>(bound.light[13]), number::<L>(bound.light[14]), number::<L>(bound.light[15])];
+    let t_7 = [t_6[0], t_6[1], t_6[2]];
+    let t_8 = [normal[0].mul(t_7[0]), normal[0].mul(t_7[1]), normal[0].mul(t_7[2])];
+    let t_9 = [t_5[0].add(t_8[0]), t_5[1].add(t_8[1]), t_5[2].add(t_8[2])];
+    let t_10 = [number::<L>(bound.light[16]), number::<L>(bound.light[17]), number::<L>(bound.light[18]), number::<L>(bound.light[19])];
+    let t_11 = [t_10[0], t_10[1], t_10[2]];
+    let t_12 = [normal[1].mul(t_11[0]), normal[1].mul(t_11[1]), normal[1].mul(t_11[2])];
+    let t_13 = [t_9[0].add(t_12[0]), t_9[1].add(t_12[1]), t_9[2].add(t_12[2])];
+    let t_14 = [number::<L>(bound.light[20]), number::<L>(bound.light[21]), number::<L>(bound.light[22]), number::<L>(bound.light[23])];
+    let t_15 = [t_14[0], t_14[1], t_14[2]];
+    let t_16 = [normal[2].mul(t_15[0]), normal[2].mul(t_15[1]), normal[2].mul(t_15[2])];
+    let sky = [t_13[0].add(t_16[0]), t_13[1].add(t_16[1]), t_13[2].add(t_16[2])];
+    let t_17 = [number::<L>(bound.light[4]), number::<L>(bound.light[5]), number::<L>(bound.light[6])];
+    let t_18 = direct.mul(lit);
+    let t_19 = [t_17[0].mul(t_18), t_17[1].mul(t_18), t_17[2].mul(t_18)];
+    let t_20 = [L::splat(0.0); 3];
+    let t_21 = [sky[0].max(t_20[0]), sky[1].max(t_20[1]), sky[2].max(t_20[2])];
+    let t_22 = [t_21[0].mul(open), t_21[1].mul(open), t_21[2].mul(open)];
+    falling = [t_19[0].add(t_22[0]), t_19[1].add(t_22[1]), t_19[2].add(t_22[2])];
     mirrored = reflect(towards_point, normal);
     if bound.overrides.with_wet {
-        let t_21 = [world_m[0], world_m[1]];
-        let t_22 = L::splat(24.0);
-        let t_23 = [t_21[0].mul(t_22), t_21[1].mul(t_22)];
-        let t_24 = number::<L>(bound.light[38]);
-        let t_25 = [L::splat(31.0), L::splat(17.0)];
-        let t_26 = [t_24.mul(t_25[0]), t_24.mul(t_25[1])];
-        let t_27 = noise::<L, M>(bound, [t_23[0].add(t_26[0]), t_23[1].add(t_26[1])], log2(point.pixel_m.mul(L::splat(24.0))));
-        let t_28 = [t_27[2], t_27[3]];
-        let t_29 = [L::splat(0.5); 2];
-        let ring = [t_28[0].sub(t_29[0]), t_28[1].sub(t_29[1])];
+        let t_23 = [world_m[0], world_m[1]];
+        let t_24 = L::splat(24.0);
+        let t_25 = [t_23[0].mul(t_24), t_23[1].mul(t_24)];
+        let t_26 = number::<L>(bound.light[38]);
+        let t_27 = [L::splat(31.0), L::splat(17.0)];
+        let t_28 = [t_26.mul(t_27[0]), t_26.mul(t_27[1])];
+        let t_29 = noise::<L, M>(bound, [t_25[0].add(t_28[0]), t_25[1].add(t_28[1])], log2(point.pixel_m.mul(L::splat(24.0))));
+        let t_30 = [t_29[2], t_29[3]];
+        let t_31 = [L::splat(0.5); 2];
+        let ring = [t_30[0].sub(t_31[0]), t_30[1].sub(t_31[1])];
         let ripple = finish.puddle.mul(number::<L>(bound.light[36])).mul(L::splat(0.12));
-        let t_30 = mirrored;
-        let t_31 = [ring[0].mul(ripple), ring[1].mul(ripple)];
-        let t_32 = [t_31[0], t_31[1], L::splat(0.0)];
-        mirrored = normalize([t_30[0].add(t_32[0]), t_30[1].add(t_32[1]), t_30[2].add(t_32[2])]);
+        let t_32 = mirrored;
+        let t_33 = [ring[0].mul(ripple), ring[1].mul(ripple)];
+        let t_34 = [t_33[0], t_33[1], L::splat(0.0)];
+        mirrored = normalize([t_32[0].add(t_34[0]), t_32[1].add(t_34[1]), t_32[2].add(t_34[2])]);
     }
     let sharp = L::splat(5.5).sub(finish.rough).mul(L::splat(0.25)).max(L::splat(0.1)).min(L::splat(1.0));
     if bound.overrides.with_lamps {
         let in_camera_normal = camera_from_world::<L, M>(bound, normal);
-        let t_33 = mirrored;
-        let t_34 = camera_from_world::<L, M>(bound, t_33);
-        let lamps = lamps_at::<L, M>(bound, lanes, point.pixel, point.in_camera, in_camera_normal, t_34, finish.through, mix(L::splat(8.0), L::splat(180.0), sharp.mul(sharp)));
-        let t_35 = falling;
-        falling = [t_35[0].add(lamps.diffuse[0]), t_35[1].add(lamps.diffuse[1]), t_35[2].add(lamps.diffuse[2])];
+        let t_35 = mirrored;
+        let t_36 = camera_from_world::<L, M>(bound, t_35);
+        let lamps = lamps_at::<L, M>(bound, lanes, point.pixel, point.in_camera, in_camera_normal, t_36, finish.through, mix(L::splat(8.0), L::splat(180.0), sharp.mul(sharp)));
+        let t_37 = falling;
+        falling = [t_37[0].add(lamps.diffuse[0]), t_37[1].add(lamps.diffuse[1]), t_37[2].add(lamps.diffuse[2])];
         glint = [lamps.glint[0].mul(sharp), lamps.glint[1].mul(sharp), lamps.glint[2].mul(sharp)];
     }
-    let t_36 = falling;
-    let t_37 = [finish.albedo[0].mul(t_36[0]), finish.albedo[1].mul(t_36[1]), finish.albedo[2].mul(t_36[2])];
-    let t_38 = L::splat(0.31830987);
-    let t_39 = [t_37[0].mul(t_38), t_37[1].mul(t_38), t_37[2].mul(t_38)];
-    radiance = [t_39[0].add(finish.emitted[0]), t_39[1].add(finish.emitted[1]), t_39[2].add(finish.emitted[2])];
+    let t_38 = falling;
+    let t_39 = [finish.albedo[0].mul(t_38[0]), finish.albedo[1].mul(t_38[1]), finish.albedo[2].mul(t_38[2])];
+    let t_40 = L::splat(0.31830987);
+    let t_41 = [t_39[0].mul(t_40), t_39[1].mul(t_40), t_39[2].mul(t_40)];
+    radiance = [t_41[0].add(finish.emitted[0]), t_41[1].add(finish.emitted[1]), t_41[2].add(finish.emitted[2])];
     let away = L::splat(1.0).sub(cosine);
     let away2 = away.mul(away);
     let fresnel = finish.mirror.add(L::splat(0.75).sub(finish.mirror).max(L::splat(0.0)).mul(sharp).mul(away2).mul(away2).mul(away)).mul(number_of::<L>(L::splat(0.0).lt(finish.mirror)));
     if bound.overrides.simple {
-        let t_40 = mirrored[2];
-        let t_41 = [number::<L>(bound.light[24]), number::<L>(bound.light[25]), number::<L>(bound.light[26])];
-        let t_42 = [number::<L>(bound.light[8]), number::<L>(bound.light[9]), number::<L>(bound.light[10])];
-        let t_43 = [number::<L>(bound.light[20]), number::<L>(bound.light[21]), number::<L>(bound.light[22]), number::<L>(bound.light[23])];
-        let t_44 = [t_43[0], t_43[1], t_43[2]];
-        let t_45 = [t_42[0].add(t_44[0]), t_42[1].add(t_44[1]), t_42[2].add(t_44[2])];
-        let t_46 = number::<L>(bound.light[11]);
-        let t_47 = [t_45[0].mul(t_46), t_45[1].mul(t_46), t_45[2].mul(t_46)];
-        let t_48 = t_40.max(L::splat(0.0)).min(L::splat(1.0)).sqrt();
-        above = [mix(t_41[0], t_47[0], t_48), mix(t_41[1], t_47[1], t_48), mix(t_41[2], t_47[2], t_48)];
+        let t_42 = mirrored[2];
+        let t_43 = [number::<L>(bound.light[24]), number::<L>(bound.light[25]), number::<L>(bound.light[26])];
+        let t_44 = [number::<L>(bound.light[8]), number::<L>(bound.light[9]), number::<L>(bound.light[10])];
+        let t_45 = [number::<L>(bound.light[20]), number::<L>(bound.light[21]), number::<L>(bound.light[22]), number::<L>(bound.light[23])];
+        let t_46 = [t_45[0], t_45[1], t_45[2]];
+        let t_47 = [t_44[0].add(t_46[0]), t_44[1].add(t_46[1]), t_44[2].add(t_46[2])];
+        let t_48 = number::<L>(bound.light[11]);
+        let t_49 = [t_47[0].mul(t_48), t_47[1].mul(t_48), t_47[2].mul(t_48)];
+        let t_50 = t_42.max(L::splat(0.0)).min(L::splat(1.0)).sqrt();
+        above = [mix(t_43[0], t_49[0], t_50), mix(t_43[1], t_49[1], t_50), mix(t_43[2], t_49[2], t_50)];
     } else {
-        let t_49 = mirrored;
-        let t_50 = sky_sample::<L, M>(bound, t_49, finish.rough);
-        above = t_50;
+        let t_51 = mirrored;
+        let t_52 = sky_sample::<L, M>(bound, t_51, finish.rough);
+        above = t_52;
     }
-    let t_51 = [number::<L>(bound.light[8]), number::<L>(bound.light[9]), number::<L>(bound.light[10])];
-    let t_52 = L::splat(0.09);
-    let wall = [t_51[0].mul(t_52), t_51[1].mul(t_52), t_51[2].mul(t_52)];
-    let t_53 = above;
-    let t_54 = mirrored[2];
-    let t_55 = smoothstep(L::splat(-0.05), L::splat(0.35), t_54);
-    let t_56 = [mix(wall[0], t_53[0], t_55), mix(wall[1], t_53[1], t_55), mix(wall[2], t_53[2], t_55)];
-    seen = [t_56[0].mul(point.open), t_56[1].mul(point.open), t_56[2].mul(point.open)];
+    let t_53 = [number::<L>(bound.light[8]), number::<L>(bound.light[9]), number::<L>(bound.light[10])];
+    let t_54 = L::splat(0.09);
+    let wall = [t_53[0].mul(t_54), t_53[1].mul(t_54), t_53[2].mul(t_54)];
+    let t_55 = above;
+    let t_56 = mirrored[2];
+    let t_57 = smoothstep(L::splat(-0.05), L::splat(0.35), t_56);
+    let t_58 = [mix(wall[0], t_55[0], t_57), mix(wall[1], t_55[1], t_57), mix(wall[2], t_55[2], t_57)];
+    seen = [t_58[0].mul(open), t_58[1].mul(open), t_58[2].mul(open)];
     if !bound.overrides.simple {
         v = L::splat(0.01).lt(fresnel);
     } else {
         v = L::mask(false);
     }
-    let t_57 = v;
-    let m = L::and(lanes, t_57);
+    let t_59 = v;
+    let m = L::and(lanes, t_59);
     if L::any(m) {
-        let t_58 = mirrored;
-        let t_59 = camera_from_world::<L, M>(bound, t_58);
-        let found = mirrored_on_screen::<L, M>(bound, m, point, t_59, sharp);
-        let t_60 = seen;
-        let t_61 = [found[0], found[1], found[2]];
-        let t_62 = [mix(t_60[0], t_61[0], found[3]), mix(t_60[1], t_61[1], found[3]), mix(t_60[2], t_61[2], found[3])];
-        seen = zip3(t_62, seen, |a, b| L::select(m, a, b));
+        let t_60 = mirrored;
+        let t_61 = camera_from_world::<L, M>(bound, t_60);
+        let found = mirrored_on_screen::<L, M>(bound, m, point, t_61, sharp);
+        let t_62 = seen;
+        let t_63 = [found[0], found[1], found[2]];
+        let t_64 = [mix(t_62[0], t_63[0], found[3]), mix(t_62[1], t_63[1], found[3]), mix(t_62[2], t_63[2], found[3])];
+        seen = zip3(t_64, seen, |a, b| L::select(m, a, b));
     }
     if bound.overrides.simple {
         v_2 = L::mask(bound.overrides.with_wet);
     } else {
         v_2 = L::mask(false);
     }
-    let t_63 = v_2;
-    v_3 = L::and(t_63, L::splat(0.0).lt(finish.film));
-    let t_64 = v_3;
-    let m_2 = L::and(lanes, t_64);
+    let t_65 = v_2;
+    v_3 = L::and(t_65, L::splat(0.0).lt(finish.film));
+    let t_66 = v_3;
+    let m_2 = L::and(lanes, t_66);
     if L::any(m_2) {
-        let t_65 = mirrored;
-        let t_66 = camera_from_world::<L, M>(bound, t_65);
-        let found_2 = mirrored_on_wet_road::<L, M>(bound, m_2, point, t_66);
-        let t_67 = seen;
-        let t_68 = [found_2[0], found_2[1], found_2[2]];
-        let t_69 = found_2[3].mul(sharp.mul(L::splat(1.5)).sub(L::splat(0.2)).max(L::splat(0.0)).min(L::splat(1.0)));
-        let t_70 = [mix(t_67[0], t_68[0], t_69), mix(t_67[1], t_68[1], t_69), mix(t_67[2], t_68[2], t_69)];
-        seen = zip3(t_70, seen, |a, b| L::select(m_2, a, b));
+        let t_67 = mirrored;
+        let t_68 = camera_from_world::<L, M>(bound, t_67);
+        let found_2 = mirrored_on_wet_road::<L, M>(bound, m_2, point, t_68);
+        let t_69 = seen;
+        let t_70 = [found_2[0], found_2[1], found_2[2]];
+        let t_71 = found_2[3].mul(sharp.mul(L::splat(1.5)).sub(L::splat(0.2)).max(L::splat(0.0)).min(L::splat(1.0)));
+        let t_72 = [mix(t_69[0], t_70[0], t_71), mix(t_69[1], t_70[1], t_71), mix(t_69[2], t_70[2], t_71)];
+        seen = zip3(t_72, seen, |a, b| L::select(m_2, a, b));
     }
-    let t_71 = mirrored;
-    shine = dot(t_71, sun).max(L::splat(0.0));
-    let t_72 = shine;
-    let t_73 = shine;
-    shine = t_72.mul(t_73);
+    let t_73 = mirrored;
+    shine = dot(t_73, sun).max(L::splat(0.0));
     let t_74 = shine;
     let t_75 = shine;
     shine = t_74.mul(t_75);
@@ -1549,29 +1657,32 @@ pub fn shade<L: Lanes, M: Maps<L>>(bound: &Bound<'_, M>, lanes: L::Mask, point: 
     shine = t_80.mul(t_81);
     let t_82 = shine;
     let t_83 = shine;
-    keen = t_82.mul(t_83);
-    let t_84 = keen;
-    let t_85 = keen;
+    shine = t_82.mul(t_83);
+    let t_84 = shine;
+    let t_85 = shine;
     keen = t_84.mul(t_85);
     let t_86 = keen;
     let t_87 = keen;
     keen = t_86.mul(t_87);
-    let t_88 = shine;
+    let t_88 = keen;
     let t_89 = keen;
-    let sunlit = mix(L::splat(0.5).mul(t_88), L::splat(5.0).mul(t_89), sharp).mul(lit);
-    let t_90 = radiance;
-    let t_91 = seen;
-    let t_92 = glint;
-    let t_93 = [number::<L>(bound.light[4]), number::<L>(bound.light[5]), number::<L>(bound.light[6])];
-    let t_94 = [t_93[0].mul(sunlit), t_93[1].mul(sunlit), t_93[2].mul(sunlit)];
-    let t_95 = [t_91[0].add(t_94[0]), t_91[1].add(t_94[1]), t_91[2].add(t_94[2])];
-    let t_96 = [t_95[0].add(t_92[0]), t_95[1].add(t_92[1]), t_95[2].add(t_92[2])];
-    radiance = [mix(t_90[0], t_96[0], fresnel), mix(t_90[1], t_96[1], fresnel), mix(t_90[2], t_96[2], fresnel)];
-    let t_97 = radiance;
-    let t_98 = air_rgb::<L, M>(bound, towards_point);
-    let t_99 = haze::<L, M>(bound, towards_point[2], distance_m);
-    let t_100 = rain_over::<L, M>(bound, lanes, [mix(t_97[0], t_98[0], t_99), mix(t_97[1], t_98[1], t_99), mix(t_97[2], t_98[2], t_99)], towards_point, distance_m);
-    return t_100;
+    keen = t_88.mul(t_89);
+    let t_90 = shine;
+    let t_91 = keen;
+    let sunlit = mix(L::splat(0.5).mul(t_90), L::splat(5.0).mul(t_91), sharp).mul(lit);
+    let t_92 = radiance;
+    let t_93 = seen;
+    let t_94 = glint;
+    let t_95 = [number::<L>(bound.light[4]), number::<L>(bound.light[5]), number::<L>(bound.light[6])];
+    let t_96 = [t_95[0].mul(sunlit), t_95[1].mul(sunlit), t_95[2].mul(sunlit)];
+    let t_97 = [t_93[0].add(t_96[0]), t_93[1].add(t_96[1]), t_93[2].add(t_96[2])];
+    let t_98 = [t_97[0].add(t_94[0]), t_97[1].add(t_94[1]), t_97[2].add(t_94[2])];
+    radiance = [mix(t_92[0], t_98[0], fresnel), mix(t_92[1], t_98[1], fresnel), mix(t_92[2], t_98[2], fresnel)];
+    let t_99 = radiance;
+    let t_100 = air_rgb::<L, M>(bound, towards_point);
+    let t_101 = haze::<L, M>(bound, towards_point[2], distance_m);
+    let t_102 = rain_over::<L, M>(bound, lanes, [mix(t_99[0], t_100[0], t_101), mix(t_99[1], t_100[1], t_101), mix(t_99[2], t_100[2], t_101)], towards_point, distance_m);
+    return t_102;
 }
 
 #[inline(always)]

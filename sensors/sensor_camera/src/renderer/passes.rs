@@ -441,6 +441,8 @@ fn view_data(view: &View, active: &Active, lit: &Lit) -> ViewData {
         wanted: active.set.0 as u32,
         near_map: place(&lit.near),
         far_map: place(&lit.far),
+        n_blockers: active.drawn.blockers.n,
+        blockers: active.drawn.blockers.boxes,
         ..active.motion.view_data(&view.drawn)
     }
 }

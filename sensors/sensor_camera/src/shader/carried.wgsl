@@ -37,8 +37,8 @@ struct Carried {
     @location(18) @interpolate(flat) lamps: vec4<f32>,
     // Extinction of clear air, wetness.
     @location(19) @interpolate(flat) air: vec2<f32>,
-    // First lamp, first tile of lamps.
-    @location(20) @interpolate(flat) first_lamps: vec2<u32>,
+    // First lamp, first tile of lamps, number of boxes.
+    @location(20) @interpolate(flat) firsts: vec3<u32>,
 }
 
 fn carry(at: vec4<f32>) -> Carried {
@@ -54,7 +54,7 @@ fn carry(at: vec4<f32>) -> Carried {
     out.shadow_y = view.shadow_from_camera[1];
     out.shadow_z = view.shadow_from_camera[2];
     out.shadows = vec4(view.turned, view.has_shadows, view.shadow_texel_depth, view.far_shadow_texel_depth);
-    out.first_lamps = vec2(view.first_lamp, view.first_lamp_tile);
+    out.firsts = vec3(view.first_lamp, view.first_lamp_tile, view.n_blockers);
     let sun = bound_light.sun;
     out.sun_towards = vec4(sun.towards, sun.disc_cosine);
     out.sun_rgb = vec4(sun.rgb, sun.disc_gain);
@@ -88,8 +88,9 @@ fn unload(carried: Carried) {
     views[0].has_shadows = carried.shadows.y;
     views[0].shadow_texel_depth = carried.shadows.z;
     views[0].far_shadow_texel_depth = carried.shadows.w;
-    views[0].first_lamp = carried.first_lamps.x;
-    views[0].first_lamp_tile = carried.first_lamps.y;
+    views[0].first_lamp = carried.firsts.x;
+    views[0].first_lamp_tile = carried.firsts.y;
+    views[0].n_blockers = carried.firsts.z;
     light.sun.towards = carried.sun_towards.xyz;
     light.sun.disc_cosine = carried.sun_towards.w;
     light.sun.rgb = carried.sun_rgb.rgb;
@@ -115,6 +116,11 @@ fn unload(carried: Carried) {
     light.lamps.windows_on_ratio = carried.lamps.y;
     light.lamps.radiance = carried.lamps.z;
     light.lamps.window_radiance = carried.lamps.w;
+}
+
+// Half of a box (light.wgsl).
+fn blocker_of(half: u32) -> vec4<f32> {
+    return bound_views[0].blockers[min(half, 11u)];
 }
 
 // A material's rows of the tables.

@@ -30,6 +30,35 @@ fn shadow_at(point_in_camera: vec3<f32>, facing: f32, through: f32) -> f32 {
     return mix(mix(1.0, far, far_inside), near, inside);
 }
 
+// Share of a strip's width, or length, that hides the sky at a place so far inside its edge (less
+// than 0: outside). Parabolas for the form factor of a long wall outside and of a floor that is as
+// high as a sixth of the wall inside; both are a half at the edge.
+fn hidden_by(inside_m: f32, per_m: f32) -> f32 {
+    let outside = max(1.0 + inside_m * per_m, 0.0);
+    let below = max(1.0 - inside_m * per_m * 6.0, 0.0);
+    return select(1.0 - 0.5 * below * below, 0.5 * outside * outside, inside_m < 0.0);
+}
+
+// Share of the sky that boxes of what moves hide from a place near the ground that they stand on.
+// `offset` leads there from the eye, in the world's axes.
+fn blocked_sky(offset: vec3<f32>) -> f32 {
+    var open = 1.0;
+    for (var i = 0u; i < views[which].n_blockers; i++) {
+        // Middle of its foot from the eye, one over the reach of its shade.
+        let foot = blocker_of(2u * i);
+        let away = offset - foot.xyz;
+        let low = clamp(1.3 - 2.5 * abs(away.z), 0.0, 1.0);
+        if low > 0.0 {
+            // Cosine and sine of its heading; half length and width.
+            let sides = blocker_of(2u * i + 1u);
+            let along = abs(away.x * sides.x + away.y * sides.y);
+            let across = abs(away.y * sides.x - away.x * sides.y);
+            open *= 1.0 - low * hidden_by(sides.z - along, foot.w) * hidden_by(sides.w - across, foot.w);
+        }
+    }
+    return 1.0 - open;
+}
+
 // The surface at a pixel.
 struct Point {
     pixel: vec2<u32>,
@@ -57,10 +86,14 @@ fn shade(point: Point) -> vec3<f32> {
     let sun = light.sun.towards;
     let facing = dot(normal, sun);
     let direct = max(facing, 0.0) * (1.0 - finish.through) + finish.through * (0.35 + 0.65 * abs(facing));
-    let lit = shadow_at(point.in_camera, facing, finish.through);
+    // Walls see half of the ground's sky. Beneath a vehicle there is no sun, which shadow maps miss
+    // near the ground.
+    let blocked = blocked_sky(offset) * (0.5 + 0.5 * abs(normal.z));
+    let open = point.open * (1.0 - blocked);
+    let lit = shadow_at(point.in_camera, facing, finish.through) * clamp(2.0 - 2.0 * blocked, 0.0, 1.0);
     let sky = light.ambient.rgb + normal.x * light.ambient.slope_rgb[0].rgb + normal.y * light.ambient.slope_rgb[1].rgb
         + normal.z * light.ambient.slope_rgb[2].rgb;
-    var falling = light.sun.rgb * (direct * lit) + max(sky, vec3(0.0)) * point.open;
+    var falling = light.sun.rgb * (direct * lit) + max(sky, vec3(0.0)) * open;
     var mirrored = reflect(towards_point, normal);
     if WITH_WET {
         // Drops make rings in puddles.
@@ -91,7 +124,7 @@ fn shade(point: Point) -> vec3<f32> {
         above = sky_sample(mirrored, finish.rough);
     }
     let wall = light.ambient.rgb * 0.09;
-    var seen = mix(wall, above, smoothstep(-0.05, 0.35, mirrored.z)) * point.open;
+    var seen = mix(wall, above, smoothstep(-0.05, 0.35, mirrored.z)) * open;
     if !SIMPLE && fresnel > 0.01 {
         let found = mirrored_on_screen(point, camera_from_world(mirrored), sharp);
         seen = mix(seen, found.rgb, found.a);

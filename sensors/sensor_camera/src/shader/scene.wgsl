@@ -49,12 +49,14 @@ struct ViewUniform {
     first_draw: u32,
     n_draws: u32,
     first_pixel: u32,
-    unused: u32,
+    n_blockers: u32,
     // Where compute shaders find its shadow maps.
     near_map: MapPlace,
     far_map: MapPlace,
+    // Boxes of what moves, two each: light.wgsl.
+    blockers: array<vec4<f32>, 12>,
     // A uniform's offset can be a multiple of 256 only.
-    rest: array<vec4<u32>, 13>,
+    rest: vec4<u32>,
 }
 
 // Mirror of SunData.

@@ -64,10 +64,17 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
     }
     var albedo = albedo_of(labels.z) * max(1.0 + base.y * (rough_at.x - 0.5) + base.w * (rough_at.y - 0.5), 0.0);
 
-    // Slabs of one metre with dark joints.
-    let joint_m = 0.5 - abs(fract(world_m.xy) - 0.5);
-    let joint = clamp((0.012 - min(joint_m.x, joint_m.y)) / (0.6 * pixel_m + 0.004) + 0.5, 0.0, 1.0) * clamp(0.1 / pixel_m - 0.5, 0.0, 1.0);
-    albedo *= 1.0 - select(0.0, 0.35 * joint, material == MATERIAL_CONCRETE && ground);
+    // Slabs of 0.64 by 0.4 m, every other row moved by half of one, each of its own shade, with dark
+    // joints. All repeats within 1024 m, over which places are taken.
+    let row = world_m.y * 2.5;
+    let row_up = floor(row);
+    let slab = vec2(world_m.x * 1.5625 + 0.5 * row_up, row);
+    let in_slab = fract(slab);
+    let joint_m = (0.5 - abs(in_slab - 0.5)) * vec2(0.64, 0.4);
+    let fine = clamp(0.07 / pixel_m - 0.5, 0.0, 1.0);
+    let joint = clamp((0.008 - min(joint_m.x, joint_m.y)) / (0.6 * pixel_m + 0.004) + 0.5, 0.0, 1.0);
+    let tone = fract((slab.x - in_slab.x) * 0.734375 + row_up * 0.578125 + 0.37 * fract(row_up * 0.1796875));
+    albedo *= 1.0 + select(0.0, fine * (0.26 * (tone - 0.5) - 0.5 * joint), material == MATERIAL_CONCRETE && ground);
     // Leaves that face sideways or down lie in the shade of others.
     albedo *= 1.0 - 0.9 * gloss.z * (1.0 - normal.z);
 
@@ -88,7 +95,7 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
     let palest = min(albedo.r, min(albedo.g, albedo.b)) / max(max(albedo.r, max(albedo.g, albedo.b)), 0.01);
     albedo *= 1.0 - gloss.w * mix(0.88, 0.6, palest);
 
-    out.mirror = max(gloss.x, 0.16 * pane);
+    out.mirror = max(gloss.x, 0.09 * pane);
     out.rough = mix(gloss.y, 2.0, pane);
     out.through = gloss.z;
     out.puddle = 0.0;

@@ -175,17 +175,33 @@ fn wall_at(albedo: vec3<f32>, uv_m: vec2<f32>, id: u32, pixel_m: f32, is_shop: b
     let shop = f32(is_shop);
     seen = mix(seen, style.board, shop * band(uv_m.y, 2.98, 3.5, grain.sharp_per_m));
     seen = mix(seen, vec3(0.62, 0.6, 0.56) * style.pale, window.frame);
-    // Behind the glass: a dark room, curtains at its sides, a blind from above; in shops goods on
-    // shelves.
+    // Behind the glass: a dark room, curtains at its sides, a blind from above. In shops a lit
+    // ceiling and a wall at the back, goods of many heights on a plinth in front of them, and on every
+    // third pane a poster.
     let lot = window.lot;
     let curtain = (1.0 - shop) * f32(lot.r > 0.4 && abs(window.place.x - 0.5) > 0.2 + 0.25 * lot.g);
     let blind = (1.0 - shop) * f32(lot.b > 0.72 && window.place.y > lot.g);
-    let shelf = floor(uv_m * vec2(2.6, 2.2));
-    let pack = fract(shelf.x * vec3(0.7548777, 0.3819660, 0.2548777) + shelf.y * vec3(0.5698403, 0.4430440, 0.8191725) + lot.rgb);
-    let goods = mix(vec3(pack.y), pack, 0.35);
-    let shown = shop * f32(pack.x > 0.35) * clamp(0.25 * grain.px_per_m - 0.5, 0.0, 1.0) * clamp(2.6 - window.place.y * 3.0, 0.0, 1.0);
-    var room = select(vec3(0.018, 0.02, 0.024), vec3(0.07, 0.064, 0.056) * (0.3 + lot.r), is_shop);
-    room = mix(room, goods * goods * 0.3, shown);
+    let fine = clamp(0.25 * grain.px_per_m - 0.5, 0.0, 1.0);
+    let pane_at = window.place.x * style.n_parts.x;
+    let in_pane = fract(pane_at);
+    let own = fract((pane_at - in_pane) * 0.3819660 + lot.rgb);
+    let good = uv_m.x * (1.6 + 2.2 * lot.g);
+    let in_good = fract(good);
+    let look = fract((good - in_good) * vec3(0.7548777, 0.5698403, 0.3819660) + lot.gbr);
+    // Wide below, narrower above, as bottles, boxes and busts are.
+    let up_m = uv_m.y - 0.62;
+    let goods = f32(abs(in_good - 0.5) < 0.46 - 0.26 * clamp(up_m - 0.3 * look.y, 0.0, 1.0)) * f32(up_m < 0.12 + 1.1 * look.x * look.x) * f32(up_m > 0.0);
+    let back = mix(0.035, 0.075, lot.r) * (0.35 + 0.9 * clamp(window.place.y, 0.0, 1.0));
+    let tubes = f32(window.place.y > 0.86) * f32(abs(fract(uv_m.x * 0.9 + lot.b) - 0.5) < 0.3);
+    let poster_at = abs(vec2(in_pane - 0.5, window.place.y - 0.42)) * vec2(1.0, 0.9);
+    let poster = f32(own.x > 0.66 && poster_at.x < 0.3 && poster_at.y < 0.24);
+    var shown = vec3(back) * vec3(1.05, 1.0, 0.9);
+    shown = mix(shown, mix(vec3(look.z), look, 0.5) * (0.03 + 0.2 * look.y), goods * fine);
+    shown = mix(shown, vec3(0.11, 0.1, 0.09), f32(up_m < 0.0 && up_m > -0.3));
+    shown = mix(shown, vec3(0.42, 0.41, 0.38), tubes * (0.25 + 0.5 * lot.a));
+    let headline = f32(abs(poster_at.y - 0.12) < 0.05);
+    shown = mix(shown, mix(vec3(0.36, 0.35, 0.33), 0.3 * own * own, max(headline, f32(poster_at.x < 0.16 && poster_at.y < 0.04))), poster * fine);
+    var room = select(vec3(0.018, 0.02, 0.024), shown, is_shop);
     room = mix(room, vec3(0.34, 0.32, 0.28) * (0.4 + 0.6 * lot.g), max(0.7 * curtain, blind));
     seen = mix(seen, room, window.pane);
     out.albedo = mix(albedo, seen * window.shade, is_wall);

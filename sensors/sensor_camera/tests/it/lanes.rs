@@ -287,6 +287,14 @@ impl Evening {
             // Flow.
             wanted: 1 << 4,
             n_draws: N_DRAWS,
+            n_blockers: 2,
+            blockers: std::array::from_fn(|half| match half {
+                0 => [8.0, 1.0, -1.6, 0.3],
+                1 => [0.8, 0.6, 2.2, 0.9],
+                2 => [20.0, -6.0, -1.5, 0.9],
+                3 => [0.0, 1.0, 0.3, 0.25],
+                _ => [0.0; 4],
+            }),
             ..bytemuck::Zeroable::zeroed()
         };
         let lamp = |rng: &mut fastrand::Rng| {
@@ -484,6 +492,8 @@ fn compare(
         "wants" => 2,
         "draw_with" => N_DRAWS as usize,
         "marks_of" => N_INSTANCES as usize,
+        // Two boxes, and nothing behind them.
+        "blocker_of" => 5,
         _ => LEAST_DIFFERENT,
     };
     if different.len() < n_least {

@@ -128,9 +128,10 @@ fn wgsl_structs_lie_where_rust_has_them() {
             offset_of!(ViewData, first_draw),
             offset_of!(ViewData, n_draws),
             offset_of!(ViewData, first_pixel),
-            offset_of!(ViewData, unused),
+            offset_of!(ViewData, n_blockers),
             offset_of!(ViewData, near_map),
             offset_of!(ViewData, far_map),
+            offset_of!(ViewData, blockers),
             offset_of!(ViewData, rest),
         ],
     );

@@ -4,7 +4,7 @@ use sensor_core::mesh::Surface;
 use sensor_core::{Material, MeshBuilder};
 
 use super::bodywork::Bodywork;
-use super::fittings::{lamp_block, plate};
+use super::fittings::{far_plate, lamp_block, plate};
 use super::loft::{Section, loft_with_holes};
 use super::outline::Part::{self, Cabin, Gap, Pillar, Screen};
 use super::outline::{Station, interpolate, table};
@@ -242,20 +242,32 @@ fn front(builder: &mut MeshBuilder, body: &Bodywork, table: &[Station], detail: 
             );
         }
     }
-    if detail == 0 {
-        let bar = |builder: &mut MeshBuilder,
-                   surface: Surface,
-                   half_y: f32,
-                   z: f32,
-                   half_z: f32,
-                   out: f32| {
-            builder.cuboid(
-                surface,
-                [skin - 0.03 + out, 0.0, z],
-                [0.03, half_y * w, half_z],
-            );
-        };
+    let bar = |builder: &mut MeshBuilder,
+               surface: Surface,
+               half_y: f32,
+               z: f32,
+               half_z: f32,
+               out: f32| {
+        lamp_block(
+            builder,
+            surface,
+            [skin - 0.03 + out, 0.0, z],
+            [0.03, half_y * w, half_z],
+            [1.0, 1.0],
+            detail,
+        );
+    };
+    let plate_z = 0.5 * (lamp_z + body.sill_m) + 0.03;
+    if detail < 3 {
+        // Grille and the intake below the bumper.
         bar(builder, body.dark(), flat - 0.29, lamp_z, 0.03 * h, 0.010);
+        let intake_z = body.sill_m + 0.11;
+        bar(builder, body.dark(), flat - 0.1, intake_z, 0.075, 0.010);
+    }
+    if (1..3).contains(&detail) {
+        far_plate(builder, body, [body.half[0] - 0.006, 0.0, plate_z], 1.0);
+    }
+    if detail == 0 {
         let chrome = Surface::new(body.class, Material::Metal, [196, 198, 200]);
         for k in [-0.6f32, 0.0, 0.6] {
             bar(
@@ -267,28 +279,12 @@ fn front(builder: &mut MeshBuilder, body: &Bodywork, table: &[Station], detail: 
                 0.013,
             );
         }
-        bar(
-            builder,
-            body.dark(),
-            flat - 0.12,
-            body.sill_m + 0.10,
-            0.06,
-            0.010,
-        );
-        plate(
-            builder,
-            body,
-            [
-                body.half[0] - 0.006,
-                0.0,
-                0.5 * (lamp_z + body.sill_m) + 0.03,
-            ],
-        );
-        builder.cuboid(
-            body.dark(),
-            [skin - 0.01, 0.0, 0.5 * (lamp_z + body.sill_m) + 0.03],
-            [0.03, 0.27, 0.06],
-        );
+        // Where the bumper ends.
+        let seam_z = lamp_z - 0.052 * h;
+        bar(builder, body.dark(), flat - 0.01, seam_z, 0.005, 0.006);
+        plate(builder, body, [body.half[0] - 0.006, 0.0, plate_z]);
+        let frame = [[skin - 0.01, 0.0, plate_z], [0.03, 0.27, 0.06]];
+        builder.cuboid(body.dark(), frame[0], frame[1]);
     }
 }
 
@@ -347,18 +343,34 @@ fn rear(
             );
         }
     }
+    let z = if style == BodyStyle::Van {
+        0.36 * h
+    } else {
+        lamp_z - 0.065 * h
+    };
+    if (1..3).contains(&detail) {
+        let valance = [0.02 - skin, 0.0, body.sill_m + 0.1];
+        let half_m = [0.03, (flat - 0.06) * w, 0.08];
+        lamp_block(builder, body.dark(), valance, half_m, [-1.0, 1.0], detail);
+        far_plate(builder, body, [-body.half[0] + 0.006, 0.0, z], -1.0);
+    }
     if detail == 0 {
-        let z = if style == BodyStyle::Van {
-            0.36 * h
-        } else {
-            lamp_z - 0.065 * h
-        };
+        if style != BodyStyle::Van {
+            // The lid's seams, and the bumper's below it.
+            let (lid_y, seam_z) = ((flat - 0.32) * w, lamp_z - 0.125 * h);
+            for side in [1.0f32, -1.0] {
+                let upright = [0.024 - skin, side * lid_y, lamp_z - 0.055 * h];
+                builder.cuboid(body.dark(), upright, [0.03, 0.005, 0.07 * h]);
+            }
+            let level = [0.024 - skin, 0.0, seam_z];
+            builder.cuboid(body.dark(), level, [0.03, (flat - 0.02) * w, 0.005]);
+        }
         plate(builder, body, [-body.half[0] + 0.006, 0.0, z]);
         builder.cuboid(body.dark(), [0.01 - skin, 0.0, z], [0.03, 0.27, 0.06]);
         builder.cuboid(
             body.dark(),
-            [0.02 - skin, 0.0, body.sill_m + 0.08],
-            [0.03, (flat - 0.06) * w, 0.05],
+            [0.02 - skin, 0.0, body.sill_m + 0.1],
+            [0.03, (flat - 0.06) * w, 0.08],
         );
         if style == BodyStyle::Van {
             for y in [0.42, -0.42] {

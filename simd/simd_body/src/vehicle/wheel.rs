@@ -9,7 +9,9 @@ pub fn wheel(class: Class, radius_m: f32, width_m: f32, spokes: usize) -> Mesh {
     let mut builder = MeshBuilder::new("wheel");
     level(&mut builder, class, radius_m, width_m, 20, spokes);
     builder.end_level(14.0);
-    level(&mut builder, class, radius_m, width_m, 8, 0);
+    // Spokes of slim wheels are too thin to be seen from there.
+    let far_spokes = if width_m < OPEN_WIDTH_M { 0 } else { spokes };
+    level(&mut builder, class, radius_m, width_m, 10, far_spokes);
     builder.end_level(40.0);
     far(&mut builder, class, radius_m, width_m, true);
     builder.end_level(90.0);
@@ -43,8 +45,9 @@ fn far(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, has_tread:
     let face: Vec<[f32; 3]> = (0..6)
         .map(|k| [corner(k)[0], -half, corner(k)[1]])
         .collect();
+    // Tyre, rim and the dark between spokes in one.
     builder.polygon(
-        Surface::new(class, Material::Metal, [110, 111, 114]),
+        Surface::new(class, Material::Metal, [74, 75, 78]),
         &face,
         &[[0.0; 2]; 6],
     );

@@ -15,8 +15,8 @@ const STONE_M: f64 = 0.16;
 
 /// Kerb and pavement round a block.
 pub fn pavement(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, object: ObjectId) {
-    let slabs = Surface::new(Class::SIDEWALKS, Material::Concrete, [121, 120, 118]).of(object);
-    let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [144, 143, 141]).of(object);
+    let slabs = Surface::new(Class::SIDEWALKS, Material::Concrete, [104, 103, 102]).of(object);
+    let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [126, 125, 124]).of(object);
     let n = ring.kerb_m.len();
     let pavement = (slabs, stone);
     let grass = Surface::new(Class::TERRAIN, Material::Grass, [95, 111, 66]).of(object);

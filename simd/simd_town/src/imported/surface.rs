@@ -72,8 +72,8 @@ pub(super) fn is_pavement(kind: LaneKind) -> bool {
 fn surface_of(kind: LaneKind, object: ObjectId) -> Surface {
     use LaneKind as K;
     let surface = match kind {
-        K::Sidewalk => Surface::new(Class::SIDEWALKS, Material::Concrete, [121, 120, 118]),
-        K::Kerb => Surface::new(Class::SIDEWALKS, Material::Concrete, [144, 143, 141]),
+        K::Sidewalk => Surface::new(Class::SIDEWALKS, Material::Concrete, [104, 103, 102]),
+        K::Kerb => Surface::new(Class::SIDEWALKS, Material::Concrete, [126, 125, 124]),
         K::Biking => Surface::new(Class::ROADS, Material::Asphalt, [112, 78, 72]),
         K::Median | K::Other => Surface::new(Class::TERRAIN, Material::Grass, [98, 120, 66]),
         K::Border => Surface::new(Class::GROUND, Material::Concrete, [116, 112, 104]),
@@ -197,7 +197,7 @@ fn width(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 /// Adds faces between lanes of different height, and what joins the outer edges to the ground.
 fn edges(builder: &mut ImportBuilder, section: &SectionSurface, object: ObjectId) {
-    let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [144, 143, 141]).of(object);
+    let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [126, 125, 124]).of(object);
     for pair in section.lanes.windows(2) {
         for row in 1..section.stations_m.len() {
             let skip = [&pair[0], &pair[1]].map(|lane| gives_way(builder, section, lane, row));

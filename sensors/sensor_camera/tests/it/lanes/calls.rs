@@ -68,8 +68,8 @@ impl LaneWork for Call4<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::look_of::<L, M>(bound, x[0]);
-        store::<L>(&[r[0], r[1]])
+        let r = module::blocker_of::<L, M>(bound, x[0]);
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words(), r[3].to_words()])
     }
 }
 
@@ -81,8 +81,8 @@ impl LaneWork for Call5<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::roughness_of::<L, M>(bound, x[0]);
-        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words(), r[3].to_words()])
+        let r = module::look_of::<L, M>(bound, x[0]);
+        store::<L>(&[r[0], r[1]])
     }
 }
 
@@ -94,7 +94,7 @@ impl LaneWork for Call6<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::mirror_of::<L, M>(bound, x[0]);
+        let r = module::roughness_of::<L, M>(bound, x[0]);
         store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words(), r[3].to_words()])
     }
 }
@@ -107,8 +107,8 @@ impl LaneWork for Call7<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::near_shadow::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers()], x[2].to_numbers());
-        store::<L>(&[r.to_words()])
+        let r = module::mirror_of::<L, M>(bound, x[0]);
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words(), r[3].to_words()])
     }
 }
 
@@ -120,7 +120,7 @@ impl LaneWork for Call8<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::far_shadow::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers()], x[2].to_numbers());
+        let r = module::near_shadow::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers()], x[2].to_numbers());
         store::<L>(&[r.to_words()])
     }
 }
@@ -133,7 +133,7 @@ impl LaneWork for Call9<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::luminance_of::<L>([x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()]);
+        let r = module::far_shadow::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers()], x[2].to_numbers());
         store::<L>(&[r.to_words()])
     }
 }
@@ -146,8 +146,8 @@ impl LaneWork for Call10<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::display::<L>([x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()]);
-        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
+        let r = module::luminance_of::<L>([x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()]);
+        store::<L>(&[r.to_words()])
     }
 }
 
@@ -159,8 +159,8 @@ impl LaneWork for Call11<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::packed_color::<L>([x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()]);
-        store::<L>(&[r])
+        let r = module::display::<L>([x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()]);
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
     }
 }
 
@@ -172,8 +172,8 @@ impl LaneWork for Call12<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::sky_sample::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()], x[3].to_numbers());
-        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
+        let r = module::packed_color::<L>([x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()]);
+        store::<L>(&[r])
     }
 }
 
@@ -185,8 +185,8 @@ impl LaneWork for Call13<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::haze::<L, M>(bound, x[0].to_numbers(), x[1].to_numbers());
-        store::<L>(&[r.to_words()])
+        let r = module::sky_sample::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()], x[3].to_numbers());
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
     }
 }
 
@@ -198,8 +198,8 @@ impl LaneWork for Call14<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::air_rgb::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()]);
-        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
+        let r = module::haze::<L, M>(bound, x[0].to_numbers(), x[1].to_numbers());
+        store::<L>(&[r.to_words()])
     }
 }
 
@@ -211,7 +211,7 @@ impl LaneWork for Call15<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::sky_radiance::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()]);
+        let r = module::air_rgb::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()]);
         store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
     }
 }
@@ -224,8 +224,8 @@ impl LaneWork for Call16<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::noise::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers()], x[2].to_numbers());
-        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words(), r[3].to_words()])
+        let r = module::sky_radiance::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()]);
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
     }
 }
 
@@ -237,8 +237,8 @@ impl LaneWork for Call17<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::rain_over::<L, M>(bound, lanes, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()], [x[3].to_numbers(), x[4].to_numbers(), x[5].to_numbers()], x[6].to_numbers());
-        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
+        let r = module::noise::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers()], x[2].to_numbers());
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words(), r[3].to_words()])
     }
 }
 
@@ -250,7 +250,7 @@ impl LaneWork for Call18<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::linear_of::<L>(x[0]);
+        let r = module::rain_over::<L, M>(bound, lanes, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()], [x[3].to_numbers(), x[4].to_numbers(), x[5].to_numbers()], x[6].to_numbers());
         store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
     }
 }
@@ -263,8 +263,8 @@ impl LaneWork for Call19<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::lot_of::<L>(x[0]);
-        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words(), r[3].to_words()])
+        let r = module::linear_of::<L>(x[0]);
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
     }
 }
 
@@ -276,8 +276,8 @@ impl LaneWork for Call20<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::style_of::<L>(x[0], L::not(x[1].eq(word::<L>(0))));
-        store::<L>(&[r.pitch_m[0].to_words(), r.pitch_m[1].to_words(), r.share[0].to_words(), r.share[1].to_words(), r.n_parts[0].to_words(), r.n_parts[1].to_words(), r.brick.to_words(), r.panels.to_words(), r.courses.to_words(), r.pipes.to_words(), r.pale.to_words(), r.board[0].to_words(), r.board[1].to_words(), r.board[2].to_words()])
+        let r = module::lot_of::<L>(x[0]);
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words(), r[3].to_words()])
     }
 }
 
@@ -289,8 +289,8 @@ impl LaneWork for Call21<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::grain_of::<L>(x[0].to_numbers());
-        store::<L>(&[r.px_per_m.to_words(), r.sharp_per_m.to_words()])
+        let r = module::style_of::<L>(x[0], L::not(x[1].eq(word::<L>(0))));
+        store::<L>(&[r.pitch_m[0].to_words(), r.pitch_m[1].to_words(), r.share[0].to_words(), r.share[1].to_words(), r.n_parts[0].to_words(), r.n_parts[1].to_words(), r.brick.to_words(), r.panels.to_words(), r.courses.to_words(), r.pipes.to_words(), r.pale.to_words(), r.board[0].to_words(), r.board[1].to_words(), r.board[2].to_words()])
     }
 }
 
@@ -302,8 +302,8 @@ impl LaneWork for Call22<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::band::<L>(x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers(), x[3].to_numbers());
-        store::<L>(&[r.to_words()])
+        let r = module::grain_of::<L>(x[0].to_numbers());
+        store::<L>(&[r.px_per_m.to_words(), r.sharp_per_m.to_words()])
     }
 }
 
@@ -315,8 +315,8 @@ impl LaneWork for Call23<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::window_at::<L>([x[0].to_numbers(), x[1].to_numbers()], module::Style::<L> { pitch_m: [x[2].to_numbers(), x[3].to_numbers()], share: [x[4].to_numbers(), x[5].to_numbers()], n_parts: [x[6].to_numbers(), x[7].to_numbers()], brick: x[8].to_numbers(), panels: x[9].to_numbers(), courses: x[10].to_numbers(), pipes: x[11].to_numbers(), pale: x[12].to_numbers(), board: [x[13].to_numbers(), x[14].to_numbers(), x[15].to_numbers()] }, module::Grain::<L> { px_per_m: x[16].to_numbers(), sharp_per_m: x[17].to_numbers() }, L::not(x[18].eq(word::<L>(0))), x[19]);
-        store::<L>(&[r.pane.to_words(), r.frame.to_words(), r.shade.to_words(), r.place[0].to_words(), r.place[1].to_words(), r.in_cell[0].to_words(), r.in_cell[1].to_words(), r.lot[0].to_words(), r.lot[1].to_words(), r.lot[2].to_words(), r.lot[3].to_words()])
+        let r = module::band::<L>(x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers(), x[3].to_numbers());
+        store::<L>(&[r.to_words()])
     }
 }
 
@@ -328,8 +328,8 @@ impl LaneWork for Call24<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::masonry::<L>([x[0].to_numbers(), x[1].to_numbers()], module::Style::<L> { pitch_m: [x[2].to_numbers(), x[3].to_numbers()], share: [x[4].to_numbers(), x[5].to_numbers()], n_parts: [x[6].to_numbers(), x[7].to_numbers()], brick: x[8].to_numbers(), panels: x[9].to_numbers(), courses: x[10].to_numbers(), pipes: x[11].to_numbers(), pale: x[12].to_numbers(), board: [x[13].to_numbers(), x[14].to_numbers(), x[15].to_numbers()] }, module::Window::<L> { pane: x[16].to_numbers(), frame: x[17].to_numbers(), shade: x[18].to_numbers(), place: [x[19].to_numbers(), x[20].to_numbers()], in_cell: [x[21].to_numbers(), x[22].to_numbers()], lot: [x[23].to_numbers(), x[24].to_numbers(), x[25].to_numbers(), x[26].to_numbers()] }, module::Grain::<L> { px_per_m: x[27].to_numbers(), sharp_per_m: x[28].to_numbers() }, L::not(x[29].eq(word::<L>(0))));
-        store::<L>(&[r.to_words()])
+        let r = module::window_at::<L>([x[0].to_numbers(), x[1].to_numbers()], module::Style::<L> { pitch_m: [x[2].to_numbers(), x[3].to_numbers()], share: [x[4].to_numbers(), x[5].to_numbers()], n_parts: [x[6].to_numbers(), x[7].to_numbers()], brick: x[8].to_numbers(), panels: x[9].to_numbers(), courses: x[10].to_numbers(), pipes: x[11].to_numbers(), pale: x[12].to_numbers(), board: [x[13].to_numbers(), x[14].to_numbers(), x[15].to_numbers()] }, module::Grain::<L> { px_per_m: x[16].to_numbers(), sharp_per_m: x[17].to_numbers() }, L::not(x[18].eq(word::<L>(0))), x[19]);
+        store::<L>(&[r.pane.to_words(), r.frame.to_words(), r.shade.to_words(), r.place[0].to_words(), r.place[1].to_words(), r.in_cell[0].to_words(), r.in_cell[1].to_words(), r.lot[0].to_words(), r.lot[1].to_words(), r.lot[2].to_words(), r.lot[3].to_words()])
     }
 }
 
@@ -341,8 +341,8 @@ impl LaneWork for Call25<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::as_switched::<L, M>(bound, lanes, x[0], [x[1].to_numbers(), x[2].to_numbers(), x[3].to_numbers()], x[4].to_numbers());
-        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words(), r[3].to_words()])
+        let r = module::masonry::<L>([x[0].to_numbers(), x[1].to_numbers()], module::Style::<L> { pitch_m: [x[2].to_numbers(), x[3].to_numbers()], share: [x[4].to_numbers(), x[5].to_numbers()], n_parts: [x[6].to_numbers(), x[7].to_numbers()], brick: x[8].to_numbers(), panels: x[9].to_numbers(), courses: x[10].to_numbers(), pipes: x[11].to_numbers(), pale: x[12].to_numbers(), board: [x[13].to_numbers(), x[14].to_numbers(), x[15].to_numbers()] }, module::Window::<L> { pane: x[16].to_numbers(), frame: x[17].to_numbers(), shade: x[18].to_numbers(), place: [x[19].to_numbers(), x[20].to_numbers()], in_cell: [x[21].to_numbers(), x[22].to_numbers()], lot: [x[23].to_numbers(), x[24].to_numbers(), x[25].to_numbers(), x[26].to_numbers()] }, module::Grain::<L> { px_per_m: x[27].to_numbers(), sharp_per_m: x[28].to_numbers() }, L::not(x[29].eq(word::<L>(0))));
+        store::<L>(&[r.to_words()])
     }
 }
 
@@ -354,8 +354,8 @@ impl LaneWork for Call26<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::wall_at::<L, M>(bound, lanes, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()], [x[3].to_numbers(), x[4].to_numbers()], x[5], x[6].to_numbers(), L::not(x[7].eq(word::<L>(0))), x[8].to_numbers());
-        store::<L>(&[r.albedo[0].to_words(), r.albedo[1].to_words(), r.albedo[2].to_words(), r.pane.to_words(), r.glow.to_words(), r.cool.to_words()])
+        let r = module::as_switched::<L, M>(bound, lanes, x[0], [x[1].to_numbers(), x[2].to_numbers(), x[3].to_numbers()], x[4].to_numbers());
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words(), r[3].to_words()])
     }
 }
 
@@ -367,8 +367,8 @@ impl LaneWork for Call27<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::window_light::<L, M>(bound, lanes, module::Wall::<L> { albedo: [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()], pane: x[3].to_numbers(), glow: x[4].to_numbers(), cool: x[5].to_numbers() }, x[6]);
-        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
+        let r = module::wall_at::<L, M>(bound, lanes, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()], [x[3].to_numbers(), x[4].to_numbers()], x[5], x[6].to_numbers(), L::not(x[7].eq(word::<L>(0))), x[8].to_numbers());
+        store::<L>(&[r.albedo[0].to_words(), r.albedo[1].to_words(), r.albedo[2].to_words(), r.pane.to_words(), r.glow.to_words(), r.cool.to_words()])
     }
 }
 
@@ -380,7 +380,7 @@ impl LaneWork for Call28<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::normal_of::<L>(x[0]);
+        let r = module::window_light::<L, M>(bound, lanes, module::Wall::<L> { albedo: [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()], pane: x[3].to_numbers(), glow: x[4].to_numbers(), cool: x[5].to_numbers() }, x[6]);
         store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
     }
 }
@@ -393,7 +393,7 @@ impl LaneWork for Call29<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::albedo_of::<L>(x[0]);
+        let r = module::normal_of::<L>(x[0]);
         store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
     }
 }
@@ -406,8 +406,8 @@ impl LaneWork for Call30<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::wall_seen::<L, M>(bound, lanes, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()], [x[3].to_numbers(), x[4].to_numbers()], [x[5], x[6], x[7], x[8]], x[9].to_numbers(), L::not(x[10].eq(word::<L>(0))));
-        store::<L>(&[r.albedo[0].to_words(), r.albedo[1].to_words(), r.albedo[2].to_words(), r.pane.to_words(), r.glow.to_words(), r.cool.to_words()])
+        let r = module::albedo_of::<L>(x[0]);
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
     }
 }
 
@@ -419,8 +419,8 @@ impl LaneWork for Call31<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::finish_at::<L, M>(bound, lanes, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()], [x[3].to_numbers(), x[4].to_numbers(), x[5].to_numbers()], [x[6].to_numbers(), x[7].to_numbers()], [x[8], x[9], x[10], x[11]], x[12].to_numbers(), x[13].to_numbers());
-        store::<L>(&[r.albedo[0].to_words(), r.albedo[1].to_words(), r.albedo[2].to_words(), r.emitted[0].to_words(), r.emitted[1].to_words(), r.emitted[2].to_words(), r.mirror.to_words(), r.rough.to_words(), r.through.to_words(), r.puddle.to_words(), r.film.to_words()])
+        let r = module::wall_seen::<L, M>(bound, lanes, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()], [x[3].to_numbers(), x[4].to_numbers()], [x[5], x[6], x[7], x[8]], x[9].to_numbers(), L::not(x[10].eq(word::<L>(0))));
+        store::<L>(&[r.albedo[0].to_words(), r.albedo[1].to_words(), r.albedo[2].to_words(), r.pane.to_words(), r.glow.to_words(), r.cool.to_words()])
     }
 }
 
@@ -432,8 +432,8 @@ impl LaneWork for Call32<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::lamps_at::<L, M>(bound, lanes, [x[0], x[1]], [x[2].to_numbers(), x[3].to_numbers(), x[4].to_numbers()], [x[5].to_numbers(), x[6].to_numbers(), x[7].to_numbers()], [x[8].to_numbers(), x[9].to_numbers(), x[10].to_numbers()], x[11].to_numbers(), x[12].to_numbers());
-        store::<L>(&[r.diffuse[0].to_words(), r.diffuse[1].to_words(), r.diffuse[2].to_words(), r.glint[0].to_words(), r.glint[1].to_words(), r.glint[2].to_words()])
+        let r = module::finish_at::<L, M>(bound, lanes, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()], [x[3].to_numbers(), x[4].to_numbers(), x[5].to_numbers()], [x[6].to_numbers(), x[7].to_numbers()], [x[8], x[9], x[10], x[11]], x[12].to_numbers(), x[13].to_numbers());
+        store::<L>(&[r.albedo[0].to_words(), r.albedo[1].to_words(), r.albedo[2].to_words(), r.emitted[0].to_words(), r.emitted[1].to_words(), r.emitted[2].to_words(), r.mirror.to_words(), r.rough.to_words(), r.through.to_words(), r.puddle.to_words(), r.film.to_words()])
     }
 }
 
@@ -445,8 +445,8 @@ impl LaneWork for Call33<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::shadow_at::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()], x[3].to_numbers(), x[4].to_numbers());
-        store::<L>(&[r.to_words()])
+        let r = module::lamps_at::<L, M>(bound, lanes, [x[0], x[1]], [x[2].to_numbers(), x[3].to_numbers(), x[4].to_numbers()], [x[5].to_numbers(), x[6].to_numbers(), x[7].to_numbers()], [x[8].to_numbers(), x[9].to_numbers(), x[10].to_numbers()], x[11].to_numbers(), x[12].to_numbers());
+        store::<L>(&[r.diffuse[0].to_words(), r.diffuse[1].to_words(), r.diffuse[2].to_words(), r.glint[0].to_words(), r.glint[1].to_words(), r.glint[2].to_words()])
     }
 }
 
@@ -458,8 +458,8 @@ impl LaneWork for Call34<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::camera_from_world::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()]);
-        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
+        let r = module::shadow_at::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()], x[3].to_numbers(), x[4].to_numbers());
+        store::<L>(&[r.to_words()])
     }
 }
 
@@ -471,7 +471,7 @@ impl LaneWork for Call35<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::depth_at::<L, M>(bound, [x[0], x[1]]);
+        let r = module::hidden_by::<L>(x[0].to_numbers(), x[1].to_numbers());
         store::<L>(&[r.to_words()])
     }
 }
@@ -484,8 +484,8 @@ impl LaneWork for Call36<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::surface_at::<L, M>(bound, [x[0], x[1]]);
-        store::<L>(&[r[0], r[1], r[2], r[3]])
+        let r = module::blocked_sky::<L, M>(bound, lanes, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()]);
+        store::<L>(&[r.to_words()])
     }
 }
 
@@ -497,7 +497,7 @@ impl LaneWork for Call37<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::rough_radiance::<L, M>(bound, lanes, [x[0], x[1], x[2], x[3]], x[4]);
+        let r = module::camera_from_world::<L, M>(bound, [x[0].to_numbers(), x[1].to_numbers(), x[2].to_numbers()]);
         store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
     }
 }
@@ -510,8 +510,8 @@ impl LaneWork for Call38<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::id_at::<L, M>(bound, [x[0], x[1]]);
-        store::<L>(&[r])
+        let r = module::depth_at::<L, M>(bound, [x[0], x[1]]);
+        store::<L>(&[r.to_words()])
     }
 }
 
@@ -523,8 +523,8 @@ impl LaneWork for Call39<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::mirrored_on_screen::<L, M>(bound, lanes, module::Point::<L> { pixel: [x[0], x[1]], in_camera: [x[2].to_numbers(), x[3].to_numbers(), x[4].to_numbers()], normal: [x[5].to_numbers(), x[6].to_numbers(), x[7].to_numbers()], uv_m: [x[8].to_numbers(), x[9].to_numbers()], labels: [x[10], x[11], x[12], x[13]], pixel_m: x[14].to_numbers(), open: x[15].to_numbers() }, [x[16].to_numbers(), x[17].to_numbers(), x[18].to_numbers()], x[19].to_numbers());
-        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words(), r[3].to_words()])
+        let r = module::surface_at::<L, M>(bound, [x[0], x[1]]);
+        store::<L>(&[r[0], r[1], r[2], r[3]])
     }
 }
 
@@ -536,7 +536,7 @@ impl LaneWork for Call40<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::plain_radiance::<L, M>(bound, lanes, [x[0], x[1]]);
+        let r = module::rough_radiance::<L, M>(bound, lanes, [x[0], x[1], x[2], x[3]], x[4]);
         store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
     }
 }
@@ -549,8 +549,8 @@ impl LaneWork for Call41<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::mirrored_on_wet_road::<L, M>(bound, lanes, module::Point::<L> { pixel: [x[0], x[1]], in_camera: [x[2].to_numbers(), x[3].to_numbers(), x[4].to_numbers()], normal: [x[5].to_numbers(), x[6].to_numbers(), x[7].to_numbers()], uv_m: [x[8].to_numbers(), x[9].to_numbers()], labels: [x[10], x[11], x[12], x[13]], pixel_m: x[14].to_numbers(), open: x[15].to_numbers() }, [x[16].to_numbers(), x[17].to_numbers(), x[18].to_numbers()]);
-        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words(), r[3].to_words()])
+        let r = module::id_at::<L, M>(bound, [x[0], x[1]]);
+        store::<L>(&[r])
     }
 }
 
@@ -562,8 +562,8 @@ impl LaneWork for Call42<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::shade::<L, M>(bound, lanes, module::Point::<L> { pixel: [x[0], x[1]], in_camera: [x[2].to_numbers(), x[3].to_numbers(), x[4].to_numbers()], normal: [x[5].to_numbers(), x[6].to_numbers(), x[7].to_numbers()], uv_m: [x[8].to_numbers(), x[9].to_numbers()], labels: [x[10], x[11], x[12], x[13]], pixel_m: x[14].to_numbers(), open: x[15].to_numbers() });
-        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
+        let r = module::mirrored_on_screen::<L, M>(bound, lanes, module::Point::<L> { pixel: [x[0], x[1]], in_camera: [x[2].to_numbers(), x[3].to_numbers(), x[4].to_numbers()], normal: [x[5].to_numbers(), x[6].to_numbers(), x[7].to_numbers()], uv_m: [x[8].to_numbers(), x[9].to_numbers()], labels: [x[10], x[11], x[12], x[13]], pixel_m: x[14].to_numbers(), open: x[15].to_numbers() }, [x[16].to_numbers(), x[17].to_numbers(), x[18].to_numbers()], x[19].to_numbers());
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words(), r[3].to_words()])
     }
 }
 
@@ -575,8 +575,8 @@ impl LaneWork for Call43<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::open_sky::<L, M>(bound, lanes, module::Point::<L> { pixel: [x[0], x[1]], in_camera: [x[2].to_numbers(), x[3].to_numbers(), x[4].to_numbers()], normal: [x[5].to_numbers(), x[6].to_numbers(), x[7].to_numbers()], uv_m: [x[8].to_numbers(), x[9].to_numbers()], labels: [x[10], x[11], x[12], x[13]], pixel_m: x[14].to_numbers(), open: x[15].to_numbers() });
-        store::<L>(&[r.to_words()])
+        let r = module::plain_radiance::<L, M>(bound, lanes, [x[0], x[1]]);
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
     }
 }
 
@@ -588,14 +588,53 @@ impl LaneWork for Call44<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Out {
         let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
-        let r = module::surface_radiance::<L, M>(bound, lanes, [x[0], x[1]], x[2].to_numbers(), [x[3].to_numbers(), x[4].to_numbers(), x[5].to_numbers()]);
-        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
+        let r = module::mirrored_on_wet_road::<L, M>(bound, lanes, module::Point::<L> { pixel: [x[0], x[1]], in_camera: [x[2].to_numbers(), x[3].to_numbers(), x[4].to_numbers()], normal: [x[5].to_numbers(), x[6].to_numbers(), x[7].to_numbers()], uv_m: [x[8].to_numbers(), x[9].to_numbers()], labels: [x[10], x[11], x[12], x[13]], pixel_m: x[14].to_numbers(), open: x[15].to_numbers() }, [x[16].to_numbers(), x[17].to_numbers(), x[18].to_numbers()]);
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words(), r[3].to_words()])
     }
 }
 
 struct Call45<'a>(&'a Bound<'a, M>, &'a Eight<'a>);
 
 impl LaneWork for Call45<'_> {
+    type Out = Vec<[u32; 8]>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Self::Out {
+        let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
+        let r = module::shade::<L, M>(bound, lanes, module::Point::<L> { pixel: [x[0], x[1]], in_camera: [x[2].to_numbers(), x[3].to_numbers(), x[4].to_numbers()], normal: [x[5].to_numbers(), x[6].to_numbers(), x[7].to_numbers()], uv_m: [x[8].to_numbers(), x[9].to_numbers()], labels: [x[10], x[11], x[12], x[13]], pixel_m: x[14].to_numbers(), open: x[15].to_numbers() });
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
+    }
+}
+
+struct Call46<'a>(&'a Bound<'a, M>, &'a Eight<'a>);
+
+impl LaneWork for Call46<'_> {
+    type Out = Vec<[u32; 8]>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Self::Out {
+        let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
+        let r = module::open_sky::<L, M>(bound, lanes, module::Point::<L> { pixel: [x[0], x[1]], in_camera: [x[2].to_numbers(), x[3].to_numbers(), x[4].to_numbers()], normal: [x[5].to_numbers(), x[6].to_numbers(), x[7].to_numbers()], uv_m: [x[8].to_numbers(), x[9].to_numbers()], labels: [x[10], x[11], x[12], x[13]], pixel_m: x[14].to_numbers(), open: x[15].to_numbers() });
+        store::<L>(&[r.to_words()])
+    }
+}
+
+struct Call47<'a>(&'a Bound<'a, M>, &'a Eight<'a>);
+
+impl LaneWork for Call47<'_> {
+    type Out = Vec<[u32; 8]>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Self::Out {
+        let (bound, (x, lanes)) = (self.0, self.1.load::<L>());
+        let r = module::surface_radiance::<L, M>(bound, lanes, [x[0], x[1]], x[2].to_numbers(), [x[3].to_numbers(), x[4].to_numbers(), x[5].to_numbers()]);
+        store::<L>(&[r[0].to_words(), r[1].to_words(), r[2].to_words()])
+    }
+}
+
+struct Call48<'a>(&'a Bound<'a, M>, &'a Eight<'a>);
+
+impl LaneWork for Call48<'_> {
     type Out = Vec<[u32; 8]>;
 
     #[inline(always)]
@@ -654,6 +693,9 @@ pub fn call(number: usize, bound: &Bound<'_, M>, eight: &Eight<'_>) -> Vec<[u32;
         43 => in_lanes(Call43(bound, eight)),
         44 => in_lanes(Call44(bound, eight)),
         45 => in_lanes(Call45(bound, eight)),
+        46 => in_lanes(Call46(bound, eight)),
+        47 => in_lanes(Call47(bound, eight)),
+        48 => in_lanes(Call48(bound, eight)),
         _ => panic!("there is no function {number}"),
     }
 }
@@ -663,18 +705,19 @@ pub fn call_in_arrays(number: usize, bound: &Bound<'_, M>, eight: &Eight<'_>) ->
     Some(match number {
         0 => in_arrays(Call0(bound, eight)),
         1 => in_arrays(Call1(bound, eight)),
-        9 => in_arrays(Call9(bound, eight)),
         10 => in_arrays(Call10(bound, eight)),
         11 => in_arrays(Call11(bound, eight)),
-        18 => in_arrays(Call18(bound, eight)),
+        12 => in_arrays(Call12(bound, eight)),
         19 => in_arrays(Call19(bound, eight)),
         20 => in_arrays(Call20(bound, eight)),
         21 => in_arrays(Call21(bound, eight)),
         22 => in_arrays(Call22(bound, eight)),
         23 => in_arrays(Call23(bound, eight)),
         24 => in_arrays(Call24(bound, eight)),
-        28 => in_arrays(Call28(bound, eight)),
+        25 => in_arrays(Call25(bound, eight)),
         29 => in_arrays(Call29(bound, eight)),
+        30 => in_arrays(Call30(bound, eight)),
+        35 => in_arrays(Call35(bound, eight)),
         _ => return None,
     })
 }

@@ -38,6 +38,12 @@ fn numbers(rng: &mut Rng, function: &str, name: &str, n: usize) -> Vec<f32> {
         }
         (_, "ray", 3) => vec![between(rng, -0.6, 0.6), between(rng, -0.45, 0.45), 1.0],
         ("noise", "at", 2) => (0..2).map(|_| between(rng, -500.0, 500.0)).collect(),
+        (_, "inside_m", 1) => vec![between(rng, -4.0, 2.0)],
+        (_, "per_m", 1) => vec![between(rng, 0.2, 1.0)],
+        ("blocked_sky", "offset", 3) => {
+            let spread = [between(rng, 2.0, 26.0), between(rng, -9.0, 5.0)];
+            vec![spread[0], spread[1], between(rng, -2.0, -1.2)]
+        }
         ("near_shadow" | "far_shadow", "at", 2) => (0..2).map(|_| rng.f32()).collect(),
         (_, "pixel" | "at", 2) => vec![rng.f32() * width, rng.f32() * height],
         (_, "world_m", 3) => (0..3).map(|_| between(rng, -200.0, 200.0)).collect(),
@@ -87,6 +93,7 @@ fn words(rng: &mut Rng, function: &str, name: &str, n: usize) -> Vec<u32> {
             let uv = [between(rng, 0.0, 40.0), between(rng, 0.0, 20.0)].map(f32::to_bits);
             vec![rng.u32(..), look, uv[0], uv[1]]
         }
+        ("half", 1) => vec![rng.u32(0..12)],
         ("material" | "limit" | "stride", 1) => vec![rng.u32(0..24)],
         ("c" | "d", 1) => vec![[rng.u32(0..100), rng.u32(..)][rng.usize(0..2)]],
         _ => (0..n).map(|_| rng.u32(..)).collect(),
