@@ -34,7 +34,7 @@ impl Default for Overrides {
 #[derive(Clone, Copy)]
 pub struct Bound<'a, M> {
     pub overrides: Overrides,
-    pub views: &'a [u32; 4096],
+    pub views: &'a [u32; 128],
     pub light: &'a [u32; 252],
     pub switched: &'a [u32],
     pub lamps: &'a [u32],

@@ -15,10 +15,12 @@ use super::unit::{Unit, Written, name_of};
 enum Place {
     /// A variable of the function, or a part of it.
     Local(String),
-    /// Words of a uniform or list: `further` behind the place that lanes give, if they do.
+    /// Words of a uniform or list: `further` behind the place that lanes give, if they do, which is
+    /// at most `most` unless the list has no end.
     Memory {
         global: Handle<GlobalVariable>,
         lanes: Option<String>,
+        most: Option<u32>,
         further: u32,
     },
 }
@@ -277,6 +279,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
                     AddressSpace::Uniform | AddressSpace::Storage { .. } => Ok(Place::Memory {
                         global,
                         lanes: None,
+                        most: Some(0),
                         further: 0,
                     }),
                     space => Err(format!(
@@ -317,6 +320,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
                 Place::Memory {
                     global,
                     lanes,
+                    most,
                     further,
                 },
                 of,
@@ -329,6 +333,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
                         return Ok(Place::Memory {
                             global,
                             lanes,
+                            most,
                             further,
                         });
                     }
@@ -356,6 +361,11 @@ impl<'u, 'm> Expressions<'u, 'm> {
                         (Some(text), further)
                     }
                 };
+                let most = match (&added, n) {
+                    (None, _) => most,
+                    (Some(_), Some(n)) => most.map(|most| most + (n - 1) * stride),
+                    (Some(_), None) => None,
+                };
                 let lanes = match (lanes, added) {
                     (Some(a), Some(b)) => Some(format!("{a}.add({b})")),
                     (a, b) => a.or(b),
@@ -363,6 +373,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
                 Ok(Place::Memory {
                     global,
                     lanes,
+                    most,
                     further,
                 })
             }
@@ -432,10 +443,11 @@ impl<'u, 'm> Expressions<'u, 'm> {
             Place::Memory {
                 global,
                 lanes,
+                most,
                 further,
             } => {
                 let n_words = inner.size(self.unit.module.to_ctx()) / 4;
-                let end = lanes.is_none().then_some(further + n_words);
+                let end = most.map(|most| most + further + n_words);
                 self.unit.note_memory(global, end)?;
                 let memory = format!("bound.{}", self.unit.global_name(global));
                 let lanes = lanes.map(|text| {
@@ -840,6 +852,7 @@ impl<'u, 'm> Expressions<'u, 'm> {
                 let Place::Memory {
                     global,
                     lanes: None,
+                    most: _,
                     further: 0,
                 } = self.place(*list)?
                 else {
