@@ -72,7 +72,8 @@ pub fn restore(
             go_back(context, &checkpoint)
         }
         CheckpointPlace::File(name) => match ready {
-            Some(Ready::Checkpoint(ReadCheckpoint { checkpoint, bytes })) => {
+            Some(Ready::Checkpoint(read)) => {
+                let ReadCheckpoint { checkpoint, bytes } = *read;
                 history.note_file(JournalFile::Checkpoint, name, "", &bytes);
                 go_back(context, &checkpoint)
             }

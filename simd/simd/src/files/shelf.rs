@@ -33,7 +33,7 @@ pub enum Ready {
     /// A map.
     Map(ReadMap),
     /// A checkpoint.
-    Checkpoint(ReadCheckpoint),
+    Checkpoint(Box<ReadCheckpoint>),
 }
 
 /// A map to be put into the world.
@@ -199,6 +199,9 @@ impl Shelf {
     ) -> anyhow::Result<Ready> {
         let living = living.context("no world is there to read a checkpoint with")?;
         let (checkpoint, bytes) = self.checkpoints.read(name, max_bytes, living)?;
-        Ok(Ready::Checkpoint(ReadCheckpoint { checkpoint, bytes }))
+        Ok(Ready::Checkpoint(Box::new(ReadCheckpoint {
+            checkpoint,
+            bytes,
+        })))
     }
 }
