@@ -168,7 +168,7 @@ mod tests {
                     } else {
                         a[i].trailing_zeros()
                     },
-                    if b[i] == 0 { a[i] } else { a[i] / b[i] },
+                    a[i].checked_div(b[i]).unwrap_or(a[i]),
                     if b[i] == 0 { 0 } else { a[i] % b[i] },
                     (a[i] == b[i]) as u32,
                     if a[i] == b[i] { 1f32.to_bits() } else { 0 },

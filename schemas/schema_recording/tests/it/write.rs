@@ -74,7 +74,7 @@ fn a_recording_that_is_cut_off_after_any_write_has_no_damaged_chunk() {
             };
             // Half of it does not get shorter.
             let message: Vec<u8> = (0..3000_u32)
-                .map(|at| (at.wrapping_mul(2_654_435_761) >> 24) as u8 * (at % 2) as u8 ^ n)
+                .map(|at| ((at.wrapping_mul(2_654_435_761) >> 24) as u8 * (at % 2) as u8) ^ n)
                 .collect();
             writer.write_to_known_channel(&header, &message).unwrap();
             if n % 10 == 9 {
