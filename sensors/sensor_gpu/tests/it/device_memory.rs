@@ -1,6 +1,5 @@
 //! Memory of the device that other processes import: what is copied and uploaded there is what the
-//! descriptor shows. The descriptor of a software adapter is a file, so that its bytes can be read
-//! without a GPU; that of a GPU cannot, and is imported by `consumer_cuda`'s tests.
+//! descriptor shows, to another device that imports it; that of a software adapter is also a file.
 
 #![expect(
     unsafe_code,
@@ -11,6 +10,7 @@ use std::fs::File;
 use std::os::unix::fs::FileExt as _;
 use std::sync::Arc;
 
+use crate::other_device::bytes_by_descriptor;
 use sensor_gpu::{CopyBatch, CopyPath, Gpu, GpuOptions, Place, ShmTarget};
 
 /// Where Mesa's software adapter begins exported memory in its file: behind a header of its own.
@@ -57,22 +57,24 @@ fn what_is_copied_and_uploaded_is_what_the_descriptor_shows() {
         let outcomes = batch.submit(&gpu, gpu.encoder("copies")).wait().unwrap();
         assert!(outcomes.iter().all(|outcome| outcome.cpu_copies == 0));
         gpu.upload(&[(host_made, &[9; 24])]).unwrap();
+        let descriptor = || exported.descriptor.try_clone().unwrap();
+        let n_bytes = target.n_bytes();
+        let shown = bytes_by_descriptor(descriptor(), exported.memory_bytes, n_bytes as u64);
+        assert_eq!(&shown[4096..][..bytes.len()], bytes, "{copies:?}");
+        assert_eq!(shown[8192..8224], [7; 32]);
+        assert_eq!(shown[65_536..65_560], [9; 24]);
+        assert_eq!(shown[65_560..65_564], [0; 4], "cleared");
+        assert_eq!(shown[..4096], [0; 4096], "nothing else was written");
+        // What is left of it keeps its bytes when the writer lets go.
+        drop(target);
+        gpu.wait_idle();
+        let kept = bytes_by_descriptor(descriptor(), exported.memory_bytes, n_bytes as u64);
+        assert!(kept == shown, "{copies:?}");
         if gpu.is_software() {
-            let file = File::from(exported.descriptor.try_clone().unwrap());
-            let shown = |at: u64, n: usize| {
-                let mut bytes = vec![0xff; n];
-                file.read_exact_at(&mut bytes, MESA_BEGIN + at).unwrap();
-                bytes
-            };
-            assert_eq!(shown(4096, bytes.len()), bytes, "{copies:?}");
-            assert_eq!(shown(8192, 32), [7; 32]);
-            assert_eq!(shown(65_536, 28)[..24], [9; 24]);
-            assert_eq!(shown(65_536, 28)[24..], [0; 4], "cleared");
-            assert_eq!(shown(0, 4096), [0; 4096], "nothing else was written");
-            // What is left of it keeps its bytes when the writer lets go.
-            drop(target);
-            gpu.wait_idle();
-            assert_eq!(shown(4096, bytes.len()), bytes);
+            let mut in_file = vec![0xff; n_bytes];
+            let file = File::from(descriptor());
+            file.read_exact_at(&mut in_file, MESA_BEGIN).unwrap();
+            assert!(in_file == shown, "{copies:?}");
         }
     }
 }

@@ -3,3 +3,4 @@
 mod beside;
 mod copies;
 mod device_memory;
+mod other_device;
