@@ -84,7 +84,15 @@ impl Service for Gateway {
     fn serve(&self, peer: Peer, request: message::Request) -> Result<Vec<u8>, Wrong> {
         let request = requests::call(request)?;
         let account = &peer.account;
-        let outcome = rpc::serve(self, account, &request);
+        let mut outcome = rpc::serve(self, account, &request);
+        // Whoever gets an answer may count on all that the connection told before it, also if the
+        // gateway knows the answer by itself.
+        if !request.is_async
+            && client_methods::is_about_world(&request.method)
+            && let Err(error) = self.commander.settle()
+        {
+            outcome = outcome.and(Err(error.into()));
+        }
         match &outcome {
             Err(Failure::Unknown(error)) => {
                 if let Some(n_unsaid) = account.may_warn() {

@@ -99,16 +99,50 @@ def check_film(scene):
     assert np.abs(seen["raw"] - seen["plain"]).mean() > 1.0
 
 
+def check_views(scene):
+    """Half the size at half the tangent of `fov` shows the middle of the whole picture, pixel by pixel."""
+    half = {"image_size_x": WIDTH // 2, "image_size_y": HEIGHT // 2, "fov": math.degrees(2.0 * math.atan(0.5))}
+    middle = (slice(HEIGHT // 4, HEIGHT * 3 // 4), slice(WIDTH // 4, WIDTH * 3 // 4))
+    for name in ("depth", "semantic_segmentation", "instance_segmentation", "normals", "cosmos_visualization", "rgb"):
+        manual = {"exposure_mode": "manual"} if name == "rgb" else {}
+        whole, part = scene.seen("camera." + name, {"image_size_x": WIDTH, "image_size_y": HEIGHT} | manual, half | manual)
+        assert (part.width, part.height) == (WIDTH // 2, HEIGHT // 2) and near(part.fov, half["fov"], 1e-4), (name, part)
+        wanted, seen = colours(whole)[middle], colours(part)
+        assert len(np.unique(seen)) > 3, f"{name} sees nothing"
+        if name == "depth":
+            wanted, seen = (one @ (1.0, 256.0, 65536.0) for one in (wanted, seen))
+            same = (np.abs(wanted - seen) <= 1e-3 * wanted).mean()
+        else:
+            same = (np.abs(wanted - seen) <= (3 if name in ("rgb", "normals") else 0)).all(axis=2).mean()
+        assert same > 0.98, (name, same)
+    # Flow is told in shares of the picture, of which the part is half.
+    whole, part = (scene.listen("camera.optical_flow", one) for one in ({"image_size_x": WIDTH, "image_size_y": HEIGHT}, half))
+    place = scene.car.get_transform()
+    for step in range(2):
+        scene.car.set_transform(carla.Transform(place.location + 0.3 * step * place.get_forward_vector(), place.rotation))
+        frame = scene.world.tick()
+    flows = [of_tick(messages, frame) for _, messages in (whole, part)]
+    wanted, seen = (np.frombuffer(flow.raw_data, dtype=np.float32).reshape(flow.height, flow.width, 2) for flow in flows)
+    same = (np.abs(2.0 * wanted[middle] - seen) < 2e-3).all(axis=2).mean()
+    assert np.abs(seen).max() > 0.01 and same > 0.95, (np.abs(seen).max(), same)
+    for sensor, _ in (whole, part):
+        sensor.destroy()
+    scene.car.set_transform(place)
+    ticks(scene.world, 2)
+
+
 def check_lidar_fans(scene):
     """Angles, range and number of points."""
-    wide, narrow, sector, near_by, half = scene.seen(
-        "lidar.ray_cast",
-        LIDAR | QUIET | {"upper_fov": 10, "lower_fov": -30},
-        LIDAR | QUIET | {"upper_fov": -5, "lower_fov": -15},
-        LIDAR | QUIET | {"upper_fov": 10, "lower_fov": -30, "horizontal_fov": 90},
-        LIDAR | QUIET | {"upper_fov": 10, "lower_fov": -30, "range": 12},
-        LIDAR | QUIET | {"upper_fov": -5, "lower_fov": -15, "points_per_second": 28800, "channels": 8},
-    )
+    variants = [
+        {"upper_fov": 10, "lower_fov": -30},
+        {"upper_fov": -5, "lower_fov": -15},
+        {"upper_fov": 10, "lower_fov": -30, "horizontal_fov": 90},
+        {"upper_fov": 10, "lower_fov": -30, "range": 12},
+        {"upper_fov": -5, "lower_fov": -15, "points_per_second": 28800, "channels": 8},
+        {"upper_fov": -5, "lower_fov": -15, "rotation_frequency": 5},
+    ]
+    seen = scene.seen("lidar.ray_cast", *[LIDAR | QUIET | variant for variant in variants])
+    wide, narrow, sector, near_by, half, slow = seen
     at = points(narrow)
     down = np.degrees(np.arctan2(at[:, 2], np.hypot(at[:, 0], at[:, 1])))
     assert abs(down.max() + 5.0) < 0.1 and abs(down.min() + 15.0) < 0.1, (down.min(), down.max())
@@ -123,6 +157,22 @@ def check_lidar_fans(scene):
     far = lambda message: np.linalg.norm(points(message)[:, :3], axis=1)  # noqa: E731
     assert far(near_by).max() <= 12.0 < far(wide).max() <= 60.0
     assert len(near_by) == (far(wide) <= 12.0).sum(), "the same rays, and none beyond"
+    # Five turns a second are a quarter of one in a tick.
+    around = np.unwrap(np.sort(np.arctan2(points(slow)[:, 1], points(slow)[:, 0])))
+    gaps = np.diff(np.concatenate([around, [around[0] + 2.0 * math.pi]]))
+    assert len(slow) == 57600 // 20 and near(math.degrees(gaps.max()), 270.0, 2.0), (len(slow), math.degrees(gaps.max()))
+    # The semantic lidar sends the same rays.
+    alike = scene.seen("lidar.ray_cast_semantic", *[LIDAR | variant for variant in variants])
+    kinds = np.dtype([("xyz", "<f4", 3), ("cos", "<f4"), ("idx", "<u4"), ("tag", "<u4")])
+    for one, other, variant in zip(seen, alike, variants):
+        same = np.frombuffer(other.raw_data, dtype=kinds)["xyz"]
+        assert other.channels == one.channels and len(same) == len(points(one)) > 100, (variant, len(same), len(points(one)))
+        if variant.get("rotation_frequency") is None:
+            assert np.abs(np.sort(far(one)) - np.sort(np.linalg.norm(same, axis=1))).max() < 0.01, variant
+        else:
+            around = np.sort(np.arctan2(same[:, 1], same[:, 0]))
+            gaps = np.diff(np.concatenate([around, [around[0] + 2.0 * math.pi]]))
+            assert near(math.degrees(gaps.max()), 270.0, 2.0), math.degrees(gaps.max())
 
 
 def check_lidar_losses(scene):
@@ -214,7 +264,8 @@ def check_gnss(scene):
 
 
 def check_obstacle(scene):
-    """With `only_dynamics` what stands in the town is no obstacle, and a car is; nothing beyond the distance is one."""
+    """With `only_dynamics` what stands in the town is no obstacle, and a car is; nothing beyond the distance is one, nor beside the radius. Where a
+    detector looks is drawn into colour pictures on demand."""
     ahead = scene.car.get_transform().get_forward_vector()
     place = scene.car.get_transform()
     model = scene.library.find("vehicle.audi.tt")
@@ -242,6 +293,20 @@ def check_obstacle(scene):
     assert not heard({"distance": 8, "only_dynamics": "True"}, down)
     assert heard({"distance": 20, "only_dynamics": "True"}, level) == {"vehicle.audi.tt"}
     assert not heard({"distance": 4, "only_dynamics": "True"}, level)
+    # Half a metre beside the other car's flank.
+    aside = carla.Transform(carla.Location(x=2.6, y=other.bounding_box.extent.y + 0.5, z=0.8))
+    assert not heard({"distance": 20, "only_dynamics": "True", "hit_radius": 0.3}, aside)
+    assert heard({"distance": 20, "only_dynamics": "True", "hit_radius": 0.8}, aside) == {"vehicle.audi.tt"}
+    size = {"image_size_x": WIDTH, "image_size_y": HEIGHT, "exposure_mode": "manual"}
+    pictures = {}
+    for draws in ("False", "True"):
+        detector, _ = scene.listen("other.obstacle", {"distance": 20, "debug_linetrace": draws}, level)
+        pictures[draws] = colours(*scene.seen("camera.rgb", size))
+        detector.destroy()
+        scene.world.tick()
+    pictures["gone"] = colours(*scene.seen("camera.rgb", size))
+    changed = lambda name: int((np.abs(pictures[name] - pictures["False"]).max(axis=2) > 40).sum())  # noqa: E731
+    assert changed("True") > 10 and changed("gone") == 0, (changed("True"), changed("gone"))
     other.destroy()
     scene.world.tick()
 
@@ -256,6 +321,12 @@ def check_events(scene):
         {"refractory_period_ns": 40_000_000},
         {"use_log": "false"},
         {"log_eps": 0.5},
+        {},
+        {"sigma_positive_threshold": 0.05},
+        {"sigma_negative_threshold": 0.05},
+        {"gantry_mode": "two_frame"},
+        # The middle of the picture.
+        {"image_size_x": WIDTH // 2, "image_size_y": HEIGHT // 2, "fov": math.degrees(2.0 * math.atan(0.5))},
     ]
     made = [scene.listen("camera.dvs", size | variant) for variant in variants]
     place = scene.car.get_transform()
@@ -268,10 +339,11 @@ def check_events(scene):
     scene.car.set_transform(place)
     probe, probed = scene.listen("other.imu", {})
     of_tick(probed, scene.world.tick())
-    counts = []
+    counts, places, both_ways, n_middle = [], [], [], 0
     kinds = np.dtype([("x", "<u2"), ("y", "<u2"), ("t", "<i8"), ("pol", "?")])
     for sensor, messages in made:
-        up = down = 0
+        up = down = n_both = 0
+        seen_at = [[], []]
         while True:
             try:
                 message = messages.get_nowait()
@@ -280,17 +352,36 @@ def check_events(scene):
             if message.frame <= frame:
                 events = np.frombuffer(message.raw_data, dtype=kinds)
                 up, down = up + int(events["pol"].sum()), down + int((~events["pol"]).sum())
+                if message.width == WIDTH and not counts:
+                    x, y = events["x"].astype(int) - WIDTH // 4, events["y"].astype(int) - HEIGHT // 4
+                    n_middle += int(((0 <= x) & (x < WIDTH // 2) & (0 <= y) & (y < HEIGHT // 2)).sum())
+                # One number for the place, and one for place and time.
+                by_way = [events[events["pol"] == way] for way in (False, True)]
+                spots = [one["x"].astype(np.int64) + WIDTH * one["y"] for one in by_way]
+                n_both += len(np.intersect1d(*spots))
+                for way in (0, 1):
+                    seen_at[way].append(by_way[way]["t"] * WIDTH * HEIGHT + spots[way])
         counts.append((up, down))
+        places.append([np.unique(np.concatenate(one)) for one in seen_at])
+        both_ways.append(n_both)
         sensor.destroy()
     probe.destroy()
     scene.world.tick()
-    plain, few_up, few_down, rested, linear, dull = counts
+    plain, few_up, few_down, rested, linear, dull, twin, rough_up, rough_down, straight, part = counts
     assert plain[0] > 100 and plain[1] > 100, counts
     # Where brightness rises and falls again, what did not count on the way up is missing on the way down.
     assert few_up[0] < 0.5 * plain[0] and few_up[1] > 0.7 * plain[1], counts
     assert few_down[1] < 0.5 * plain[1] and few_down[0] > 0.7 * plain[0], counts
     assert sum(rested) < 0.9 * sum(plain), counts
     assert linear != plain and sum(dull) < sum(plain), counts
+    # Thresholds that chance spreads move events of their own direction most of all, and twins without are alike.
+    assert twin == plain and all(np.array_equal(*pair) for pair in zip(places[6], places[0]))
+    shared = [[len(np.intersect1d(one[way], places[0][way])) / len(places[0][way]) for way in (0, 1)] for one in places[7:9]]
+    assert shared[0][1] < 0.5 and shared[1][0] < 0.5 and shared[0][0] > shared[0][1] and shared[1][1] > shared[1][0], shared
+    assert 0.7 * plain[0] < rough_up[0] < 1.5 * plain[0] and 0.7 * plain[1] < rough_down[1] < 1.5 * plain[1], counts
+    assert n_middle > 100 and abs(sum(part) / n_middle - 1.0) < 0.1, (sum(part), n_middle)
+    # Between two frames a straight line only rises or only falls; an edge that passes a pixel does both.
+    assert straight[0] > 100 and straight[1] > 100 and both_ways[9] == 0 < both_ways[0], (straight, both_ways)
 
 
 def main():
@@ -299,6 +390,7 @@ def main():
     run_checks(
         {
             "film": check_film,
+            "views": check_views,
             "lidar fans": check_lidar_fans,
             "lidar losses": check_lidar_losses,
             "radar": check_radar,

@@ -5,6 +5,7 @@ import math
 import os
 import queue
 import socket
+import struct
 import sys
 import threading
 import time
@@ -107,6 +108,75 @@ def of_tick(messages, tick):
     return message
 
 
+class Wire:
+    """A connection of its own for calls that no method of the wheel makes: MessagePack-RPC, as the wheel speaks it."""
+
+    def __init__(self, port, host="127.0.0.1"):
+        self.socket = socket.create_connection((host, int(port)), PATIENCE_SECS)
+        self.stream, self.n_calls = self.socket.makefile("rb"), 0
+
+    def call(self, method, *arguments):
+        """The answer's value; a refusal is an error with its sentence."""
+        self.n_calls += 1
+        self.socket.sendall(packed([0, self.n_calls, method, [[False], *arguments]]))
+        kind, number, error, result = unpacked(self.stream)
+        assert (kind, number) == (1, self.n_calls), (kind, number)
+        if error is not None:
+            raise RuntimeError(error)
+        # An optional error, a variant of error and value, or a list of such for a batch.
+        match result:
+            case [[False]]:
+                return None
+            case [[True, [sentence]]] | [[0, [sentence]]]:
+                raise RuntimeError(sentence)
+            case [[1, value]]:
+                return value
+        return result
+
+    def batch(self, *commands):
+        """Runs commands, each its number and its fields, as `apply_batch_sync` does."""
+        for answer in self.call("apply_batch", [[list(command)] for command in commands], False):
+            assert answer[0][0] == 1, answer
+
+    def close(self):
+        self.stream.close()
+        self.socket.close()
+
+
+def packed(value):
+    """MessagePack of numbers, texts and lists; numbers with a point as doubles."""
+    if value is None or isinstance(value, bool):
+        return {None: b"\xc0", False: b"\xc2", True: b"\xc3"}[value]
+    if isinstance(value, int):
+        return struct.pack(">Bq", 0xD3, value)
+    if isinstance(value, float):
+        return struct.pack(">Bd", 0xCB, value)
+    if isinstance(value, str):
+        return struct.pack(">BI", 0xDB, len(value.encode())) + value.encode()
+    return struct.pack(">BI", 0xDD, len(value)) + b"".join(map(packed, value))
+
+
+def unpacked(stream):
+    """The next value of a stream of MessagePack."""
+    def number(code):
+        return struct.unpack(">" + code, stream.read(struct.calcsize(">" + code)))[0]
+
+    head = stream.read(1)[0]
+    if head < 0x80 or head >= 0xE0:
+        return head if head < 0x80 else head - 0x100
+    if head in (0xC0, 0xC2, 0xC3):
+        return {0xC0: None, 0xC2: False, 0xC3: True}[head]
+    numbers = {0xCA: "f", 0xCB: "d", 0xCC: "B", 0xCD: "H", 0xCE: "I", 0xCF: "Q", 0xD0: "b", 0xD1: "h", 0xD2: "i", 0xD3: "q"}
+    if head in numbers:
+        return number(numbers[head])
+    if 0xA0 <= head < 0xC0 or head in (0xD9, 0xDA, 0xDB):
+        return stream.read(head - 0xA0 if head < 0xC0 else number({0xD9: "B", 0xDA: "H", 0xDB: "I"}[head])).decode()
+    if head in (0xC4, 0xC5, 0xC6):
+        return stream.read(number({0xC4: "B", 0xC5: "H", 0xC6: "I"}[head]))
+    assert 0x90 <= head < 0xA0 or head in (0xDC, 0xDD), hex(head)
+    return [unpacked(stream) for _ in range(head - 0x90 if head < 0xA0 else number({0xDC: "H", 0xDD: "I"}[head]))]
+
+
 def unevenness(world, point):
     """How far the next 140 m are from straight and level: degrees of turn and of slope."""
     here = world.get_map().get_waypoint(point.location)
@@ -173,10 +243,9 @@ WATCH = Watch()
 
 def notify_manager(port):
     """Switches a Traffic Manager's synchronous mode off and on as another process would: MessagePack-RPC requests to its port."""
-    name = b"set_synchronous_mode"
     with socket.create_connection(("127.0.0.1", port), PATIENCE_SECS) as connection:
-        for number, mode in ((1, b"\xc2"), (2, b"\xc3")):
-            connection.sendall(bytes([0x94, 0, number, 0xA0 | len(name)]) + name + b"\x91" + mode)
+        for number, mode in ((1, False), (2, True)):
+            connection.sendall(packed([0, number, "set_synchronous_mode", [mode]]))
             assert connection.recv(64), "the Traffic Manager answers"
 
 

@@ -67,6 +67,10 @@ class Run:
             ("dvs", "camera.dvs", first, DVS),
             ("v2x", "other.v2x", first, V2X),
             ("other v2x", "other.v2x", second, V2X),
+            # The same sensors at the same places, which only their seeds tell apart.
+            ("reseeded radar", "other.radar", first, RADAR | {"noise_seed": "5"}),
+            ("reseeded imu", "other.imu", first, IMU | {"noise_seed": "5"}),
+            ("reseeded gnss", "other.gnss", first, GNSS | {"noise_seed": "5"}),
         ]:
             self.heard[name] = self.listen(kind, parent, attributes)
 
@@ -172,6 +176,8 @@ def check_apart(client, world, first):
     arrays = {name: [np.frombuffer(turn, dtype="<f4").reshape(-1, 4) for turn in first[name].values()] for name in ("lidar", "unseeded")}
     assert any(len(a) != len(b) for a, b in zip(*arrays.values())), "two seeds drop the same points"
     assert all(first["lidar"][n] != first["twin"][n] for n in first["lidar"])
+    for kind in ("radar", "imu", "gnss"):
+        assert all(first[kind][n] != first["reseeded " + kind][n] for n in first[kind]), f"two seeds make the same noise of {kind}"
     # Both cars are level and the second stands still: what differs from 9.81 upwards is noise.
     ups = [[seen[0][2] for seen in first[name].values()] for name in ("imu", "other imu")]
     assert all(abs(a - b) > 1e-6 for a, b in zip(*ups)), ups

@@ -3,6 +3,7 @@
 Usage: carla_physics.py PORT. Prints "<theme> passed" after each theme. Expected values are Newton's.
 """
 
+import math
 import sys
 
 import carla
@@ -130,6 +131,16 @@ def check_constant_velocity():
     car.apply_control(carla.VehicleControl(brake=1.0))
     ticks(world, 60)
     assert speed(car) < 0.1
+    # In free air it falls, unless it is told how fast to rise.
+    place = car.get_transform()
+    place.location.z += 20.0
+    for up_mps, wanted in ((0.0, -G * 10 * STEP_SECS), (1.0, 1.0)):
+        car.set_transform(place)
+        car.set_target_velocity(carla.Vector3D())
+        car.enable_constant_velocity(carla.Vector3D(6.0, 0.0, up_mps))
+        ticks(world, 10)
+        must_be(car.get_velocity().z, wanted, 0.1, f"upward speed with {up_mps} m/s asked for")
+        must_be(math.hypot(car.get_velocity().x, car.get_velocity().y), 6.0, 0.03, "held speed in the air")
     car.destroy()
 
 

@@ -7,7 +7,7 @@ import math
 import sys
 
 import carla
-from carla_kit import connect, listen, of_tick, run, run_checks, step_by_hand
+from carla_kit import connect, listen, of_tick, run, run_checks, step_by_hand, ticks
 
 client = connect(sys.argv[1])
 world = client.get_world()
@@ -112,7 +112,12 @@ def check_lights():
     assert len(lights) > 20 and not any(light.is_on for light in lights)
     weather = world.get_weather()
     weather.sun_altitude_angle = -40.0
+    manager.set_day_night_cycle(False)
     world.set_weather(weather)
+    world.tick()
+    world.tick()
+    assert not any(light.is_on for light in manager.get_all_lights(carla.LightGroup.Street)), "without the cycle night changes nothing"
+    manager.set_day_night_cycle(True)
     # The client keeps its list until it is told that lamps changed; it asks again at the tick after.
     world.tick()
     world.tick()
@@ -141,11 +146,21 @@ def check_lights():
     world.tick()
     again = next(light for light in manager.get_all_lights(carla.LightGroup.Street) if light.id == lamp.id)
     assert again.is_on and (again.color.r, again.color.g, again.color.b) == (10, 20, 30), again.color
+    shades = {}
+    for name, color in (("red", carla.Color(255, 0, 0)), ("blue", carla.Color(0, 0, 255))):
+        manager.set_color([lamp], color)
+        brightness()
+        shades[name] = middle(of_tick(pictures, world.tick()))
+    assert shades["red"][2] > shades["red"][0] + 50 and shades["blue"][0] > shades["blue"][2] + 50, [list(one) for one in shades.values()]
+    shining = brightness()
+    manager.set_intensity([lamp], 1e-4 * lamp.intensity)
+    weak = brightness()
+    assert weak < shining - 50, (weak, shining)
     camera.destroy()
 
 
 def check_collisions():
-    """Where a parked car or a tree stands, nothing can be spawned until it is hidden."""
+    """Where a parked car or a tree stands, nothing can be spawned until it is hidden, and who gets there feels it."""
     car = library.find("vehicle.tesla.model3")
     thing = next(o for o in world.get_environment_objects(LABEL.Vegetation) if o.name.startswith("tree"))
     spot = carla.Transform(thing.transform.location + carla.Location(z=0.6))
@@ -154,8 +169,25 @@ def check_collisions():
     world.tick()
     guest = world.try_spawn_actor(car, spot)
     assert guest is not None
-    guest.destroy()
+    sensor, blows = listen(world, library.find("sensor.other.collision"), carla.Transform(), attach_to=guest)
+    guest.set_transform(carla.Transform(spot.location + carla.Location(z=30.0)))
+    world.tick()
     world.enable_environment_objects({thing.id}, True)
+    guest.set_transform(spot)
+    blow = of_tick(blows, world.tick())
+    assert blow.actor.id == guest.id and blow.other_actor.type_id == "static.unknown", blow.other_actor
+    # Upside down onto the street.
+    # The launch file puts its own car on the first place.
+    street = world.get_map().get_spawn_points()[5]
+    fall = carla.Transform(street.location + carla.Location(z=3.0), carla.Rotation(roll=180.0, yaw=street.rotation.yaw))
+    guest.set_transform(fall)
+    guest.set_target_velocity(carla.Vector3D())
+    lifted = world.tick()
+    ticks(world, 30)
+    blow = of_tick(blows, lifted + 1)
+    assert blow.other_actor.type_id == "static.road" and blow.normal_impulse.z > 0.0, (blow.other_actor.type_id, blow.normal_impulse.z)
+    sensor.destroy()
+    guest.destroy()
     world.tick()
     assert world.try_spawn_actor(car, spot) is None
 

@@ -17,6 +17,8 @@ from carla_kit import PATIENCE_SECS, connect, run, run_checks, step_by_hand
 PORT = int(sys.argv[1])
 WIDTH, HEIGHT = 96, 64
 CAR, ROAD, SKY = 14, 1, 11
+# Houses, poles and plants.
+SCENERY = (3, 6, 9)
 CAMERAS = ("rgb", "depth", "semantic_segmentation", "instance_segmentation", "normals", "optical_flow", "dvs")
 
 
@@ -130,6 +132,14 @@ def check_pictures(stage):
     assert abs(nearest - gap) < 0.7, (nearest, gap)
     normals = pixels(seen["normals"])[classes == ROAD].astype(int)
     assert np.median(normals[:, 0]) >= 254 and abs(np.median(normals[:, 2]) - 127.5) <= 2, "roads point up: blue is z"
+    every_normal = pixels(seen["normals"]).astype(float)
+    assert (every_normal[classes == SKY][:, :3] == 0).all(), "the sky is black"
+    back = every_normal[is_other & (metres < nearest + 0.3)][:, 2::-1] / 127.5 - 1.0
+    backwards = other.get_transform().get_forward_vector()
+    facing = back @ (-backwards.x, -backwards.y, -backwards.z)
+    assert np.median(facing) > 0.8, f"in the world's axes the back of a car points backwards, {np.median(facing):.2f}"
+    scenery = ids[np.isin(classes, SCENERY)]
+    assert len(scenery) > 20 and (scenery >= 32768).all(), np.unique(scenery)
     flow = np.frombuffer(seen["optical_flow"].raw_data, dtype=np.float32).reshape(HEIGHT, WIDTH, 2)
     assert np.abs(flow).max() < 1e-3, "nothing moves"
     assert made["dvs"][1].empty(), "nothing changes, so there is no event"
@@ -168,10 +178,35 @@ def check_moving_pictures(stage, made):
     assert below.any() and (flow[HEIGHT - 1][below][:, 1] < 0.0).all(), "the road moves down, which is negative"
     left, right = flow[HEIGHT - 1, : WIDTH // 4, 0].mean(), flow[HEIGHT - 1, -WIDTH // 4 :, 0].mean()
     assert left < 0.0 < right, (left, right)
+    check_moving_sky(stage, made)
     stage.car.set_transform(stage.place)
     stage.car.set_target_velocity(carla.Vector3D())
     for _ in range(20):
         stage.world.tick()
+
+
+def check_moving_sky(stage, made):
+    """What is infinitely far moves with turns of the camera alone: to the left while it turns to the right, shares of the image."""
+    stage.car.set_simulate_physics(False)
+    place = stage.car.get_transform()
+    place.rotation.pitch = place.rotation.roll = 0.0
+    for metres, turn in ((0.0, 0.0), (0.3, 0.0), (0.0, 3.0)):
+        place.location += place.get_forward_vector() * metres
+        place.rotation.yaw += turn
+        stage.car.set_transform(place)
+        frame = stage.world.tick()
+        seen = {name: take(messages, frame) for name, (_, messages) in made.items() if name != "dvs"}
+        flow = np.frombuffer(seen["optical_flow"].raw_data, dtype=np.float32).reshape(HEIGHT, WIDTH, 2)
+        sky, road = (pixels(seen["semantic_segmentation"])[..., 2] == tag for tag in (SKY, ROAD))
+        assert sky.sum() > 50 and road.sum() > 50
+        if metres:
+            assert (flow[sky] == 0.0).all() and np.abs(flow[road]).max() > 0.01, "what is near moves, the sky does not"
+        if turn:
+            # Towards the rim by the square of the distance from the axis, whose end is half a width away.
+            column = (np.arange(WIDTH) + 0.5 - WIDTH / 2) / (WIDTH / 2)
+            wanted = -0.5 * math.radians(turn) * (1.0 + np.broadcast_to(column**2, (HEIGHT, WIDTH)))
+            assert np.abs(flow[..., 0][sky] / wanted[sky] - 1.0).max() < 0.1, (flow[..., 0][sky], wanted[sky])
+    stage.car.set_simulate_physics(True)
 
 
 def check_lidars(stage):
@@ -220,6 +255,42 @@ def check_motion(stage):
     assert abs(fix.altitude - place.altitude) < 1e-3
     imu.destroy()
     gnss.destroy()
+    check_turning(stage)
+
+
+def check_turning(stage):
+    """A cube that nothing holds: its IMU feels turns about each axis of its own and what pushes it, and no weight while it falls."""
+    mesh = stage.library.find("static.prop.mesh")
+    mesh.set_attribute("mass", "40")
+    box = stage.world.spawn_actor(mesh, carla.Transform(stage.place.location + carla.Location(z=30.0)))
+    box.set_simulate_physics(True)
+    blueprint, messages = stage.library.find("sensor.other.imu"), queue.Queue()
+    # At the middle of the cube, so that turning does not accelerate it.
+    imu = stage.world.spawn_actor(blueprint, carla.Transform(box.bounding_box.location), attach_to=box)
+    imu.listen(messages.put)
+    for _ in range(3):
+        felt = take(messages, stage.world.tick())
+    assert felt.accelerometer.length() < 0.05, ("it falls", felt.accelerometer)
+    box.set_enable_gravity(False)
+    for axis in "xyz":
+        box.set_transform(carla.Transform(stage.place.location + carla.Location(z=30.0)))
+        box.set_target_velocity(carla.Vector3D())
+        box.set_target_angular_velocity(carla.Vector3D(**{axis: 30.0}))
+        felt = take(messages, stage.world.tick()).gyroscope
+        wanted = box.get_angular_velocity()
+        assert abs(getattr(wanted, axis) - 30.0) < 1.0, wanted
+        for one in "xyz":
+            assert abs(getattr(felt, one) - math.radians(getattr(wanted, one))) < 0.02, (axis, felt, wanted)
+    box.set_target_angular_velocity(carla.Vector3D())
+    for axis in "xy":
+        box.set_transform(carla.Transform(stage.place.location + carla.Location(z=30.0)))
+        take(messages, stage.world.tick())
+        for _ in range(3):
+            box.add_force(carla.Vector3D(**{axis: 40.0 * 2.0}))
+            felt = take(messages, stage.world.tick()).accelerometer
+        assert abs(getattr(felt, axis) - 2.0) < 0.1, (axis, felt)
+    imu.destroy()
+    box.destroy()
     stage.world.tick()
 
 
@@ -242,6 +313,13 @@ def check_ahead(stage):
     assert abs(np.median(ahead) - gap) < 0.7, (ahead, gap)
     assert event.actor.id == stage.car.id and event.other_actor.id == stage.other.id, event
     assert abs(event.distance + 0.3 - gap) < 0.7, (event.distance, gap)
+    # From the middle of the car its own body is not in the way.
+    within, through = stage.listen("other.radar", [("points_per_second", "6000"), ("range", "40")], carla.Transform(carla.Location(z=0.7)))
+    rays = np.array([(ray.depth, ray.azimuth, ray.altitude) for ray in take(through, stage.world.tick())])
+    take(detections, stage.world.get_snapshot().frame)
+    ahead = rays[(np.abs(rays[:, 1]) < 0.03) & (np.abs(rays[:, 2]) < 0.03)][:, 0]
+    assert abs(np.median(ahead) - gap - 2.5) < 0.7 and rays[:, 0].min() > 2.0, (ahead, gap, rays[:, 0].min())
+    within.destroy()
     obstacle.destroy()
     bump = stage.spawn("other.collision")
     bumps = queue.Queue()
@@ -285,7 +363,8 @@ def check_boom(stage):
 
 
 def check_sensor_tick(stage):
-    """Ten steps of 50 ms hold five intervals of 100 ms, and four of 125 ms."""
+    """Ten steps of 50 ms hold five intervals of 100 ms, and four of 125 ms, for every kind of sensor."""
+    check_ticks_of_kinds(stage)
     made = [stage.listen("other.imu", [("sensor_tick", secs)]) for secs in ("0.0", "0.1", "0.125s")]
     frames = [stage.world.tick() for _ in range(10)]
     take(made[0][1], frames[0])
@@ -298,6 +377,33 @@ def check_sensor_tick(stage):
     assert all(messages.qsize() <= 1 for _, messages in made)
     for sensor, _ in made:
         sensor.destroy()
+
+
+def check_ticks_of_kinds(stage):
+    """Every other step. Who sends events only has some in each: the car is moved, and another stands before it."""
+    kinds = ["camera." + name for name in (*CAMERAS, "cosmos_visualization")] + ["lidar.ray_cast", "lidar.ray_cast_semantic"]
+    kinds += ["other.radar", "other.gnss", "other.obstacle"]
+    bumper = carla.Transform(carla.Location(x=2.5, z=0.7))
+    distance = {"other.obstacle": [("distance", "40")]}
+    made = {}
+    for kind in kinds:
+        attributes = [("sensor_tick", "0.1"), *distance.get(kind, [])]
+        made[kind] = stage.listen(kind, attributes, bumper if kind == "other.obstacle" else None)
+    place, ahead = stage.car.get_transform(), stage.car.get_transform().get_forward_vector()
+    frames = []
+    for n in range(10):
+        stage.car.set_transform(carla.Transform(place.location + ahead * (0.05 * n), place.rotation))
+        frames.append(stage.world.tick())
+    for kind, (sensor, messages) in made.items():
+        # An event camera has nothing to compare its first picture with.
+        wanted = frames[2::2] if kind == "camera.dvs" else frames[::2]
+        got = [messages.get(timeout=PATIENCE_SECS).frame for _ in wanted]
+        assert got == wanted, (kind, got, frames)
+        sensor.destroy()
+    stage.car.set_transform(place)
+    for _ in range(20):
+        stage.world.tick()
+    assert all(messages.empty() for _, messages in made.values())
 
 
 def check_listeners(stage):

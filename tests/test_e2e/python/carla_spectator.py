@@ -1,14 +1,16 @@
-"""The stock client moves the spectator to the camera that hangs in the town, and writes and draws into its picture, or clears
-that."""
+"""The stock client moves the spectator to the camera that hangs in the town, and writes and draws into its picture, clears that, or lets
+it show the numbers of a vehicle."""
 
 import math
 import sys
 
 import carla
 
-from carla_kit import connect, passed, run
+from carla_kit import Wire, connect, passed, run
 
 PORT = sys.argv[1]
+# A command of a batch whose class the package itself does not take.
+SHOW_DEBUG_TELEMETRY = 17
 MAGENTA = carla.Color(255, 0, 255)
 
 
@@ -22,13 +24,28 @@ def place(pose, forward, up):
 def main():
     world = connect(PORT).get_world()
     world.tick()
-    if sys.argv[2:] == ["clear"]:
-        world.debug.clear_debug_string()
-        world.debug.clear_debug_shape()
-        # Calls without an answer are carried out before one with an answer returns.
-        world.get_weather()
-        passed("cleared")
-        return
+    match sys.argv[2:]:
+        case ["clear"]:
+            world.debug.clear_debug_string()
+            world.debug.clear_debug_shape()
+            # Calls without an answer are carried out before one with an answer returns.
+            world.get_weather()
+            passed("cleared")
+            return
+        case ["telemetry"]:
+            # Under the ground nothing is white.
+            world.get_spectator().set_location(carla.Location(0.0, 0.0, -50.0))
+            world.tick()
+            passed("below")
+            world.get_actors().filter("vehicle.*")[0].show_debug_telemetry(True)
+            world.get_weather()
+            passed("shown")
+            return
+        case ["batch", shown]:
+            car = world.get_actors().filter("vehicle.*")[0]
+            Wire(PORT).batch((SHOW_DEBUG_TELEMETRY, [car.id, shown == "shown"]))
+            passed(shown)
+            return
     # 300 m up, looking 30 degrees down to the left; CARLA's pitch is positive upwards, its y to the right.
     pose = carla.Transform(carla.Location(0.0, 0.0, 300.0), carla.Rotation(pitch=-30.0, yaw=-90.0))
     spectator = world.get_spectator()

@@ -8,10 +8,12 @@ anew: triggers by ETSI EN 302 637-2, fields by TS 102 894-2, path loss by ETSI T
 
 import math
 import queue
+import socket
+import struct
 import sys
 
 import carla
-from carla_kit import PATIENCE_SECS, passed, run, stage
+from carla_kit import PATIENCE_SECS, Wire, passed, run, stage
 
 PORT = int(sys.argv[1])
 WAVE_M = 299_792_458.0 / 5.9e9
@@ -297,8 +299,16 @@ def check_budget(world):
         # The receiver's gain is that of both ends.
         ({"combined_antenna_gain": "30"}, {"path_loss_model": "winner", "combined_antenna_gain": "3"}, received_dbm(on_motorways) - 7.0),
     ):
-        power = heard_dbm(world, free_air, sending, receiving, 1)[0]
-        assert abs(power - wanted) < 0.01, (sending, receiving, power, wanted)
+        for kind in ("v2x_custom", "v2x"):
+            power = heard_dbm(world, free_air, sending, receiving, 1, kind)[0]
+            assert abs(power - wanted) < 0.01, (kind, sending, receiving, power, wanted)
+    # Who is deaf, or looks no farther than 60 m, hears nothing over 65 m; a seed decides on the fading.
+    for receiving in ({"receiver_sensitivity": "0"}, {"filter_distance": "60"}):
+        assert not any(heard_dbm(world, free_air, {}, receiving, 3, kind, some=False) for kind in ("v2x_custom", "v2x")), receiving
+    faded = {"path_loss_model": "winner", "custom_fading_stddev": "6"}
+    for kind in ("v2x_custom", "v2x"):
+        one, again, other = (heard_dbm(world, free_air, {}, faded | {"noise_seed": seed}, 4, kind) for seed in ("5", "5", "6"))
+        assert one == again != other and len(set(one)) == 4, (kind, one, again, other)
     powers = heard_dbm(world, free_air, {}, {"path_loss_model": "winner", "custom_fading_stddev": "6"}, 60)
     mean = sum(powers) / len(powers)
     deviation = math.sqrt(sum((power - mean) ** 2 for power in powers) / (len(powers) - 1))
@@ -306,20 +316,60 @@ def check_budget(world):
     assert abs(deviation / 6.0 - 1.0) < 5.0 / math.sqrt(120.0), deviation
     through = building_ends(world)
     distance = through[0].location.distance(through[1].location)
-    power = heard_dbm(world, through, {}, {"path_loss_exponent": "3.5", "d_ref": "2"}, 1)[0]
     wanted = received_dbm(free_space_db(2.0) + 35.0 * math.log10(distance / 2.0))
-    assert abs(power - wanted) < 0.01, (power, wanted)
+    for kind in ("v2x_custom", "v2x"):
+        power = heard_dbm(world, through, {}, {"path_loss_exponent": "3.5", "d_ref": "2"}, 1, kind)[0]
+        assert abs(power - wanted) < 0.01, (kind, power, wanted)
+    check_rate(world, free_air)
 
 
-def heard_dbm(world, places, sending, receiving, n):
-    """How strongly n messages arrive between two places."""
-    a, b = (Radio(world, "v2x_custom", place=place, **attributes) for place, attributes in zip(places, (sending, receiving)))
+def check_rate(world, places):
+    """With `sensor_tick` texts go out and come in at most once per interval, then all of them."""
+    for slow_sender in (True, False):
+        slow, at_once = {"sensor_tick": "0.2"}, {}
+        a = Radio(world, "v2x_custom", place=places[0], **(slow if slow_sender else at_once))
+        b = Radio(world, "v2x_custom", place=places[1], **(at_once if slow_sender else slow))
+        world.tick()
+        for n in range(20):
+            a.sensor.send(str(n))
+            last = world.tick()
+        # The last text of the twenty comes within an interval.
+        heard, texts = [], []
+        while len(texts) < 20:
+            if b.heard.empty() and world.get_snapshot().frame < last + 8:
+                world.tick()
+            event = b.next()
+            heard.append(event.frame)
+            texts += [one.get()["Message"]["Message"] for one in event]
+        assert texts == [str(n) for n in range(20)] and all(later - one >= 4 for one, later in zip(heard, heard[1:])), (slow_sender, heard, texts)
+        a.end()
+        b.end()
+    world.tick()
+
+
+def heard_dbm(world, places, sending, receiving, n, kind="v2x_custom", some=True):
+    """How strongly n messages arrive between two places; nothing if none comes that should not."""
+    a, b = (Radio(world, kind, place=place, **attributes) for place, attributes in zip(places, (sending, receiving)))
+    # One whom everything reaches tells that it has come to all.
+    witness = None if some else Radio(world, kind, place=places[1])
     world.tick()
     powers = []
     for _ in range(n):
-        a.sensor.send("how far")
-        world.tick()
-        powers.append(b.next()[0].power)
+        if kind == "v2x_custom":
+            a.sensor.send("how far")
+            world.tick()
+        else:
+            # Units by themselves send every half second.
+            for _ in range(10):
+                world.tick()
+        if some:
+            powers.append(b.next()[0].power)
+        else:
+            witness.next()
+            # The witness may be a unit that sends, too.
+            powers += [one.power for event in b.drain() for one in event if one.get()["Message"]["Header"]["Station ID"] == a.sensor.id]
+    if witness:
+        witness.end()
     a.end()
     b.end()
     world.tick()
@@ -405,6 +455,109 @@ def aerial(actor):
     return actor.get_location() + carla.Location(z=0.02) if actor.type_id.startswith("sensor") else antenna(actor, actor.get_transform())
 
 
+def check_noise(world, stander, driver):
+    """What a station says of itself with biases, and with spreads, against a twin that knows itself well; and how long it may be silent."""
+    biases = {"noise_lat_bias": 2e-4, "noise_lon_bias": -3e-4, "noise_alt_bias": 4.0, "noise_head_bias": 30.0, "noise_yawrate_bias": 0.2}
+    spreads = {
+        "noise_lat_stddev": 4e-5, "noise_lon_stddev": 8e-5, "noise_alt_stddev": 1.5, "noise_head_stddev": 5.0, "noise_yawrate_stddev": 0.1,
+        "noise_vel_stddev_x": 0.5, "noise_accel_stddev_x": 0.8, "noise_accel_stddev_y": 1.2, "noise_accel_stddev_z": 1.6,
+    }
+    for car in (stander, driver):
+        car.apply_control(carla.VehicleControl(hand_brake=True, brake=1.0))
+        car.set_light_state(carla.VehicleLightState.NONE)
+    for _ in range(60):
+        world.tick()
+    ears, always = Radio(world, "v2x", parent=stander, gen_cam_min="1", gen_cam_max="1"), {"fixed_rate": "true", "gen_cam_min": "0.05"}
+    raw = RawRadio(ears.sensor)
+    said = {}
+    for name, attributes in (("plain", {}), ("biased", biases), ("spread", spreads)):
+        radio = Radio(world, "v2x", parent=driver, **always, **{key: str(value) for key, value in attributes.items()})
+        since, said[name] = world.tick(), []
+        for _ in range(10 if name != "spread" else 300):
+            world.tick()
+            said[name].append(own_words(ears, raw, driver.id, since))
+        radio.end()
+        world.tick()
+    plain = said["plain"][-1]
+    wanted = {"lat": 2e-4, "lon": -3e-4, "alt": 4.0, "heading": 30.0, "yaw_rate": math.degrees(0.2)}
+    for words in said["biased"]:
+        for name, value in words.items():
+            off = (value - plain[name] + 180.0) % 360.0 - 180.0 if name == "heading" else value - plain[name]
+            assert abs(off - wanted.get(name, 0.0)) < STEPS_OF_FIELDS[name], (name, off, wanted.get(name))
+    wanted = {"lat": 4e-5, "lon": 8e-5, "alt": 1.5, "heading": 5.0, "yaw_rate": math.degrees(0.1), "speed": 0.5, "ahead": 0.8, "left": 1.2, "up": 1.6}
+    for name, stddev in wanted.items():
+        errors = [(words[name] - plain[name] + 180.0) % 360.0 - 180.0 for words in said["spread"]]
+        if name == "speed":
+            # A speed is not negative: half of the draws are 0, and with them half of the mean square.
+            seen = math.sqrt(2.0 * sum(error * error for error in errors) / len(errors))
+        else:
+            mean = sum(errors) / len(errors)
+            seen = math.sqrt(sum((error - mean) ** 2 for error in errors) / (len(errors) - 1))
+        # The spread of n draws is known to a part in sqrt(2n); five of those, and the step of the field.
+        assert abs(seen / stddev - 1.0) < 5.0 / math.sqrt(2 * len(errors)) + STEPS_OF_FIELDS[name] / stddev, (name, seen, stddev)
+    raw.end()
+    # Who stands is silent for as long as it may be, here half a second.
+    radio = Radio(world, "v2x", parent=driver, gen_cam_max="0.5")
+    world.tick()
+    ears.drain()
+    frames = []
+    for _ in range(60):
+        world.tick()
+    while len(frames) < 5:
+        frames.append(ears.next().frame)
+    assert all(b - a == 10 for a, b in zip(frames, frames[1:])), frames
+    radio.end()
+    ears.end()
+
+
+# Steps in which a message tells them.
+STEPS_OF_FIELDS = {"lat": 2e-6, "lon": 2e-6, "alt": 0.02, "heading": 0.15, "yaw_rate": 0.02, "speed": 0.02, "ahead": 0.15, "left": 0.15, "up": 0.15}
+
+
+class RawRadio:
+    """The same messages byte by byte: the wheel does not tell the altitude in them."""
+
+    def __init__(self, sensor):
+        stream = sensor.id + 1
+        wire = Wire(PORT)
+        [token] = wire.call("get_sensor_token", stream)
+        wire.close()
+        number, port = struct.unpack("<IH", token[:6])
+        assert number == stream, token
+        self.socket = socket.create_connection(("127.0.0.1", port), PATIENCE_SECS)
+        self.socket.sendall(struct.pack("<I", stream))
+        self.stream = self.socket.makefile("rb")
+
+    def altitude_m(self, frame):
+        while True:
+            message = self.stream.read(struct.unpack("<I", self.stream.read(4))[0])
+            at = struct.unpack_from("<Q", message, 8)[0]
+            assert at <= frame, (at, frame)
+            if at == frame:
+                return struct.unpack_from("<q", message, 48 + 88)[0] / 100.0
+
+    def end(self):
+        self.stream.close()
+        self.socket.close()
+
+
+def own_words(ears, raw, station, since):
+    """What the next message of a station behind a frame says of itself: degrees, metres and seconds."""
+    while (event := ears.next()).frame <= since:
+        pass
+    whole = event[0].get()["Message"]
+    assert whole["Header"]["Station ID"] == station and len(event) == 1, whole
+    parameters = whole["Message"]["CAM Parameters"]
+    place, fast = parameters["Basic Container"]["Reference Position"], parameters["High Frequency Container"]["Basic Vehicle Container High Frequency"]
+    return {
+        "alt": raw.altitude_m(event.frame),
+        "lat": place["Latitude"] / 1e7, "lon": place["Longitude"] / 1e7, "heading": fast["Heading"]["Value"] / 10.0,
+        "yaw_rate": fast["Yaw Rate"]["Value"] / 100.0, "speed": fast["Speed"]["Value"] / 100.0,
+        "ahead": fast["Longitudinal Acceleration"]["Value"] / 10.0, "left": fast["Lateral Acceleration"]["Value"] / 10.0,
+        "up": fast["Vertical Acceleration"]["Value"] / 10.0,
+    }
+
+
 def check_sentences(world):
     library = world.get_blueprint_library()
     for kind, name, value in (
@@ -431,6 +584,8 @@ def main():
     passed("range")
     check_custom(world, stander, driver)
     passed("custom")
+    check_noise(world, stander, driver)
+    passed("noise")
     check_obstacles(world)
     passed("obstacles")
     check_budget(world)

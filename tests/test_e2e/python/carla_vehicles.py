@@ -1,4 +1,4 @@
-"""Vehicles through the stock client: the catalogue, friction areas, collision impulses, doors.
+"""Vehicles through the stock client: the catalogue, all that can be spawned, paint, friction areas, collision impulses, doors.
 
 Usage: carla_vehicles.py PORT. Prints "<theme> passed" after each theme. Expected values are CARLA's list and Newton's laws.
 """
@@ -7,7 +7,8 @@ import math
 import sys
 
 import carla
-from carla_kit import connect, must_be, run, run_checks, step_by_hand, ticks, unevenness
+import numpy as np
+from carla_kit import connect, listen, must_be, of_tick, run, run_checks, step_by_hand, ticks, unevenness
 
 G = 9.81
 DOORS = {"vehicle.dodge.charger_2020", "vehicle.dodge.charger_police_2020", "vehicle.ford.crown", "vehicle.lincoln.mkz_2020"}
@@ -56,6 +57,44 @@ def check_catalogue():
     world.tick()
     assert empty.get_location().distance(ahead(5.0, 2.0).location) < 1e-3
     assert empty.destroy() and mesh.destroy()
+
+
+def check_every_blueprint():
+    """Whatever is listed can be made, is what it was asked to be, and goes again."""
+    # Sensors are a matter of `carla_sensors.py` and others.
+    blueprints = sorted((one for one in library if not one.id.startswith("sensor.")), key=lambda blueprint: blueprint.id)
+    commands = []
+    for n, blueprint in enumerate(blueprints):
+        # High up, 20 m apart, so that nothing is in the way.
+        commands.append(carla.command.SpawnActor(blueprint, carla.Transform(carla.Location(20.0 * (n % 20), 20.0 * (n // 20), 400.0))))
+    answers = client.apply_batch_sync(commands, True)
+    failed = [(blueprint.id, answer.error) for blueprint, answer in zip(blueprints, answers) if answer.error]
+    assert len(blueprints) > 180 and not failed, failed
+    there = {actor.id: actor.type_id for actor in world.get_actors()}
+    for blueprint, answer in zip(blueprints, answers):
+        assert there[answer.actor_id] == blueprint.id, (there[answer.actor_id], blueprint.id)
+    answers = client.apply_batch_sync([carla.command.DestroyActor(answer.actor_id) for answer in answers], True)
+    assert not any(answer.error for answer in answers), [answer.error for answer in answers]
+
+
+def check_paint():
+    """A camera sees the colour that was asked for."""
+    blueprint = library.find("sensor.camera.rgb")
+    for name, value in (("image_size_x", "32"), ("image_size_y", "32"), ("fov", "20")):
+        blueprint.set_attribute(name, value)
+    shades = {}
+    for color in ("200,0,0", "0,0,200"):
+        car = spawn("vehicle.tesla.model3", START, color=color)
+        # Down onto the bonnet.
+        camera, pictures = listen(world, blueprint, carla.Transform(carla.Location(x=1.6, z=4.0), carla.Rotation(pitch=-90.0)), attach_to=car)
+        ticks(world, 3)
+        picture = np.frombuffer(of_tick(pictures, world.tick()).raw_data, dtype=np.uint8).reshape(32, 32, 4)
+        shades[color] = picture[8:24, 8:24].mean(axis=(0, 1))
+        camera.destroy()
+        car.destroy()
+        world.tick()
+    red, blue = shades.values()
+    assert red[2] > red[0] + 40 and blue[0] > blue[2] + 40, shades
 
 
 def check_friction_area():
@@ -108,6 +147,8 @@ def check_collision_impulse():
     for _ in range(80):
         frame = world.tick()
         speeds.append((frame, along(hit.get_velocity()), along(stood.get_velocity())))
+    blows = [(frame, other) for frame, other, _ in felt[hit.id]]
+    assert len(set(blows)) == len(blows), f"once per tick and thing, {blows}"
     frames = sorted({frame for frame, other, _ in felt[hit.id] if other == stood.id})
     assert frames, "nothing was felt"
     first, last = frames[0], frames[-1]
@@ -167,6 +208,8 @@ def check_doors():
 def main():
     run_checks({
         "catalogue": check_catalogue,
+        "every blueprint": check_every_blueprint,
+        "paint": check_paint,
         "friction area": check_friction_area,
         "collision impulse": check_collision_impulse,
         "doors": check_doors,

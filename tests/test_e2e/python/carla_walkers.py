@@ -11,7 +11,7 @@ import sys
 
 import carla
 import numpy as np
-from carla_kit import near, run, run_checks, stage
+from carla_kit import STEP_SECS, listen, near, of_tick, run, run_checks, stage
 
 
 
@@ -71,6 +71,18 @@ def check_control(world):
     assert stands.distance_2d(walker.get_location()) > 1.2
     yaw = walker.get_transform().rotation.yaw
     assert abs((yaw - math.degrees(math.atan2(forward.y, forward.x)) + 180.0) % 360.0 - 180.0) < 0.1
+    # No faster than 15 m/s, and round at 540 degrees a second.
+    walker.apply_control(carla.WalkerControl(direction=forward * -1.0, speed=50.0))
+    turns = []
+    for _ in range(10):
+        before = walker.get_transform().rotation.yaw
+        world.tick()
+        turns.append(abs((walker.get_transform().rotation.yaw - before + 180.0) % 360.0 - 180.0))
+    assert near(max(turns), 540.0 * STEP_SECS, 0.5) and near(sum(turns), 180.0, 0.5), turns
+    assert near(walker.get_velocity().length(), 15.0, 0.1), walker.get_velocity()
+    walker.apply_control(carla.WalkerControl(direction=forward, speed=0.0))
+    for _ in range(10):
+        world.tick()
     # A batch does the same.
     ground_z = walker.get_location().z
     stop = carla.command.ApplyWalkerControl(walker, carla.WalkerControl(speed=0.0, jump=True))
@@ -296,10 +308,39 @@ def check_bones(world):
     walker.destroy()
 
 
+def check_wheelchair(world):
+    """Who uses one sits lower and takes more room to the front and the back, and rolls as fast as told."""
+    library, at = world.get_blueprint_library(), pavement(world)
+    at.location.z += 1.0
+    person = next(one for one in sorted(library.filter("walker.*"), key=lambda one: one.id) if one.has_attribute("can_use_wheelchair"))
+    blueprint = library.find("sensor.camera.instance_segmentation")
+    for name, value in (("image_size_x", "100"), ("image_size_y", "100"), ("fov", "50")):
+        blueprint.set_attribute(name, value)
+    seen = {}
+    for uses in ("False", "True"):
+        person.set_attribute("use_wheelchair", uses)
+        walker = world.spawn_actor(person, at)
+        camera, pictures = listen(world, blueprint, carla.Transform(carla.Location(y=3.0), carla.Rotation(yaw=-90.0)), attach_to=walker)
+        for _ in range(20):
+            tick = world.tick()
+        pixels = np.frombuffer(of_tick(pictures, tick).raw_data, np.uint8).reshape(100, 100, 4)
+        rows, columns = np.nonzero(pixels[..., 1] + 256 * pixels[..., 0].astype(int) == walker.id)
+        assert len(rows) > 100, len(rows)
+        seen[uses] = rows.max() - rows.min(), columns.max() - columns.min()
+        walker.apply_control(carla.WalkerControl(direction=at.get_forward_vector(), speed=1.0))
+        for _ in range(10):
+            world.tick()
+        assert near(walker.get_velocity().length(), 1.0, 0.02), walker.get_velocity()
+        camera.destroy()
+        walker.destroy()
+        world.tick()
+    assert seen["True"][0] < 0.9 * seen["False"][0] and seen["True"][1] > 1.3 * seen["False"][1], seen
+
+
 def main():
     global world_client
     world_client, world = stage(sys.argv[1])
-    checks = (check_blueprints, check_control, check_collision, check_bones, check_props, check_navigation, check_crowd)
+    checks = (check_blueprints, check_control, check_collision, check_bones, check_wheelchair, check_props, check_navigation, check_crowd)
     run_checks({check.__name__.removeprefix("check_"): check for check in checks}, world)
 
 

@@ -206,3 +206,11 @@ pub fn is_void(method: &str) -> bool {
 pub fn is_known(method: &str) -> bool {
     BY_AREA.iter().any(|(_, methods)| methods.contains(&method))
 }
+
+/// Whether the method's answer depends on the world, and not only on the gateway and its clients.
+pub fn is_about_world(method: &str) -> bool {
+    let registry = BY_AREA
+        .iter()
+        .find(|(area, _)| *area == "Traffic Manager registry");
+    method != "version" && !registry.is_some_and(|(_, methods)| methods.contains(&method))
+}

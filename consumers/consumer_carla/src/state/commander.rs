@@ -8,6 +8,7 @@
 
 pub mod answer;
 pub mod packing;
+pub mod told;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -24,6 +25,7 @@ use crate::state::known_world::World;
 use crate::wire::requests::Failure;
 use answer::{Answer, CommandError};
 use packing::{Ask, Backlog, measure, send_all};
+use told::{OnItsWay, settled};
 
 /// Jobs that may queue up before connections have to wait.
 const QUEUE: usize = 4096;
@@ -73,7 +75,7 @@ impl Pending {
 
 enum Job {
     Ask(Ask),
-    Control(Vec<VehicleControlRecord>),
+    Control(Vec<VehicleControlRecord>, OnItsWay),
 }
 
 /// The handle that connections use.
@@ -164,6 +166,7 @@ impl Commander {
         Ok(Ask {
             commands,
             sizes,
+            _told: reply.is_none().then(OnItsWay::from_here),
             reply,
             _room: room.ok_or(CommandError::QueueFull)?,
         })
@@ -208,6 +211,25 @@ impl Commander {
         }
     }
 
+    /// Waits until all that the calling thread told has been run: what [`Commander::tell`] and
+    /// [`Commander::control`] queued.
+    ///
+    /// # Errors
+    /// If there is no simulator or no answer.
+    pub fn settle(&self) -> Result<(), CommandError> {
+        let until = Instant::now() + PATIENCE;
+        while !settled(LOOK_AT_STOP) {
+            if self.has_ended.load(Ordering::SeqCst) {
+                return Err(CommandError::ShuttingDown);
+            }
+            if Instant::now() > until {
+                let what = "earlier calls of this connection still wait for it";
+                return Err(CommandError::NoAnswer(what.to_owned()));
+            }
+        }
+        Ok(())
+    }
+
     /// States whether the client that stepped the world has gone. If so, the command client is
     /// closed, so that the simulator sees that nobody steps any more.
     pub fn set_lost(&self, is_lost: bool) {
@@ -216,7 +238,8 @@ impl Commander {
 
     /// Controls vehicles from the next tick on.
     pub fn control(&self, records: Vec<VehicleControlRecord>) {
-        let _ = self.jobs.send(Job::Control(records));
+        let told = OnItsWay::from_here();
+        let _ = self.jobs.send(Job::Control(records, told));
     }
 }
 
@@ -300,10 +323,11 @@ impl Thread<'_> {
     /// Works on jobs in order: controls that were queued before a request are sent before it.
     fn work(&mut self, jobs: Vec<Job>) {
         let mut asks: Vec<Ask> = Vec::new();
-        let mut new_controls = false;
+        // Controls that are not sent yet.
+        let mut new_controls: Vec<OnItsWay> = Vec::new();
         for job in jobs {
             match job {
-                Job::Control(records) => {
+                Job::Control(records, told) => {
                     self.ask(std::mem::take(&mut asks));
                     let (tick, known) = (self.world.tick(), self.world.known());
                     // A control must not be repeated for vehicles whose controls hold for one tick
@@ -320,23 +344,23 @@ impl Thread<'_> {
                             .into_iter()
                             .map(|record| (record.actor_id, (until(&record.actor_id), record))),
                     );
-                    new_controls = true;
+                    new_controls.push(told);
                 }
                 Job::Ask(ask) => {
-                    if std::mem::take(&mut new_controls) {
-                        self.send_controls();
-                    }
+                    self.send_controls(std::mem::take(&mut new_controls));
                     asks.push(ask);
                 }
             }
         }
-        if new_controls {
-            self.send_controls();
-        }
+        self.send_controls(new_controls);
         self.ask(asks);
     }
 
-    fn send_controls(&mut self) {
+    /// Sends the controls that are held, if any are new.
+    fn send_controls(&mut self, new: Vec<OnItsWay>) {
+        if new.is_empty() {
+            return;
+        }
         let tick = self.world.tick();
         self.held
             .retain(|_, (until, _)| (tick..tick + RESEND_TICKS).contains(until));

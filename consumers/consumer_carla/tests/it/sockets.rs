@@ -17,6 +17,8 @@ use consumer_carla::wire::streams::{StreamMessage, WORLD_STREAM};
 use consumer_carla::{list, rpc, rpc_server, stream_server};
 use consumer_rpc::door::{Admits, Door};
 
+use crate::calls::world;
+
 const CASES: usize = 10_000;
 const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -51,6 +53,52 @@ fn version(connection: &mut TcpStream) {
         answer,
         list![1u32, 7u32, Value::Nil, list![list![1u32, "0.9.16"]]]
     );
+}
+
+fn send(connection: &mut TcpStream, id: u32, method: &str, is_async: bool) {
+    let mut bytes = Vec::new();
+    msgpack::write(&mut bytes, &list![0u32, id, method, list![list![is_async]]]);
+    connection.write_all(&bytes).unwrap();
+}
+
+/// The number of the next answer; `None` if none comes for a while.
+fn answered(connection: &mut TcpStream, patience: Duration) -> Option<u64> {
+    connection.set_read_timeout(Some(patience)).unwrap();
+    let answer = msgpack::read(connection, Limits::default()).ok()?;
+    match answer {
+        Value::Array(parts) => match parts[1] {
+            Value::UInt(number) => Some(number),
+            _ => panic!("{parts:?}"),
+        },
+        other => panic!("{other:?}"),
+    }
+}
+
+/// The gateway knows the weather by itself, but who has cleared something before asks for it to know
+/// that all is cleared.
+#[test]
+fn an_answer_comes_when_all_that_its_connection_told_before_has_been_done() {
+    const A_WHILE: Duration = Duration::from_millis(300);
+    let ((door, port), (commander, work)) = (door(Admits::AnyUser), commander());
+    let world = Arc::new(world());
+    let feeds = Arc::new(Feeds::new(world.clone()));
+    let gateway = Arc::new(Gateway::new(world, commander, feeds, 1));
+    std::thread::spawn(move || rpc_server::serve(door, &gateway));
+    let (mut teller, mut other) = (connect(port), connect(port));
+    send(&mut teller, 1, "clear_debug_string", true);
+    assert_eq!(answered(&mut teller, PATIENCE), Some(1));
+    send(&mut teller, 2, "is_traffic_manager_running", false);
+    assert_eq!(answered(&mut teller, PATIENCE), Some(2), "not of the world");
+    send(&mut teller, 3, "get_weather_parameters", false);
+    assert_eq!(
+        answered(&mut teller, A_WHILE),
+        None,
+        "nobody has cleared it"
+    );
+    send(&mut other, 4, "get_weather_parameters", false);
+    assert_eq!(answered(&mut other, PATIENCE), Some(4), "it told nothing");
+    drop(work);
+    assert_eq!(answered(&mut teller, PATIENCE), Some(3));
 }
 
 /// A whole request, with something broken in it more often than not.

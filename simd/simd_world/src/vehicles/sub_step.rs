@@ -356,7 +356,7 @@ impl Vehicle {
                 torque_nm: wheel.drive_nm + wheel.brake_nm,
                 long_n: wheel.force_n[0],
                 lat_n: wheel.force_n[1],
-                steer_rad: wheel.steer_rad,
+                steer_rad: wheel.visible_steer_rad(),
                 roll_rad: wheel.roll_rad,
             }
         };

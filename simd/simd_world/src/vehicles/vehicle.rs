@@ -395,7 +395,7 @@ impl Vehicle {
                 x_m,
                 y_m,
                 travel_m: wheel.travel_m(),
-                steer_rad: wheel.shown_steer_rad.unwrap_or(wheel.steer_rad),
+                steer_rad: wheel.visible_steer_rad(),
                 spin_rad: wheel.roll_rad,
                 on_ground: wheel.on_ground,
             }

@@ -137,6 +137,11 @@ impl Wheel {
         self.compression_m.max(0.0) - self.spec.sag_m
     }
 
+    /// The steering angle at which it is shown.
+    pub fn visible_steer_rad(&self) -> f32 {
+        self.shown_steer_rad.unwrap_or(self.steer_rad)
+    }
+
     /// Its pose on a vehicle whose axes point forward, left and up.
     pub fn pose(
         &self,

@@ -782,6 +782,14 @@ fn shown_wheels_do_not_steer_and_refusals_are_sentences() {
         },
     );
     assert!((record(&world, car).vehicle().unwrap().wheel_spin_rad[1] - 1.0).abs() < 1e-6);
+    let Some(PhysicsAnswer::Telemetry(told)) = act(&mut world, car, PhysicsAction::GetTelemetry)
+    else {
+        panic!("no telemetry");
+    };
+    assert_eq!(
+        [told.wheels[0].steer_rad, told.wheels[1].steer_rad],
+        [0.5, 0.0]
+    );
     world.set_velocity(car, [5.0, 0.0, 0.0]).unwrap();
     (0..20).for_each(|_| world.step(TICK_NANOS));
     assert!(record(&world, car).world_from_actor.translation_m[1].abs() < 0.01);

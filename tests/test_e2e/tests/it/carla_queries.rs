@@ -24,7 +24,7 @@ mount.position_m = [0.6, 0.0, 1.6]
 #[test]
 fn rays_meet_roads_and_cars_where_geometry_says() {
     let stage = Stage::new("carlarays", &LAUNCH.replace("mode = \"stepped\"\n", ""));
-    stage.run("carla_queries.py", &[], &["ground", "car"]);
+    stage.run("carla_queries.py", &[], &["ground", "car", "shapes"]);
     stage.end();
 }
 

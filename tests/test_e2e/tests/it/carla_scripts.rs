@@ -70,7 +70,7 @@ scripts! {
     /// Attributes of sensors by what they do to messages.
     attributes_of_sensors_act_as_their_names_say:
         "carla_attributes.py" in "Town10HD", nothing,
-        ["film", "lidar fans", "lidar losses", "radar", "imu", "gnss", "obstacle", "events"];
+        ["film", "views", "lidar fans", "lidar losses", "radar", "imu", "gnss", "obstacle", "events"];
     cars_follow_their_lanes_at_the_gains_of_carlas_agents:
         "carla_controller.py" in "Town10HD",
         |_| ["Town10HD", "Town01", "Town04"].map(String::from).to_vec(),
@@ -78,7 +78,8 @@ scripts! {
     /// Commands of batches, and rare calls, by what they do.
     every_command_of_a_batch_does_what_newton_says:
         "carla_commands.py" in "Town06", nothing,
-        ["places", "pushes", "ackermann", "lamps", "collisions", "files", "ros"];
+        ["places", "pushes", "levers", "wheels", "boxes", "traffic lights", "registry", "ackermann",
+         "lamps", "collisions", "files", "ros"];
     /// Every method of the client's main classes, by introspection.
     every_method_answers_in_time_and_without_errors:
         "carla_every_method.py" in "Town10HD", nothing,
@@ -133,16 +134,16 @@ scripts! {
     /// Vehicle-to-everything radio.
     stations_hear_each_other_as_the_formulas_say:
         "carla_v2x.py" in "Town10HD", nothing,
-        ["awareness", "range", "custom", "obstacles", "budget", "roadside", "sentences"],
+        ["awareness", "range", "custom", "noise", "obstacles", "budget", "roadside", "sentences"],
         gateway says "a custom message has 100 bytes; at most 99 are sent";
     /// The catalogue, friction areas, collision impulses, doors.
     vehicles_are_those_of_the_list_and_obey_newton:
         "carla_vehicles.py" in "Town06", nothing,
-        ["catalogue", "friction area", "collision impulse", "doors"];
+        ["catalogue", "every blueprint", "paint", "friction area", "collision impulse", "doors"];
     /// People on foot.
     the_stock_client_walks:
         "carla_walkers.py" in "Town10HD", nothing,
-        ["blueprints", "control", "collision", "bones", "props", "navigation", "crowd"];
+        ["blueprints", "control", "collision", "bones", "wheelchair", "props", "navigation", "crowd"];
     /// The first steps of a session as CARLA's own guides go about them.
     a_session_from_the_first_connection_to_restored_settings:
         "carla_workflow.py" in "Town10HD", manager_port,

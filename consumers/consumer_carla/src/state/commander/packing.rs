@@ -10,6 +10,7 @@ use parking_lot::{Condvar, Mutex};
 use schema_frames::{Command, CommandReply};
 
 use super::answer::{Answer, COMMAND_BYTES, CommandError};
+use super::told::OnItsWay;
 
 /// Most bytes of commands that may queue up before connections have to wait; one list of commands
 /// may always.
@@ -79,6 +80,8 @@ pub(super) struct Ask {
     /// Length of each, or why it is not sent.
     pub sizes: Vec<Result<usize, CommandError>>,
     pub reply: Option<Sender<Result<Answer, CommandError>>>,
+    /// If nobody waits for the answer.
+    pub _told: Option<OnItsWay>,
     pub _room: Room,
 }
 
@@ -227,6 +230,7 @@ mod tests {
             sizes: commands.iter().map(measure).collect(),
             commands,
             reply: None,
+            _told: None,
             _room: Arc::new(Backlog::default()).enter(0, false).unwrap(),
         }
     }
