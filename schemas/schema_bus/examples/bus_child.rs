@@ -7,6 +7,13 @@ use std::time::Duration;
 use schema_bus::{Bus, BusOptions, FrameTopic, names};
 
 const FRAME_BYTES: usize = 16 * 8 * 4;
+const SPEC: FrameTopic = FrameTopic {
+    max_payload_bytes: FRAME_BYTES,
+    frames_in_flight: 2,
+    max_readers: 4,
+    buffer: 2,
+    borrowed: 3,
+};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let words: Vec<String> = std::env::args().skip(1).collect();
@@ -35,20 +42,23 @@ fn main() -> Result<(), Box<dyn Error>> {
             Ok(())
         }
         "publish" => publish(&bus),
-        _ => Err(format!("there is no role {role:?}; roles: read, info, publish").into()),
+        // Its connection is between two ports of its own.
+        "both" => {
+            let publisher = bus.frame_publisher("ego/front/rgb", SPEC)?;
+            let mut reader = bus.frame_reader("ego/front/rgb")?;
+            loop {
+                publisher.loan(FRAME_BYTES)?.send()?;
+                drop(reader.next()?);
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
+        _ => Err(format!("there is no role {role:?}; roles: read, info, publish, both").into()),
     }
 }
 
 /// Every frame is filled with the last byte of its number.
 fn publish(bus: &Bus) -> Result<(), Box<dyn Error>> {
-    let spec = FrameTopic {
-        max_payload_bytes: FRAME_BYTES,
-        frames_in_flight: 2,
-        max_readers: 4,
-        buffer: 2,
-        borrowed: 3,
-    };
-    let publisher = bus.frame_publisher("ego/front/rgb", spec)?;
+    let publisher = bus.frame_publisher("ego/front/rgb", SPEC)?;
     let _loan = publisher.loan(FRAME_BYTES)?;
     for seq in 1.. {
         let mut loan = publisher.loan(FRAME_BYTES)?;

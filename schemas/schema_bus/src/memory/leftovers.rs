@@ -11,7 +11,8 @@
 //! | the tag of a service or port | the dead node: its folder is never empty, so it is never removed |
 //! | a service's description | a service that nobody can open or make any more |
 //! | its node | the node's folder, or a node that starts for ever |
-//! | a listener | the listener's state and socket ([`listeners`]) |
+//! | a listener | the listener's state and socket ([`ports`]) |
+//! | a connection | the connection's memory ([`ports`]); without a size, processes that wait for it ([`empty`]) |
 //! | nothing, but removed a node | a node without a state file, which counts as being removed for ever |
 //! | nothing, but removed a service | a service that is being removed for ever, and that nobody can open or make any more |
 //!
@@ -22,14 +23,14 @@
 //! not seen. A service whose tag no node has is nobody's; it must have been so for a few seconds, in
 //! which a process that lives would have removed it.
 
+mod empty;
 mod folders;
-mod listeners;
+mod ports;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
 use iceoryx2::config::Config;
@@ -39,6 +40,7 @@ use iceoryx2::service::internal::ServiceInternal as _;
 use nix::fcntl::{Flock, FlockArg};
 use parking_lot::Mutex;
 
+pub(crate) use empty::Guard;
 use folders::{CERTAIN_AGE, Identity, Place, entries, in_the_making};
 
 /// A folder that changed longer ago than this changes its time again with its next change.
@@ -52,9 +54,9 @@ static NOBODYS: Mutex<BTreeMap<PathBuf, (Identity, Instant)>> = Mutex::new(BTree
 pub(crate) struct Leftovers {
     /// When the folder of services had last changed while no service was in the making.
     quiet_since: Mutex<Option<SystemTime>>,
-    /// Whether this process has looked for listeners of processes that are gone, and left none whose
-    /// node is still to be removed.
-    has_looked: AtomicBool,
+    /// Processes that had nodes when what belongs to ports was last looked at, unless something was
+    /// left then whose node is still to be removed.
+    looked: Mutex<Option<BTreeSet<u32>>>,
 }
 
 /// What iceoryx2's own cleaning came to.
@@ -89,9 +91,16 @@ impl Leftovers {
             }
         }
         self.sweep_services(config, &place, is_dead);
-        if cleaned.has_removed || has_dead || !self.has_looked.load(Ordering::Relaxed) {
-            let is_done = listeners::sweep(config, &place);
-            self.has_looked.store(is_done, Ordering::Relaxed);
+        // Others remove nodes, too, iceoryx2 while it opens a service among them.
+        let processes = ports::processes(&place);
+        let mut looked = self.looked.lock();
+        let has_lost = !looked
+            .as_ref()
+            .is_some_and(|before| before.is_subset(&processes));
+        if cleaned.has_removed || has_dead || has_lost {
+            *looked = ports::sweep(config, &place).then_some(processes);
+        } else if let Some(before) = &mut *looked {
+            before.extend(processes);
         }
     }
 

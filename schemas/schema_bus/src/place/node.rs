@@ -10,7 +10,7 @@ use iceoryx2::service::Service as _;
 
 use crate::contract::error::BusError;
 use crate::contract::names::{valid_domain, valid_topic};
-use crate::memory::leftovers::{Cleaned, Leftovers};
+use crate::memory::leftovers::{Cleaned, Guard, Leftovers};
 use crate::memory::root::{Machine, SHM};
 use crate::memory::shortage;
 use crate::place::gpu_socket;
@@ -39,6 +39,8 @@ pub struct BusOptions {
 /// iceoryx2's node of this process, and the domain in which it opens services.
 #[derive(Debug)]
 pub(crate) struct BusNode {
+    // It ends before the node does.
+    _guard: Guard,
     node: Node<Service>,
     domain: String,
     leftovers: Leftovers,
@@ -67,6 +69,9 @@ impl BusNode {
             cause,
         };
         let name = NodeName::new(&name).map_err(|e| failed(format!("{e:?}")))?;
+        // Already making a node cleans up after others.
+        let guard = Guard::start(&config)
+            .map_err(|error| failed(format!("the system gives no thread ({error})")))?;
         let node = shortage::guarded("the bus", NODE_BYTES, || {
             NodeBuilder::new()
                 .name(&name)
@@ -76,6 +81,7 @@ impl BusNode {
                 .map_err(|e| failed(with_shortage(format!("{e:?}"))))
         })?;
         let node = BusNode {
+            _guard: guard,
             node,
             domain: domain.into(),
             leftovers: Leftovers::default(),

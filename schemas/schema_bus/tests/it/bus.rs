@@ -634,7 +634,7 @@ fn a_private_config_file_is_what_iceoryx2_reads() {
 }
 
 /// Starts the example `bus_child`.
-fn start_child(place: &Place, role: &str) -> std::process::Child {
+pub fn start_child(place: &Place, role: &str) -> std::process::Child {
     let root = place.root();
     let test = std::env::current_exe().unwrap();
     let built = test.parent().and_then(std::path::Path::parent);
@@ -759,7 +759,7 @@ fn node_folder(place: &Place, child: u32) -> std::path::PathBuf {
     }
 }
 
-fn is_eventually(what: &str, mut holds: impl FnMut() -> bool) {
+pub fn is_eventually(what: &str, mut holds: impl FnMut() -> bool) {
     let deadline = Instant::now() + Duration::from_secs(60);
     while !holds() {
         assert!(Instant::now() < deadline, "{what}");
