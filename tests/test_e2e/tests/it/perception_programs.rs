@@ -1,4 +1,4 @@
-//! The worked programs of `launch/bench/standard.toml` do what they are meant to show.
+//! The worked programs of `launch/bench/worked.toml` do what they are meant to show.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -48,9 +48,9 @@ fn moved(process: &mut Table) {
     process.insert("env".into(), toml::Value::Table(Table::from_iter(env)));
 }
 
-/// `standard.toml`, shortened to its first scenario and three seconds, in lockstep, with these programs.
+/// `worked.toml`, shortened to its first scenario and three seconds, in lockstep, with these programs.
 fn shortened(keep: &[&str]) -> String {
-    let text = std::fs::read_to_string(repository().join("launch/bench/standard.toml")).unwrap();
+    let text = std::fs::read_to_string(repository().join("launch/bench/worked.toml")).unwrap();
     let mut suite: Table = text.parse().expect("a suite");
     suite["secs"] = toml::Value::Float(3.0);
     let first = |list: &mut toml::Value| list.as_array_mut().expect("a list").truncate(1);
