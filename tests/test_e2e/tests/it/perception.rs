@@ -172,6 +172,40 @@ fn parts_are_joined_to_a_report_whose_frames_are_made_again() {
     assert_eq!(count_files(&sandbox.path("again")), 0, "nothing is left");
 }
 
+/// A box that is moved by a tenth of its width overlaps itself by 0.9 / 1.1 = 0.818, which passes
+/// seven of COCO's ten thresholds, 0.50 to 0.95; an exact one passes all.
+#[test]
+fn a_live_fake_in_traffic_has_the_score_that_its_error_says() {
+    let sandbox = Sandbox::new("perception-live-fake");
+    let place = "maps = [\"Town10HD\"]\nspawn_points = [126]\nseeds = [6]";
+    let mut suite = street(1.5, 60)
+        .replace("maps = [\"Town01\"]", place)
+        .replace("\"empty\"", "\"street\"")
+        .replace(
+            "width_px = 64",
+            "modalities = [\"rgb\", \"semantic\", \"instance\"]\nwidth_px = 320",
+        )
+        .replace("height_px = 48", "height_px = 180")
+        // Ahead of the bonnet, which no truth has.
+        .replace("[0.6, 0.0, 1.6]", "[2.6, 0.0, 1.4]")
+        + "classes = [\"vehicle\"]\nignore = { min_pixels = 9, min_height_px = 4 }\n\
+           [density.street]\nvehicles = 40\nwalkers = 60\n";
+    for (name, share) in [("exact", "0.0"), ("moved", "0.1")] {
+        suite += &fake_program(name, &[share], "modes = [\"offline\"]")
+            .replace("perception_fake.py", "perception_shifted.py");
+    }
+    bench(&sandbox, &suite, &["--out", "out", "--source", "live"]);
+    let report = bench_report(&sandbox, "out");
+    for (name, expected) in [("exact", 1.0), ("moved", 0.7)] {
+        let run = run(&report, name);
+        let score = &run["scores"][0];
+        let n = score["n_scored"].as_u64().expect("a number");
+        assert!(n > 30, "{n} vehicles are seen");
+        let found = score["offline"]["AP"].as_f64().expect("an AP");
+        assert!((found - expected).abs() < 1e-6, "{name}: {found}, {score}");
+    }
+}
+
 #[test]
 fn the_same_suite_shows_the_same_frames_and_another_seed_others() {
     let sandbox = Sandbox::new("perception-same");
