@@ -251,22 +251,27 @@ class OfHumanModels:
 
     @staticmethod
     def nanodet(output, factor, margin):
-        """Three grids; each edge of a box is a distribution over 11 distances of a cell's size."""
-        boxes, scores = [], []
-        for key, given in output.items():
-            if not key.endswith("x80"):
-                continue
-            edges = output[key.removesuffix("80") + "44"].reshape(-1, 4, 11)
-            cells = math.isqrt(len(given))
-            stride = 416 / cells
-            weights = np.exp(edges - edges.max(2, keepdims=True))
-            apart = (weights / weights.sum(2, keepdims=True) * np.arange(11)).sum(2) * stride
-            rows, columns = np.divmod(np.arange(len(given)), cells)
-            centre = np.stack([columns + 0.5, rows + 0.5], 1) * stride
-            boxes.append((np.hstack([centre - apart[:, :2], centre + apart[:, 2:]]) - margin) / factor)
-            scores.append(given)
-        boxes, scores = np.vstack(boxes), np.vstack(scores)
-        return [find for kind, numbers in COCO.items() for find in best_of(kind, boxes, scores[:, list(numbers)].max(1))]
+        boxes, scores = nanodet_cells(output)
+        return [find for kind, numbers in COCO.items() for find in best_of(kind, (boxes - margin) / factor, scores[:, list(numbers)].max(1))]
+
+
+def nanodet_cells(output):
+    """Boxes in the network's image and scores of COCO's classes: three grids; each edge of a box is a distribution over 11 distances
+    of a cell's size."""
+    boxes, scores = [], []
+    for key, given in output.items():
+        if not key.endswith("x80"):
+            continue
+        edges = output[key.removesuffix("80") + "44"].reshape(-1, 4, 11)
+        cells = math.isqrt(len(given))
+        stride = 416 / cells
+        weights = np.exp(edges - edges.max(2, keepdims=True))
+        apart = (weights / weights.sum(2, keepdims=True) * np.arange(11)).sum(2) * stride
+        rows, columns = np.divmod(np.arange(len(given)), cells)
+        centre = np.stack([columns + 0.5, rows + 0.5], 1) * stride
+        boxes.append(np.hstack([centre - apart[:, :2], centre + apart[:, 2:]]))
+        scores.append(given)
+    return np.vstack(boxes), np.vstack(scores)
 
 
 def judge(kind, pictures, found):

@@ -29,33 +29,42 @@ async function loaded() {
   });
 }
 
-function input(picture) {
-  const bytes = new Uint8Array(fs.readFileSync(picture.file));
+function input(bytes, side) {
   return tf.tidy(() => {
-    const pixels = tf.tensor(bytes, [1, picture.side, picture.side, 3], "float32");
+    const pixels = tf.tensor(bytes, [1, side, side, 3], "float32");
     if (network === "centernet") return pixels;
     const even = pixels.sub(tf.tensor1d(NANODET.mean)).div(tf.tensor1d(NANODET.deviation));
     return tf.transpose(even, [0, 3, 1, 2]);
   });
 }
 
-async function main() {
+// A function from the bytes of a square image to the network's outputs, rounded: {output: [numbers]}.
+async function ready() {
   setWasmPaths(path.join(modules, "@tensorflow/tfjs-backend-wasm/dist/"));
   await tf.setBackend("wasm");
   await tf.ready();
   const model = await loaded();
   const outputs = network === "centernet" ? ["tower_0/detections"] : model.outputs.map((it) => it.name);
-  const found = fs.openSync(outFile, "w");
-  for (const picture of JSON.parse(fs.readFileSync(listFile, "utf8"))) {
-    const pixels = input(picture);
+  return (bytes, side) => {
+    const pixels = input(bytes, side);
     const answer = model.execute({ [model.inputs[0].name]: pixels }, outputs);
     const tensors = Array.isArray(answer) ? answer : [answer];
     const numbers = Object.fromEntries(tensors.map((it) => [it.shape.join("x"), Array.from(it.dataSync(), (v) => Math.round(v * 1e4) / 1e4)]));
-    fs.writeSync(found, JSON.stringify([picture.name, numbers]) + "\n");
     tensors.forEach((it) => it.dispose());
     pixels.dispose();
+    return numbers;
+  };
+}
+
+async function main() {
+  const answer = await ready();
+  const found = fs.openSync(outFile, "w");
+  for (const picture of JSON.parse(fs.readFileSync(listFile, "utf8"))) {
+    const bytes = new Uint8Array(fs.readFileSync(picture.file));
+    fs.writeSync(found, JSON.stringify([picture.name, answer(bytes, picture.side)]) + "\n");
   }
   fs.closeSync(found);
 }
 
-main();
+module.exports = { ready };
+if (require.main === module) main();

@@ -36,6 +36,7 @@ const EXAMPLES: &str = "Examples:
   gantry-bench perception launch/bench/smoke.toml -- python my_detector.py
   gantry-bench reaction launch/bench/reaction.toml        from the first visible pixel to the brake
   gantry-bench compare A.json B.json                      what changed between two reports beyond noise
+  gantry-bench verify report.json                         whether its frames are made again
   gantry-bench memory --pids 1200,1204 --for 10m --every 5s
   gantry-bench report                                     tables of docs/benchmarks from their JSON";
 
@@ -81,6 +82,8 @@ enum Bench {
     Perception(Box<consumer_perception::cli::PerceptionArgs>),
     /// What changed between two reports of the perception benchmark beyond noise
     Compare(consumer_perception::compare::CompareArgs),
+    /// Makes the frames of a report of the perception benchmark again, and compares them
+    Verify(consumer_perception::cli::verify::VerifyArgs),
     /// Tables and page of a report of the perception benchmark again
     Show(consumer_perception::show::ShowArgs),
     /// Memory of processes over time
@@ -124,6 +127,7 @@ pub fn main() -> ExitCode {
             Bench::Reaction(reaction) => consumer_perception::reaction::run(reaction, &common),
             Bench::Compare(compare) => consumer_perception::compare::run(compare, common.color),
             Bench::Show(show) => consumer_perception::show::run(show, common.color),
+            Bench::Verify(verify) => consumer_perception::cli::verify::run(verify),
             Bench::Memory(memory) => memory::run(memory),
             Bench::Report(report) => pages::run(report),
             Bench::LatencyReader(OnDomain { args, on }) => latency::reader::run(args, &on.domain),

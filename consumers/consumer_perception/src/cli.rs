@@ -3,6 +3,7 @@
 mod assemble;
 mod kept;
 mod stopped;
+pub mod verify;
 
 use std::io::{IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
@@ -35,10 +36,12 @@ const CACHE_GIB: f64 = 64.0;
 
 const EXAMPLES: &str = "Examples:
   gantry bench perception launch/bench/smoke.toml -- python my_detector.py
-  gantry bench perception launch/bench/standard.toml --only dis --modes streaming --speed 0.5
+  gantry bench perception launch/bench/worked.toml --only dis --modes streaming --speed 0.5
   gantry bench perception launch/bench/standard.toml --seed --out cited -- ./detector
   gantry bench perception launch/bench/standard.toml --recording drive.mcap -- ./detector
   gantry bench perception launch/bench/smoke.toml --modes constant,single --frames 20000 --fps 60 -- ./flow
+  gantry bench perception launch/bench/full.toml --scenarios 'Town01_*' --part --out whole -- ./detector
+  gantry bench perception launch/bench/full.toml --resume whole -- ./detector
   gantry bench perception launch/bench/smoke.toml --dry-run";
 
 /// Runs programs through the scenarios of a suite, and says how late and how right they are.
@@ -62,6 +65,10 @@ pub struct PerceptionArgs {
     /// taken from there; say the other options as they were said then
     #[arg(long, value_name = "DIR", conflicts_with_all = ["out", "truth_only"])]
     resume: Option<PathBuf>,
+
+    /// These runs are a part: keep them, score nothing, and let --resume run the rest and score all
+    #[arg(long, conflicts_with_all = ["truth_only", "json"])]
+    part: bool,
 
     /// Show drives that nobody can know beforehand, for figures to be cited: of a seed that is
     /// drawn, or of N, which the report of an earlier draw names [default: the suite's seed, whose
@@ -483,8 +490,7 @@ impl Bench<'_> {
         let finished_runs = self.finished_runs()?;
         let mut logs = Vec::new();
         let outcome = self.run_all(scenarios, &finished_runs, &mut logs);
-        let is_clean =
-            matches!(&outcome, Ok(report) if report.runs.iter().all(|run| run.faults.is_empty()));
+        let is_clean = matches!(&outcome, Ok(Some(report)) if report.runs.iter().all(|run| run.faults.is_empty()));
         if self.args.keep_logs || !is_clean {
             for hidden in logs {
                 hidden.reveal()?;
@@ -500,7 +506,16 @@ impl Bench<'_> {
                 }
                 Err(error)
             }
-            Ok(report) => {
+            Ok(None) => {
+                finished_runs.stop()?;
+                println!(
+                    "the runs are kept in {}; the same command with --resume {} runs others, and without --part scores all",
+                    self.out.display(),
+                    self.out.display()
+                );
+                Ok(Exit::Done)
+            }
+            Ok(Some(report)) => {
                 finished_runs.end();
                 Ok(match report.has_crash {
                     true => Exit::Failed,
@@ -521,13 +536,13 @@ impl Bench<'_> {
         Ok(Exit::Done)
     }
 
-    /// Runs and scores everything, and writes the report.
+    /// Runs and scores everything, and writes the report; runs alone if they are a part.
     fn run_all(
         &self,
         scenarios: &[Scenario],
         finished_runs: &FinishedRuns,
         logs: &mut Vec<Hidden>,
-    ) -> anyhow::Result<Report> {
+    ) -> anyhow::Result<Option<Report>> {
         let mut assembly = Assembly::new(self.suite, self.args.source, self.began);
         let mut scorer = Scorer::new(self.suite)?;
         let pictures = Hidden::new(&self.truth_options.cache, self.out)?;
@@ -536,12 +551,18 @@ impl Bench<'_> {
             let truth = self.truth(scenarios.get(at), at, n)?;
             tracing::debug!(path = %truth.path.display(), "truth of {}", truth.scenario.name);
             let captures = self.captures(&truth, (at, n), finished_runs, logs)?;
+            if self.args.part {
+                continue;
+            }
             let scoring = spinner(format!("{}/{n} scoring {}", at + 1, truth.scenario.name));
             assembly.add(&truth, &captures);
             scorer
                 .add(&truth, &captures, pictures.folder())
                 .with_context(|| format!("scoring {}", truth.scenario.name))?;
             scoring.finish_and_clear();
+        }
+        if self.args.part {
+            return Ok(None);
         }
         pictures.reveal()?;
         let finished = scorer.finish();
@@ -560,7 +581,7 @@ impl Bench<'_> {
                 println!("{written}");
             }
         }
-        Ok(report)
+        Ok(Some(report))
     }
 
     /// Runs that had finished when the benchmark was stopped, or none.

@@ -5,7 +5,7 @@
 //! recording of it with the exact truth), [`up`] (processes of launch files), [`run`] (a program in one mode and
 //! scenario), [`capture`] (what it did), [`score`] with [`tasks`], [`evidence`] and [`picture`] (how
 //! right and how late that was), [`report`] (what is said about all of them), [`cli`] (from the
-//! command line to the report), [`reaction`] (live trials).
+//! command line to the report, and a report's frames made again), [`reaction`] (live trials).
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

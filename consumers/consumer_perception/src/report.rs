@@ -26,6 +26,6 @@ pub use terminal::terminal;
 pub use throughput::Throughput;
 pub use types::{
     Counts, CurvePoint, Latency, Machine, ProcessUsage, REPORT_VERSION, Report, ResultEvent, Run,
-    ScenarioInfo, ScenarioRun, Stratum, TaskScore, WorstFrame,
+    ScenarioInfo, ScenarioRun, Stratum, TaskScore, WorstFrame, suite_hash,
 };
 pub use write::{Files, Written, read, write_all};

@@ -240,7 +240,7 @@ fn of_place(wanted: &BTreeSet<(TruthPlace, &'static str)>, place: TruthPlace) ->
     of_it.map(|(_, modality)| (*modality).into()).collect()
 }
 
-/// All scenarios, in the order of the matrix; the last key varies fastest.
+/// All scenarios: those of the matrix, whose last key varies fastest, then those that are listed.
 ///
 /// # Errors
 /// A sentence if a density is unknown.
@@ -274,6 +274,27 @@ pub fn scenarios(suite: &Suite) -> Result<Vec<Scenario>, SuiteFault> {
         scenario.name = name_of(suite, &scenario);
         found.push(scenario);
     }
+    for listed in &suite.listed {
+        let traffic = suite.density(&listed.density)?;
+        let rig = match listed.rig.is_empty() {
+            true => rigs.first().cloned().unwrap_or_default(),
+            false => listed.rig.clone(),
+        };
+        let mut scenario = Scenario {
+            name: String::new(),
+            map: listed.map.clone(),
+            weather: listed.weather.clone(),
+            time: listed.time.clone(),
+            density: listed.density.clone(),
+            rig,
+            spawn_point: listed.spawn_point,
+            seed: suite.seed.saturating_add(listed.seed),
+            vehicles: traffic.vehicles,
+            walkers: traffic.walkers,
+        };
+        scenario.name = name_of(suite, &scenario);
+        found.push(scenario);
+    }
     number_doubles(found.iter_mut().map(|scenario| &mut scenario.name));
     Ok(found)
 }
@@ -290,7 +311,7 @@ fn name_of(suite: &Suite, scenario: &Scenario) -> String {
     if suite.rigs().len() > 1 {
         words.push(&scenario.rig);
     }
-    if matrix.spawn_points.len() > 1 {
+    if matrix.spawn_points.len() > 1 || !suite.listed.is_empty() {
         words.push(&point);
     }
     words.push(&seed);
@@ -326,6 +347,58 @@ mod tests {
             ]
         );
         assert_eq!((found[1].vehicles, found[1].walkers), (100, 150));
+    }
+
+    #[test]
+    fn listed_scenarios_stand_behind_those_of_the_matrix_or_alone() {
+        let listed = "[[scenario]]\nmap = \"Town02\"\nspawn_point = 5\ntime = \"night\"\nseed = 3\n\
+                      [[scenario]]\nmap = \"Town03\"\nweather = \"rain\"\ndensity = \"dense\"\n";
+        let text = SMALL.replace("[program.quick]", &format!("{listed}[program.quick]"));
+        let mut suite = read(&text).unwrap();
+        let names = |suite: &Suite| -> Vec<String> {
+            let all = scenarios(suite).unwrap();
+            all.into_iter().map(|it| it.name).collect()
+        };
+        assert_eq!(
+            names(&suite),
+            [
+                "Town01_clear_noon_p0_s1",
+                "Town01_rain_noon_p0_s1",
+                "Town02_clear_night_p5_s4",
+                "Town03_rain_noon_p0_s1",
+            ]
+        );
+        let dense = &scenarios(&suite).unwrap()[3];
+        assert_eq!(
+            (dense.vehicles, dense.walkers, dense.rig.as_str()),
+            (100, 150, "car")
+        );
+        suite.draw(77);
+        let drawn = scenarios(&suite).unwrap();
+        assert_eq!(drawn[2].spawn_point, drawn[0].spawn_point + 5);
+
+        let start = text.find("[matrix]").unwrap();
+        let end = start + 1 + text[start + 1..].find("\n[").unwrap();
+        let alone = format!("{}{}", &text[..start], &text[end..]);
+        assert_eq!(
+            names(&read(&alone).unwrap()),
+            ["Town02_clear_night_p5_s4", "Town03_rain_noon_p0_s1"]
+        );
+        for (from, to, words) in [
+            (
+                "map = \"Town03\"",
+                "map = \"Town03\"\nrig = \"lorry\"",
+                "names the rig \"lorry\"",
+            ),
+            (
+                "[matrix]",
+                "[matrix]\ntraining_maps = [\"Town02\"]",
+                "or of [[scenario]]",
+            ),
+        ] {
+            let error = read(&text.replace(from, to)).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
     }
 
     #[test]

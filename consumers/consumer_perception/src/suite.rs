@@ -79,7 +79,11 @@ pub struct Suite {
     #[serde(default = "five_secs")]
     pub patience_s: f64,
     /// What is varied.
+    #[serde(default)]
     pub matrix: Matrix,
+    /// Scenarios one by one, behind those of the matrix.
+    #[serde(default, rename = "scenario")]
+    pub listed: Vec<ListedScenario>,
     /// Densities of traffic by name, besides `empty`, `light`, `medium` and `dense`.
     #[serde(default)]
     pub density: BTreeMap<String, Density>,
@@ -131,7 +135,8 @@ pub struct Suite {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Matrix {
-    /// Maps, as in a launch file; a path begins beside the suite.
+    /// Maps, as in a launch file; a path begins beside the suite. None if all scenarios are listed.
+    #[serde(default)]
     pub maps: Vec<String>,
     /// Names of weathers.
     #[serde(default = "clear")]
@@ -154,6 +159,47 @@ pub struct Matrix {
     /// Maps on which programs may have been trained; none of `maps`.
     #[serde(default)]
     pub training_maps: Vec<String>,
+}
+
+impl Default for Matrix {
+    fn default() -> Matrix {
+        Matrix {
+            maps: Vec::new(),
+            weathers: clear(),
+            times: noon(),
+            densities: light(),
+            rigs: Vec::new(),
+            spawn_points: first_place(),
+            seeds: no_offset(),
+            training_maps: Vec::new(),
+        }
+    }
+}
+
+/// A scenario that stands by itself, with the names that the matrix takes.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ListedScenario {
+    /// Map.
+    pub map: String,
+    /// Weather.
+    #[serde(default = "clear_weather")]
+    pub weather: String,
+    /// Time of day.
+    #[serde(default = "at_noon")]
+    pub time: String,
+    /// Density of traffic.
+    #[serde(default = "light_traffic")]
+    pub density: String,
+    /// Rig; the first if it is empty.
+    #[serde(default)]
+    pub rig: String,
+    /// Place where the ego begins.
+    #[serde(default)]
+    pub spawn_point: u32,
+    /// Number that is added to the suite's seed.
+    #[serde(default)]
+    pub seed: u64,
 }
 
 /// Other traffic.
@@ -226,6 +272,9 @@ impl Suite {
         let by = drawn(1, MAX_DRAWN_PLACE);
         for place in &mut self.matrix.spawn_points {
             *place = place.saturating_add(by);
+        }
+        for scenario in &mut self.listed {
+            scenario.spawn_point = scenario.spawn_point.saturating_add(by);
         }
         self.settle_s += f64::from(drawn(2, DRAWN_SETTLE_STEPS)) * DRAWN_SETTLE_STEP_S;
         let slower = f64::from(drawn(3, DRAWN_SPEED_STEPS)) * DRAWN_SPEED_STEP;
@@ -309,6 +358,15 @@ impl Suite {
     }
 }
 
+fn clear_weather() -> String {
+    "clear".into()
+}
+fn at_noon() -> String {
+    "noon".into()
+}
+fn light_traffic() -> String {
+    "light".into()
+}
 fn one() -> u64 {
     1
 }

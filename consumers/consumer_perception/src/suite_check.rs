@@ -9,7 +9,7 @@ use toml::Table;
 
 use crate::scenario::{InputTopic, Scenario, is_camera, is_lidar, scenarios};
 use crate::suite::file::{SuiteFile, check_version};
-use crate::suite::{Suite, SuiteFault, Task, TaskKind};
+use crate::suite::{ListedScenario, Suite, SuiteFault, Task, TaskKind};
 
 /// Most scenarios of a suite.
 const MAX_SCENARIOS: usize = 10_000;
@@ -84,7 +84,7 @@ impl Suite {
         let all = scenarios(self)?;
         if all.is_empty() || all.len() > MAX_SCENARIOS {
             return Err(format!(
-                "the matrix has {} scenarios; a suite has 1 to {MAX_SCENARIOS}",
+                "there are {} scenarios; a suite has 1 to {MAX_SCENARIOS}",
                 all.len()
             )
             .into());
@@ -180,7 +180,7 @@ impl Suite {
     fn check_matrix(&self) -> Result<(), SuiteFault> {
         let matrix = &self.matrix;
         for (key, is_empty) in [
-            ("maps", matrix.maps.is_empty()),
+            ("maps", matrix.maps.is_empty() && self.listed.is_empty()),
             ("weathers", matrix.weathers.is_empty()),
             ("times", matrix.times.is_empty()),
             ("densities", matrix.densities.is_empty()),
@@ -191,13 +191,22 @@ impl Suite {
                 return Err(format!("matrix.{key} is empty; give at least one value").into());
             }
         }
-        if let Some(map) = matrix
-            .training_maps
-            .iter()
-            .find(|map| matrix.maps.contains(map))
-        {
+        let is_scored = |map: &&String| {
+            matrix.maps.contains(map) || self.listed.iter().any(|place| place.map == **map)
+        };
+        if let Some(map) = matrix.training_maps.iter().find(is_scored) {
             return Err(format!(
-                "matrix.training_maps names {map:?}, which is one of matrix.maps; a program that was trained on a map is not scored on it"
+                "matrix.training_maps names {map:?}, which is one of matrix.maps or of [[scenario]]; a program that was trained on a map is not scored on it"
+            )
+            .into());
+        }
+        let has_rig =
+            |place: &&ListedScenario| place.rig.is_empty() || self.rig.contains_key(&place.rig);
+        if let Some(place) = self.listed.iter().find(|place| !has_rig(place)) {
+            return Err(format!(
+                "[[scenario]] names the rig {:?}; there is {}",
+                place.rig,
+                list(self.rig.keys())
             )
             .into());
         }

@@ -1,7 +1,7 @@
 //! Colour images as the input of a network: in planes or pixels, with the wanted order of colours and
 //! type of numbers, in one pass over the image.
 
-use half::f16;
+use half::{bf16, f16};
 
 /// Images of a camera, one below the other, whose pixels are B G R A.
 #[derive(Clone, Copy, Debug)]
@@ -36,6 +36,8 @@ pub enum Numbers<'a> {
     U8(&'a mut [u8]),
     /// Scaled, 16 bits.
     F16(&'a mut [f16]),
+    /// Scaled, the upper 16 bits of 32.
+    Bf16(&'a mut [bf16]),
     /// Scaled, 32 bits.
     F32(&'a mut [f32]),
 }
@@ -51,6 +53,12 @@ impl<'a> Numbers<'a> {
                     half::slice::HalfBitsSliceExt::reinterpret_cast_mut(bits),
                 ))
             }
+            "bfloat16" => {
+                let bits: &mut [u16] = bytemuck::try_cast_slice_mut(memory).ok()?;
+                Some(Numbers::Bf16(
+                    half::slice::HalfBitsSliceExt::reinterpret_cast_mut(bits),
+                ))
+            }
             "float32" => bytemuck::try_cast_slice_mut(memory).ok().map(Numbers::F32),
             _ => None,
         }
@@ -61,6 +69,7 @@ impl<'a> Numbers<'a> {
         match self {
             Numbers::U8(all) => all.len(),
             Numbers::F16(all) => all.len(),
+            Numbers::Bf16(all) => all.len(),
             Numbers::F32(all) => all.len(),
         }
     }
@@ -89,6 +98,11 @@ impl Images<'_> {
                 // Rounding to 16 bits takes longer than looking one of 256 up.
                 let all: [f16; 256] =
                     std::array::from_fn(|byte| f16::from_f32(byte as f32 * form.scale));
+                self.write_by(form, out, |byte| all[usize::from(byte)]);
+            }
+            Numbers::Bf16(out) => {
+                let all: [bf16; 256] =
+                    std::array::from_fn(|byte| bf16::from_f32(byte as f32 * form.scale));
                 self.write_by(form, out, |byte| all[usize::from(byte)]);
             }
         }

@@ -37,13 +37,18 @@ def torch_of_numpy():
     class Tensor:
         def __init__(self, numbers, device, steps=()):
             self.numbers, self.device, self.steps = numbers, Device(device), list(steps)
-            self.shape, self.dtype = numbers.shape, f"torch.{numbers.dtype}"
+            # Sixteen bits without a sign stand for bfloat16.
+            self.shape, self.dtype = numbers.shape, f"torch.{numbers.dtype}".replace("uint16", "bfloat16")
 
         def is_contiguous(self):
             return self.numbers.flags.c_contiguous
 
+        def view(self, dtype):
+            return Tensor(self.numbers.view(dtype), self.device, self.steps)
+
         def numpy(self):
             assert self.device.type == "cpu", "torch refuses the numpy of another device"
+            assert self.dtype != "torch.bfloat16", "torch refuses the numpy of a type that numpy lacks"
             return self.numbers
 
         def to(self, device, non_blocking):
@@ -56,9 +61,9 @@ def torch_of_numpy():
             return self
 
     def empty(shape, dtype, pin_memory):
-        return Tensor(np.full(shape, 7, dtype), "cpu", ["empty, pinned, on cpu" if pin_memory else "empty on cpu"])
+        return Tensor(np.full(shape, 7, "uint16" if dtype == "torch.bfloat16" else dtype), "cpu", ["empty, pinned, on cpu" if pin_memory else "empty on cpu"])
 
-    dtypes = {name: name for name in ("uint8", "float16", "float32")}
+    dtypes = {name: name for name in ("uint8", "int16", "float16", "float32")} | {"bfloat16": "torch.bfloat16"}
     return types.SimpleNamespace(Tensor=Tensor, empty=empty, device=Device, **dtypes)
 
 
@@ -155,7 +160,8 @@ class GoldenFrames(unittest.TestCase):
     def test_a_tensor_that_cannot_be_is_refused_with_a_sentence(self):
         frame = gantry.frame_from_bytes(golden()["rgb"])
         for words, options in {
-            "dtype is 'float64'; it must be one of uint8, float16, float32": {"dtype": "float64"},
+            "dtype is 'float64'; it must be one of uint8, float16, bfloat16, float32": {"dtype": "float64"},
+            "dtype is bfloat16, which numpy lacks": {"dtype": "bfloat16"},
             "layout is 'nchw'; it must be one of chw, hwc": {"layout": "nchw"},
             "colour is 'grey'; it must be one of rgb, bgr, bgra": {"colour": "grey"},
             "scale is 2.0 and dtype is uint8": {"scale": 2.0},
@@ -190,6 +196,20 @@ class GoldenFrames(unittest.TestCase):
                     frame.tensor(out=out, **options)
             with self.assertRaisesRegex(ValueError, "out is list; it must be an array of numpy or a tensor of torch"):
                 frame.tensor(out=[])
+
+    def test_bfloat16_is_the_nearest_number_with_the_upper_half_of_its_bits(self):
+        frame = gantry.frame_from_bytes(golden()["rgb"])
+        with mock.patch.dict(sys.modules, torch=torch_of_numpy()) as modules:
+            made = frame.tensor(dtype="bfloat16", device="cpu", scale=1 / 3)
+            self.assertEqual(made.dtype, "torch.bfloat16")
+            out = modules["torch"].Tensor(np.zeros((3, 2, 4), np.uint16), "cpu")
+            self.assertIs(frame.tensor(dtype="bfloat16", out=out, scale=1 / 3), out)
+        np.testing.assert_array_equal(out.numbers, made.numbers)
+        found = (made.numbers.astype(np.uint32) << 16).view(np.float32)
+        wanted = frame.tensor(dtype="float32", scale=1 / 3)
+        # Rounded to eight bits, a number is off by half of the last at most; cut off, it would be off by twice as much.
+        self.assertLessEqual(float((np.abs(found - wanted) / wanted.clip(1e-9)).max()), 2.0**-8 + 1e-7)
+        self.assertGreater(len(np.unique(found)), 10)
 
     def test_a_frame_reads_only_what_its_header_says(self):
         data = golden()["dvs"]

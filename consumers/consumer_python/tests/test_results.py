@@ -125,6 +125,24 @@ class Tensor:
         return np.array(self.numbers, dtype)
 
 
+class BoolTensor(Tensor):
+    """A tensor of torch.bool."""
+
+    def __init__(self, numbers, on_device=True):
+        super().__init__(numbers, on_device, False, "torch.bool")
+
+    def detach(self):
+        return self
+
+    def cpu(self):
+        return BoolTensor(self.numbers, False)
+
+    def __array__(self, dtype=None, copy=None):
+        if self.on_device:
+            raise TypeError("torch refuses")
+        return self.numbers.astype(bool)
+
+
 class Records(unittest.TestCase):
     def test_boxes_come_as_networks_give_them(self):
         wanted = gantry.boxes2d([[10, 20], [1, 2]], [[30, 60], [4, 8]], score=[0.5, 1], class_=[3, 4])
@@ -148,6 +166,22 @@ class Records(unittest.TestCase):
         for given in ({}, {"half_m": [[1, 1, 1]], "size_m": [[2, 2, 2]]}):
             with self.assertRaisesRegex(ValueError, "in one way: half_m or size_m"):
                 gantry.boxes3d([[1, 2, 3]], **given)
+
+    def test_masks_and_key_points_come_as_tensors_of_all_objects(self):
+        pictures = np.zeros((2, 4, 5), bool)
+        pictures[0, 1:3, 2:4] = pictures[1, 3, :] = True
+        wanted = gantry.masks(list(pictures), score=[0.5, 1], class_=3)
+        for column in (pictures, pictures.astype(np.uint8), BoolTensor(pictures), [BoolTensor(it) for it in pictures]):
+            made = gantry.masks(column, score=Tensor([0.5, 1]), class_=3)
+            self.assertEqual([part.tobytes() for part in made], [part.tobytes() for part in wanted])
+        with self.assertRaisesRegex(ValueError, "compare probabilities first: masks > 0.5"):
+            gantry.masks(Tensor(pictures))
+        points = np.arange(12.0).reshape(2, 3, 2)
+        seen = [[0, 1, 2], [2, 2, 2]]
+        wanted = gantry.keypoints(list(points), point_score=[[0.5] * 3] * 2, visibility=seen)
+        made = gantry.keypoints(Tensor(points), point_score=Tensor(np.full((2, 3), 0.5)), visibility=Tensor(seen))
+        self.assertEqual([part.tobytes() for part in made], [part.tobytes() for part in wanted])
+        self.assertEqual(made.tail["at_px"].tolist(), points.reshape(-1, 2).tolist())
 
     def test_the_age_of_a_result_is_that_of_its_oldest_frame(self):
         result = gantry.result_from_bytes(golden()["boxes2d"])

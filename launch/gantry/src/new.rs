@@ -13,6 +13,9 @@ use crate::cli::{ConsumerArgs, Lang, NewArgs, NewWord};
 use crate::programs;
 use origin::Origin;
 
+/// What a project's tests do.
+const TESTS: &str = "runs it against a simulator of its own";
+
 /// Runs the word.
 ///
 /// # Errors
@@ -61,17 +64,30 @@ fn check_place(folder: &Path, origin: &Origin) -> anyhow::Result<()> {
 
 fn say_what_next(wanted: &ConsumerArgs, name: &str, origin: &Origin) {
     let gantry = how_to_call_gantry(origin);
-    let (language, test) = match wanted.lang {
-        Lang::Rust => ("Rust", "cargo test"),
-        Lang::Python => ("Python", "python -m pytest"),
+    let (language, steps): (_, &[(&str, &str)]) = match wanted.lang {
+        Lang::Rust => ("Rust", &[("cargo test", TESTS)]),
+        Lang::Python => ("Python", &[("python -m pytest", TESTS)]),
+        Lang::Cpp => (
+            "C++",
+            &[
+                ("cmake -S . -B build && cmake --build build", "builds it"),
+                ("ctest --test-dir build", TESTS),
+            ],
+        ),
     };
     println!("made {name} ({language}), which gets Gantry from {origin}");
+    let prefix = origin.prefix().filter(|_| wanted.lang == Lang::Cpp);
+    if prefix.is_some_and(|prefix| !prefix.join("lib/libgantry.so.1").exists()) {
+        println!("  first, there: ./gantry build   builds the library that it is linked with");
+    }
     println!("  cd {}", wanted.path.display());
-    println!(
-        "  {test:<width$}   runs it against a simulator of its own",
-        width = gantry.len() + 15
-    );
-    println!("  {gantry} up launch.toml   runs it with simulator and viewer");
+    let up = format!("{gantry} up launch.toml");
+    let widths = steps.iter().map(|(command, _)| command.len());
+    let width = widths.chain([up.len()]).max().unwrap_or(0);
+    for (command, what) in steps {
+        println!("  {command:<width$}   {what}");
+    }
+    println!("  {up:<width$}   runs it with simulator and viewer");
 }
 
 /// `gantry` if that is this program, else the script of the checkout, else the path of this program.

@@ -1,7 +1,7 @@
 //! What other programs answer.
 
 use std::io::Read as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -10,6 +10,12 @@ use anyhow::Context as _;
 pub use launch_cli::programs::{
     Search, find, find_from, in_source_tree, is_ours, is_program, takes_domain,
 };
+
+/// The folder in which this program and those beside it lie.
+pub fn own_folder() -> std::io::Result<PathBuf> {
+    let own = std::env::current_exe()?;
+    Ok(own.parent().unwrap_or(&own).to_owned())
+}
 
 /// What a program prints to stdout; an error if it does not end `within` the time.
 pub fn output_of(program: &Path, args: &[&str], within: Duration) -> anyhow::Result<String> {

@@ -13,7 +13,7 @@ HEAD = """# Python API
 
 Made from the docstrings of the package `gantry`; a test holds both together. `consumers/consumer_python/README.md` is the way in, with examples.
 """
-MODULES = [("gantry", "."), ("gantry.bench", "bench"), ("gantry.envs", "envs"), ("gantry.testing", "testing")]
+MODULES = [("gantry", "."), ("gantry.bench", "bench"), ("gantry.envs", "envs"), ("gantry.testing", "testing"), ("gantry.torch", "torch")]
 
 
 def definitions(folder):

@@ -83,6 +83,22 @@ for kind in ("segm", "bbox"):
     judge.accumulate()
     judge.summarize()
     assert judge.stats[0] == 1.0, (kind, judge.stats)
+
+# What gantry.torch reads of the recording is what it reads of the set that was made of it: pictures, boxes, classes.
+sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "consumers" / "consumer_python" / "python"))
+from gantry.torch import Dataset  # noqa: E402
+
+exported = Dataset(rle)
+for name in {image["camera"] for image in coco.dataset["images"]}:
+    recorded = Dataset(recording, camera=f"ego/{name}")
+    files = [i for i, image in enumerate(coco.loadImgs(sorted(coco.getImgIds()))) if image["camera"] == name]
+    assert len(files) == len(recorded) > 0, (name, len(files), len(recorded))
+    for i, at in enumerate(files):
+        one, other = recorded.sample(i), exported.sample(at)
+        assert all(a.dtype == b.dtype and np.array_equal(a, b) for a, b in zip(one, other)), (name, i)
+cars = Dataset(rle, classes=["car"])
+n_cars = sum(len(cars.sample(i).labels) for i in range(len(cars)))
+assert n_cars == len(coco.getAnnIds(catIds=[3])) > 0 and not any(cars.sample(i).labels.any() for i in range(len(cars)))
 yaml = Path(f"{yolo}/detect/data.yaml").read_text()
 assert "train: images/train" in yaml and "2: car" in yaml
 assert list(Path(f"{yolo}/segment/images/train").iterdir())

@@ -6,10 +6,9 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use launch_cli::Machine as ThisMachine;
 use schema_frames::Modality;
-use sha2::{Digest as _, Sha256};
 
 use crate::capture::{Capture, Mode, Usage};
-use crate::report::{Machine, ProcessUsage, REPORT_VERSION, Report, Run, ScenarioInfo};
+use crate::report::{Machine, ProcessUsage, REPORT_VERSION, Report, Run, ScenarioInfo, suite_hash};
 use crate::run::{Options, Source};
 use crate::suite::Suite;
 use crate::truth_pass::TruthRecording;
@@ -127,19 +126,11 @@ impl<'a> Assembly<'a> {
         for run in &mut runs {
             self.fill(run, options);
         }
-        let mut hash = Sha256::new();
-        let seed = match self.suite.is_drawn {
-            true => format!("{} drawn", self.suite.seed),
-            false => self.suite.seed.to_string(),
-        };
-        for part in [&self.suite.text, build, &seed] {
-            hash.update((part.len() as u64).to_le_bytes());
-            hash.update(part);
-        }
+        let suite = self.suite;
         Report {
             version: REPORT_VERSION,
-            suite: self.suite.name.clone(),
-            suite_hash: format!("{:x}", hash.finalize()),
+            suite: suite.name.clone(),
+            suite_hash: suite_hash(&suite.text, build, suite.seed, suite.is_drawn),
             suite_text: self.suite.text.clone(),
             command: command(),
             settings: settings(self.source, options),

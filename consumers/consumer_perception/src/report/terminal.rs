@@ -72,7 +72,8 @@ fn head(report: &Report, paint: Paint) -> String {
     for line in wrapped(&parts.join(", "), WIDTH) {
         let _ = writeln!(text, "{}", paint.set(Mark::Soft, &line));
     }
-    for sentence in report.fairness() {
+    let cited = format!("to cite: {}", report.citation());
+    for sentence in report.fairness().into_iter().chain([cited]) {
         for line in wrapped(&sentence, WIDTH) {
             let _ = writeln!(text, "{}", paint.set(Mark::Soft, &line));
         }

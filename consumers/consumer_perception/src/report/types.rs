@@ -5,12 +5,34 @@ use std::collections::BTreeMap;
 use consumer_report::Spread;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
 
 use super::throughput::Throughput;
 use crate::capture::Mode;
 
 /// Number of this form; it rises when a field changes its meaning or goes.
 pub const REPORT_VERSION: u32 = 1;
+
+/// Digits of a hash that tell reports apart where people read them.
+const SHORT_HASH: usize = 16;
+
+/// SHA-256 of what makes the frames of a suite: its text, the build and the seed.
+pub fn suite_hash(text: &str, build: &str, seed: u64, is_drawn: bool) -> String {
+    let seed = match is_drawn {
+        true => format!("{seed} drawn"),
+        false => seed.to_string(),
+    };
+    hash_of([text, build, &seed])
+}
+
+fn hash_of<'a>(parts: impl IntoIterator<Item = &'a str>) -> String {
+    let mut hash = Sha256::new();
+    for part in parts {
+        hash.update((part.len() as u64).to_le_bytes());
+        hash.update(part);
+    }
+    format!("{:x}", hash.finalize())
+}
 
 /// A benchmark, whole.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
@@ -65,6 +87,30 @@ pub struct Report {
 }
 
 impl Report {
+    /// How the figures are cited: what must be equal for them to be compared, in a sentence.
+    pub fn citation(&self) -> String {
+        let short = |hash: &str| hash.chars().take(SHORT_HASH).collect::<String>();
+        let of_scenarios = self.scenarios.iter();
+        let frames = hash_of(of_scenarios.flat_map(|it| [it.name.as_str(), &it.frames_hash]));
+        let drawn = if self.has_drawn_seed {
+            "drawn"
+        } else {
+            "public"
+        };
+        let machine = &self.machine;
+        let mut parts = vec![
+            format!("Gantry {}", self.build),
+            format!("suite {} {}", self.suite, short(&self.suite_hash)),
+            format!("frames {}", short(&frames)),
+            format!("seed {} ({drawn})", self.seed),
+            machine.cpu.clone(),
+            format!("{} processors", machine.n_cpus),
+            machine.adapter.clone(),
+        ];
+        parts.retain(|part| !part.is_empty());
+        parts.join(", ")
+    }
+
     /// What programs reached, and whether they could have known the drives, a sentence each.
     pub fn fairness(&self) -> Vec<String> {
         let mut sentences = vec![match self.is_sealed {
@@ -336,4 +382,35 @@ pub struct WorstFrame {
     pub truth_image: String,
     /// The frame with the result drawn on it: a JPEG beside the report.
     pub result_image: String,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_citation_names_version_suite_frames_seed_and_machine() {
+        let mut report = Report {
+            suite: "small".into(),
+            suite_hash: suite_hash("text", "0.1.0 abc", 7, true),
+            build: "0.1.0 abc".into(),
+            seed: 7,
+            has_drawn_seed: true,
+            scenarios: vec![ScenarioInfo::default()],
+            ..Report::default()
+        };
+        report.machine.cpu = "a processor".into();
+        report.machine.n_cpus = 2;
+        let cited = report.citation();
+        for part in [
+            "Gantry 0.1.0 abc, suite small ",
+            "seed 7 (drawn), a processor, 2 processors",
+            &report.suite_hash[..16],
+        ] {
+            assert!(cited.contains(part), "{cited}");
+        }
+        report.scenarios[0].frames_hash = "other".into();
+        assert_ne!(report.citation(), cited);
+        assert_ne!(suite_hash("text", "0.1.0 abc", 7, false), report.suite_hash);
+    }
 }

@@ -138,7 +138,7 @@ class Frame(native.Sample):
 
         Planes (3, h, w) with `layout="chw"`, pixels (h, w, 3) with `"hwc"`; 4 colours with `"bgra"`; of a
         batch of cameras with the images in front. `uint8` keeps the bytes; floats are multiplied by
-        `scale`, by default 1 / 255, so that they are 0 to 1. The result is an array of numpy, with
+        `scale`, by default 1 / 255, so that they are 0 to 1; `bfloat16` is for torch. The result is an array of numpy, with
         `device` (`"cpu"`, `"cuda"`) a tensor of torch there, and with `out`, an array or a tensor of that
         shape and type which is filled and returned, nothing is allocated; a device gets it through pinned
         memory. It keeps no memory of the frame borrowed. Raises `FrameFormatError` for another modality

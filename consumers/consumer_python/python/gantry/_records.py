@@ -39,7 +39,7 @@ def _fill(dtype: np.dtype[Any], n: int, columns: Mapping[str, Any]) -> Records:
     return records
 
 
-def on_host(column: Columns) -> Any:
+def on_host(column: Any) -> Any:
     """Returns what numpy takes of a column: tensors of networks are taken off their graph and their device."""
     if isinstance(column, np.ndarray) or not hasattr(column, "__dlpack__"):
         return column
@@ -171,7 +171,7 @@ def tracks(
 
     `state` is `tentative`, `confirmed`, `lost` or `ended`, for all or one per track.
     """
-    ids = np.atleast_1d(np.asarray(id))
+    ids = np.atleast_1d(np.asarray(on_host(id)))
     names = [state] * len(ids) if isinstance(state, str) else list(state)
     unknown = [name for name in names if name not in TRACK_STATES]
     if unknown:
@@ -190,10 +190,16 @@ def tracks(
 
 
 def masks(
-    images: Iterable[npt.NDArray[Any]], *, score: Columns = 1.0, class_: Columns = 0, id: Columns = 0
+    images: Iterable[Columns], *, score: Columns = 1.0, class_: Columns = 0, id: Columns = 0
 ) -> RecordsAndTail:
-    """Masks from images (h, w) of bool, all of one size; boxes and COCO's runs are computed."""
-    pictures = [np.asarray(image, bool) for image in images]
+    """Masks from images (h, w) of bool or integers, all of one size; boxes and COCO's runs are computed.
+
+    They may be one array or tensor (n, h, w), on any device. Probabilities are compared first: `masks[:, 0] > 0.5`.
+    """
+    pictures = [np.asarray(on_host(image)) for image in on_host(images)]
+    if any(picture.dtype.kind == "f" for picture in pictures):
+        raise ValueError("masks are images of bool or integers, and these are of floating-point numbers; compare probabilities first: masks > 0.5")
+    pictures = [picture.astype(bool) for picture in pictures]
     if len({picture.shape for picture in pictures}) > 1 or any(picture.ndim != 2 for picture in pictures):
         raise ValueError("masks must be images (h, w) of one size")
     records, runs, first = _fill(MASK, len(pictures), {"score": score, "class": class_, "id": id}), [], 0
@@ -213,26 +219,24 @@ def masks(
 
 
 def keypoints(
-    at_px: Sequence[Columns],
+    at_px: Columns | Sequence[Columns],
     *,
-    point_score: Sequence[Columns] | None = None,
-    visibility: Sequence[Columns] | None = None,
+    point_score: Columns | Sequence[Columns] | None = None,
+    visibility: Columns | Sequence[Columns] | None = None,
     score: Columns = 1.0,
     class_: Columns = 0,
     id: Columns = 0,
 ) -> RecordsAndTail:
-    """Key points of objects: per object an array (k, 2) `[x, y]` in pixels, which may differ in k.
+    """Key points of objects: per object an array (k, 2) `[x, y]` in pixels, which may differ in k; or one (n, k, 2).
 
-    `visibility` is 0 not labelled, 1 hidden, 2 visible, as COCO counts; the default is 2.
+    All may be tensors on any device. `visibility` is 0 not labelled, 1 hidden, 2 visible, as COCO counts; the default is 2.
     """
     parts = []
-    for i, column in enumerate(at_px):
+    scores: Any = on_host(point_score)
+    seen: Any = on_host(visibility)
+    for i, column in enumerate(on_host(at_px)):
         points = _rows(column, 2, "at_px")
-        columns = {
-            "at_px": points,
-            "score": 1.0 if point_score is None else point_score[i],
-            "visibility": 2 if visibility is None else visibility[i],
-        }
+        columns = {"at_px": points, "score": 1.0 if scores is None else scores[i], "visibility": 2 if seen is None else seen[i]}
         parts.append(_fill(KEYPOINT, len(points), columns))
     counts = np.array([len(part) for part in parts], np.int64)
     columns = {"score": score, "class": class_, "id": id, "first_point": np.cumsum(counts) - counts, "n_points": counts}
@@ -277,7 +281,7 @@ def odometry(
 def _covariance(matrix: Columns | None) -> npt.NDArray[np.float64] | None:
     if matrix is None:
         return None
-    numbers = np.asarray(matrix, np.float64)
+    numbers = np.asarray(on_host(matrix), np.float64)
     if numbers.size != 36:
         raise ValueError(f"a covariance has the shape {numbers.shape}; it must be (6, 6)")
     return numbers.reshape(36)

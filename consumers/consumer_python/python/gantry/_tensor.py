@@ -12,13 +12,13 @@ from ._errors import FrameFormatError
 if TYPE_CHECKING:
     from ._frame import Frame
 
-Dtype = Literal["uint8", "float16", "float32"]
+Dtype = Literal["uint8", "float16", "bfloat16", "float32"]
 Layout = Literal["chw", "hwc"]
 Colour = Literal["rgb", "bgr", "bgra"]
 
 #: Bytes of a pixel, which is B G R A, in the order of the tensor's colours.
 _ORDERS = {"rgb": [2, 1, 0], "bgr": [0, 1, 2], "bgra": [0, 1, 2, 3]}
-_DTYPES = ("uint8", "float16", "float32")
+_DTYPES = ("uint8", "float16", "bfloat16", "float32")
 _LAYOUTS = ("chw", "hwc")
 
 
@@ -45,12 +45,14 @@ def tensor(frame: Frame, dtype: str, layout: str, colour: str, scale: float | No
     if frame.n_images:
         shape = (frame.n_images, *shape)
     if out is None and device is None:
-        return _filled(frame, np.empty(shape, dtype), layout, order, factor)
+        if dtype == "bfloat16":
+            raise ValueError('dtype is bfloat16, which numpy lacks; say device="cpu" or "cuda" for a tensor of torch, or give out')
+        return _filled(frame, np.empty(shape, dtype), dtype, layout, order, factor)
     if isinstance(out, np.ndarray):
         if device is not None:
             raise ValueError(f"device is {device!r} and out an array of numpy, which is on none; leave device out")
         _check_out(out, out.dtype.name, shape, dtype, out.flags.c_contiguous and out.flags.writeable)
-        return _filled(frame, out, layout, order, factor)
+        return _filled(frame, out, dtype, layout, order, factor)
     return _torch(frame, dtype, layout, order, factor, shape, out, device)
 
 
@@ -62,9 +64,14 @@ def _check_out(out: Any, found: str, shape: tuple[int, ...], dtype: str, is_dens
         )
 
 
-def _filled(frame: Frame, array: Any, layout: str, order: list[int], factor: float) -> Any:
-    frame.fill_tensor(array.reshape(-1).view(np.uint8), dtype=array.dtype.name, planar=layout == "chw", order=order, scale=factor)
+def _filled(frame: Frame, array: Any, dtype: str, layout: str, order: list[int], factor: float) -> Any:
+    frame.fill_tensor(array.reshape(-1).view(np.uint8), dtype=dtype, planar=layout == "chw", order=order, scale=factor)
     return array
+
+
+def _numbers_of(torch: Any, tensor: Any) -> Any:
+    """The memory of a tensor on the host as an array; numpy knows bfloat16 as 16 bits only."""
+    return (tensor.view(torch.int16) if tensor.dtype == torch.bfloat16 else tensor).numpy()
 
 
 def _torch(frame: Frame, dtype: str, layout: str, order: list[int], factor: float, shape: tuple[int, ...], out: Any, device: Any) -> Any:
@@ -80,11 +87,11 @@ def _torch(frame: Frame, dtype: str, layout: str, order: list[int], factor: floa
         device = out.device
     target = torch.device(device)
     if out is not None and target.type == "cpu":
-        _filled(frame, out.numpy(), layout, order, factor)
+        _filled(frame, _numbers_of(torch, out), dtype, layout, order, factor)
         return out
     # Pinned memory is uploaded while the program goes on; torch keeps it until the copy is done.
     host = torch.empty(shape, dtype=getattr(torch, dtype), pin_memory=target.type == "cuda")
-    _filled(frame, host.numpy(), layout, order, factor)
+    _filled(frame, _numbers_of(torch, host), dtype, layout, order, factor)
     if out is not None:
         return out.copy_(host, non_blocking=True)
     return host if target.type == "cpu" else host.to(target, non_blocking=True)

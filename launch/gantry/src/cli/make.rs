@@ -22,12 +22,14 @@ pub enum NewWord {
 const CONSUMER_NOTES: &str = "\
 The name is that of the crate or package, of the process in its launch file, and the first part of its
 topic. The project gets Gantry's libraries from the checkout that this program was built from, by its path
-on this machine. Where there is none, or for a project that goes elsewhere, --git names a repository;
-without --rev it is the commit of the checkout, which has to be pushed there, or the newest commit.
+on this machine, or, in Python and C++, from the package that this program was installed with. For a project
+in Rust without a checkout, or one that goes elsewhere, --git names a repository; without --rev it is the
+commit of the checkout, which has to be pushed there, or the newest commit.
 
 Examples:
   gantry new consumer ../my_detector --lang python
   gantry new consumer ../planner --lang rust
+  gantry new consumer ../tracker --lang cpp
   gantry new consumer planner --lang rust --git https://git.example.org/gantry.git --rev v0.1.0";
 
 /// `gantry new consumer`.
@@ -59,4 +61,6 @@ pub enum Lang {
     Rust,
     /// A package on `gantry`.
     Python,
+    /// A project of CMake on `libgantry.so`.
+    Cpp,
 }

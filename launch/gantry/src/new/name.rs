@@ -46,6 +46,17 @@ const PYTHON: &str = "\
     webbrowser while winreg winsound with wsgiref xdrlib xml xmlrpc yield zipapp zipfile zipimport \
     zlib zoneinfo";
 
+/// Keywords of C++20, what its library and the project's own files name, and targets of CMake.
+const CPP: &str = "\
+    alignas alignof and and_eq asm auto bitand bitor bool break case catch char class co_await \
+    co_return co_yield compl concept const const_cast consteval constexpr constinit continue \
+    decltype default delete detect_test do double dynamic_cast else enum explicit export extern \
+    false float for friend goto if inline int long mutable namespace new noexcept not not_eq \
+    nullptr operator or or_eq private protected public register reinterpret_cast requires return \
+    run short signed simulator_test sizeof static static_assert static_cast std stop struct switch \
+    template test this thread_local throw true try typedef typeid typename union unsigned using \
+    virtual void volatile wchar_t while xor xor_eq";
+
 /// The project's name, the last part of `path`.
 ///
 /// # Errors
@@ -72,6 +83,7 @@ pub fn checked(path: &Path, lang: Lang) -> anyhow::Result<String> {
     let (language, taken) = match lang {
         Lang::Rust => ("Rust", RUST),
         Lang::Python => ("Python", PYTHON),
+        Lang::Cpp => ("C++", CPP),
     };
     let is_in = |list: &str| list.split(' ').any(|word| word == name);
     let owner = if is_in(OURS) {
@@ -130,5 +142,8 @@ mod tests {
             assert!(message(taken, Lang::Python).contains("Python uses it"));
         }
         assert!(checked(Path::new("lambda"), Lang::Rust).is_ok());
+        for taken in ["namespace", "int", "simulator_test"] {
+            assert!(message(taken, Lang::Cpp).contains("C++ uses it"));
+        }
     }
 }

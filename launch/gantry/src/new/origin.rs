@@ -1,5 +1,5 @@
-//! Where a new project gets Gantry's libraries from: a checkout on this machine, or a git
-//! repository.
+//! Where a new project gets Gantry's libraries from: a checkout on this machine, a git repository, or
+//! the package that this program was installed with.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::{Context as _, ensure};
 use launch_cli::wrong_usage;
 
-use crate::cli::ConsumerArgs;
+use crate::cli::{ConsumerArgs, Lang};
 use crate::programs;
 
 /// Where the libraries come from.
@@ -18,12 +18,16 @@ pub enum Origin {
     Checkout(PathBuf),
     /// A repository, and the commit, tag or branch; without one the newest commit.
     Git { url: String, rev: Option<String> },
+    /// A folder with `include` and `lib`, into which this program was installed.
+    Installed(PathBuf),
 }
 
 impl fmt::Display for Origin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Origin::Checkout(folder) => write!(f, "{}", folder.display()),
+            Origin::Checkout(folder) | Origin::Installed(folder) => {
+                write!(f, "{}", folder.display())
+            }
             Origin::Git { url, rev: None } => write!(f, "{url}"),
             Origin::Git {
                 url,
@@ -60,6 +64,12 @@ impl Origin {
         let built_from = own_checkout();
         if let Some(url) = &wanted.git {
             ensure!(
+                wanted.lang != Lang::Cpp,
+                wrong_usage(
+                    "--git goes with --lang rust and python: a project in C++ is linked with the library of a package, or of a checkout after ./gantry build"
+                )
+            );
+            ensure!(
                 !url.is_empty() && !url.contains(['"', '\\', '\n', ' ']),
                 wrong_usage(format!("--git is {url:?}, which is no address"))
             );
@@ -69,16 +79,45 @@ impl Origin {
                 rev,
             });
         }
-        built_from.map(Origin::Checkout).map_err(|_| {
-            wrong_usage("this gantry was not built from a checkout that is still there, so say where the project gets Gantry's libraries from: --checkout DIR or --git URL")
-        })
+        if let Ok(checkout) = built_from {
+            return Ok(Origin::Checkout(checkout));
+        }
+        let installed = installed_prefix(&programs::own_folder()?);
+        match (wanted.lang, installed) {
+            (Lang::Python | Lang::Cpp, Some(prefix)) => Ok(Origin::Installed(prefix)),
+            (Lang::Cpp, None) => Err(wrong_usage(
+                "this gantry was not built from a checkout that is still there, and no folder above it has include/gantry/gantry.hpp; name a checkout with --checkout DIR, or install a package",
+            )),
+            (Lang::Rust | Lang::Python, _) => Err(wrong_usage(
+                "this gantry was not built from a checkout that is still there, so say where the project gets Gantry's libraries from: --checkout DIR or --git URL",
+            )),
+        }
     }
 
     /// The folder with Gantry's source on this machine, if the project uses it.
     pub fn checkout(&self) -> Option<&Path> {
         match self {
             Origin::Checkout(folder) => Some(folder),
+            Origin::Git { .. } | Origin::Installed(_) => None,
+        }
+    }
+
+    /// The folder with `include` and `lib` of C and C++, if it is on this machine.
+    pub fn prefix(&self) -> Option<PathBuf> {
+        match self {
+            Origin::Checkout(root) => Some(root.join("consumers/consumer_c")),
+            Origin::Installed(prefix) => Some(prefix.clone()),
             Origin::Git { .. } => None,
+        }
+    }
+
+    /// What installing a Python project does about `gantry`, for its page.
+    pub fn install_note(&self) -> &'static str {
+        match self {
+            Origin::Installed(_) => "where the wheel gantry_sim is installed, too",
+            Origin::Checkout(_) | Origin::Git { .. } => {
+                "builds gantry's native module, which needs Rust"
+            }
         }
     }
 
@@ -100,6 +139,8 @@ impl Origin {
                 toml::Value::from(url.as_str()),
                 toml::Value::from(rev.as_str())
             ),
+            // A package holds no crates; `of` refuses it for Rust.
+            Origin::Installed(_) => toml::Value::from(env!("CARGO_PKG_VERSION")).to_string(),
         }
     }
 
@@ -115,6 +156,7 @@ impl Origin {
                 let rev = rev.as_ref().map_or(String::new(), |rev| format!("@{rev}"));
                 format!("gantry-sim @ git+{url}{rev}#subdirectory={FOLDER}")
             }
+            Origin::Installed(_) => format!("gantry-sim=={}", env!("CARGO_PKG_VERSION")),
         }
     }
 }
@@ -125,6 +167,12 @@ fn checkout(folder: &Path) -> anyhow::Result<PathBuf> {
     let wanted = folder.join("consumers/consumer_kit/Cargo.toml");
     ensure!(wanted.is_file(), "there is no {}", wanted.display());
     Ok(folder)
+}
+
+/// The nearest folder above a program in which a package has laid the headers of C++.
+fn installed_prefix(programs: &Path) -> Option<PathBuf> {
+    let has_headers = |folder: &&Path| folder.join("include/gantry/gantry.hpp").is_file();
+    programs.ancestors().find(has_headers).map(Path::to_owned)
 }
 
 /// The commit that a checkout is at; `None` without git.
@@ -182,6 +230,22 @@ mod tests {
         assert_eq!(
             git(Some("abc")).python_requirement(),
             "gantry-sim @ git+https://example.org/gantry.git@abc#subdirectory=consumers/consumer_python"
+        );
+    }
+
+    #[test]
+    fn an_installation_is_known_by_its_headers() {
+        let prefix = tempfile::tempdir().unwrap();
+        let bin = prefix.path().join("bin");
+        std::fs::create_dir(&bin).unwrap();
+        assert_eq!(installed_prefix(&bin), None);
+        std::fs::create_dir_all(prefix.path().join("include/gantry")).unwrap();
+        std::fs::write(prefix.path().join("include/gantry/gantry.hpp"), "").unwrap();
+        let found = installed_prefix(&bin).unwrap();
+        assert_eq!(found, prefix.path());
+        assert_eq!(
+            Origin::Installed(found).python_requirement(),
+            format!("gantry-sim=={}", env!("CARGO_PKG_VERSION"))
         );
     }
 

@@ -7,8 +7,9 @@ use launch_cli::files::MAX_SETTINGS_BYTES;
 
 use super::origin::Origin;
 use crate::cli::Lang;
+use crate::programs;
 
-/// Launch file of both languages.
+/// Launch file of all languages.
 const LAUNCH: &str = include_str!("../../templates/launch.toml");
 /// JSON schema of launch files, for editors.
 const SCHEMA: &str = include_str!("../../../launch.schema.json");
@@ -79,6 +80,37 @@ const PYTHON: [(&str, &str); 9] = [
     ),
 ];
 
+const CPP: [(&str, &str); 7] = [
+    (
+        "CMakeLists.txt",
+        include_str!("../../templates/cpp/CMakeLists.txt.in"),
+    ),
+    (
+        "README.md",
+        include_str!("../../templates/cpp/README.md.in"),
+    ),
+    (
+        ".gitignore",
+        include_str!("../../templates/cpp/gitignore.in"),
+    ),
+    (
+        "src/main.cpp",
+        include_str!("../../templates/cpp/src/main.cpp"),
+    ),
+    (
+        "src/detect.hpp",
+        include_str!("../../templates/cpp/src/detect.hpp"),
+    ),
+    (
+        "tests/detect_test.cpp",
+        include_str!("../../templates/cpp/tests/detect_test.cpp"),
+    ),
+    (
+        "tests/simulator_test.cpp",
+        include_str!("../../templates/cpp/tests/simulator_test.cpp"),
+    ),
+];
+
 /// The files of the project `name` with their texts; paths are relative to its folder.
 ///
 /// # Errors
@@ -91,7 +123,11 @@ pub fn files(name: &str, lang: Lang, origin: &Origin) -> anyhow::Result<Vec<(Pat
             r#"["cargo", "run", "--release", "--quiet"]"#.to_owned(),
         ),
         Lang::Python => (&PYTHON, format!("[\"python\", \"-m\", \"{name}\"]")),
+        Lang::Cpp => (&CPP, format!("[\"build/{name}\"]")),
     };
+    let programs = programs::own_folder().context("cannot tell where this program is")?;
+    let shown =
+        |folder: Option<PathBuf>| folder.map_or_else(String::new, |it| it.display().to_string());
     let values = [
         ("{{name}}", name.to_owned()),
         ("{{cmd}}", cmd),
@@ -102,6 +138,9 @@ pub fn files(name: &str, lang: Lang, origin: &Origin) -> anyhow::Result<Vec<(Pat
         ),
         ("{{test_kit}}", origin.crate_dependency("tests/test_kit")),
         ("{{gantry}}", origin.python_requirement()),
+        ("{{install_note}}", origin.install_note().to_owned()),
+        ("{{prefix}}", shown(origin.prefix())),
+        ("{{programs}}", programs.display().to_string()),
     ];
     let filled = |text: &str| {
         values.iter().fold(text.to_owned(), |text, (key, value)| {
@@ -137,8 +176,9 @@ mod tests {
                 url: "https://example.org/gantry".into(),
                 rev: Some("abc".into()),
             },
+            Origin::Installed("/opt/gantry".into()),
         ];
-        for (lang, origin) in [Lang::Rust, Lang::Python]
+        for (lang, origin) in [Lang::Rust, Lang::Python, Lang::Cpp]
             .iter()
             .flat_map(|lang| origins.iter().map(move |origin| (*lang, origin)))
         {

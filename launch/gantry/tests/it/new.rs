@@ -124,6 +124,45 @@ fn a_python_project_requires_the_package_of_the_checkout_or_of_a_repository() {
 }
 
 #[test]
+fn a_project_in_cpp_finds_headers_and_library_of_the_checkout() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = new(folder.path(), &["my_net", "--lang", "cpp"]);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let said = String::from_utf8(output.stdout).unwrap();
+    for word in [
+        "made my_net (C++)",
+        "cmake --build build",
+        "ctest",
+        "up launch.toml",
+    ] {
+        assert!(said.contains(word), "{said}");
+    }
+    let project = folder.path().join("my_net");
+    let wanted = [
+        ".gitignore",
+        "CMakeLists.txt",
+        "README.md",
+        "launch.schema.json",
+        "launch.toml",
+        "src/detect.hpp",
+        "src/main.cpp",
+        "tests/detect_test.cpp",
+        "tests/simulator_test.cpp",
+    ];
+    assert_eq!(files(&project), wanted.map(PathBuf::from));
+    let lists = std::fs::read_to_string(project.join("CMakeLists.txt")).unwrap();
+    let prefix = repository().join("consumers/consumer_c");
+    assert!(prefix.join("include/gantry/gantry.hpp").is_file());
+    assert!(
+        lists.contains(&format!(
+            "set(GANTRY_PREFIX [=[{}]=] CACHE",
+            prefix.display()
+        )),
+        "{lists}"
+    );
+}
+
+#[test]
 fn names_and_places_that_cannot_be_are_refused_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
@@ -157,7 +196,16 @@ fn names_and_places_that_cannot_be_are_refused_in_one_sentence() {
     let message = refusal(at, 1, &["net", "--lang", "rust", "--checkout", "empty"]);
     assert!(message.contains("--checkout is empty"), "{message}");
     assert!(refusal(at, 2, &["net"]).contains("--lang"));
-    assert!(refusal(at, 2, &["net", "--lang", "cobol"]).contains("rust, python"));
+    assert!(refusal(at, 2, &["net", "--lang", "cobol"]).contains("rust, python, cpp"));
+    let git = [
+        "net",
+        "--lang",
+        "cpp",
+        "--git",
+        "https://git.example.org/gantry.git",
+    ];
+    assert!(refusal(at, 2, &git).contains("a project in C++ is linked with the library"));
+    assert!(refusal(at, 2, &["union", "--lang", "cpp"]).contains("C++ uses it"));
     assert!(refusal(at, 2, &["net", "--lang", "rust", "--rev", "v1"]).contains("--git"));
     assert_eq!(
         files(at)

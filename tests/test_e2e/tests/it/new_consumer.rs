@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use schema_frames::Box2d;
 use test_e2e::{assert_nothing_left, join_bus, python_package, venv_program};
-use test_kit::sandbox::binary_path;
+use test_kit::sandbox::{binary_path, repository};
 use test_kit::{Ended, Sandbox, eventually};
 
 /// Small images, which a software renderer draws quickly, and nothing to look at.
@@ -158,4 +158,65 @@ fn a_python_consumer_passes_its_tests_and_runs_from_its_launch_file() {
         ended.lines
     );
     up(&sandbox, &project, &env, &[]).expect_code(0);
+}
+
+/// Builds one program of a project in C++, as its CMakeLists.txt does, with warnings as errors.
+fn build_cpp(sandbox: &Sandbox, project: &Path, source: &str) -> PathBuf {
+    let build = project.join("build");
+    std::fs::create_dir_all(&build).unwrap();
+    // A program finds the library by its name of this interface.
+    let link = build.join("libgantry.so.1");
+    if !link.exists() {
+        std::os::unix::fs::symlink(binary_path("libgantry.so"), &link).unwrap();
+    }
+    let prefix = repository().join("consumers/consumer_c/include");
+    let stem = Path::new(source).file_stem().unwrap();
+    let made = match source {
+        "src/main.cpp" => build.join(project.file_name().unwrap()),
+        _ => build.join(stem),
+    };
+    let rpath = format!("-Wl,-rpath,{}", build.display());
+    let (source, own) = (project.join(source), project.join("src"));
+    let words = [
+        "-std=c++17",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-I",
+        prefix.to_str().unwrap(),
+        "-I",
+        own.to_str().unwrap(),
+        "-o",
+        made.to_str().unwrap(),
+        source.to_str().unwrap(),
+        link.to_str().unwrap(),
+        &rpath,
+    ];
+    let compiler = Path::new("c++");
+    sandbox
+        .spawn_program("c++", compiler, &words, &[])
+        .wait()
+        .expect_code(0);
+    made
+}
+
+#[test]
+fn a_cpp_consumer_builds_passes_its_tests_and_runs_from_its_launch_file() {
+    let sandbox = Sandbox::new("new-cpp");
+    let project = make(&sandbox, "cpp_net", "cpp");
+    let program = build_cpp(&sandbox, &project, "src/main.cpp");
+    let alone = build_cpp(&sandbox, &project, "tests/detect_test.cpp");
+    let ended = sandbox
+        .spawn_program("detect_test", &alone, &[], &[])
+        .wait();
+    assert!(ended.expect_code(0).says("2 passed"));
+    let beside = build_cpp(&sandbox, &project, "tests/simulator_test.cpp");
+    let (launch, simd) = (project.join("launch.toml"), binary_path("simd"));
+    let words = [&program, &launch, &simd].map(|path| path.to_str().unwrap());
+    let ended = sandbox
+        .spawn_program("simulator_test", &beside, &words, &[])
+        .wait_longer(std::time::Duration::from_secs(300))
+        .expect_code(0);
+    assert!(ended.says("1 passed"), "{:#?}", ended.lines);
+    up(&sandbox, &project, &[], &[]).expect_code(0);
 }

@@ -133,6 +133,80 @@ fn a_stream_has_as_many_frames_as_asked_for() {
 }
 
 #[test]
+fn parts_are_joined_to_a_report_whose_frames_are_made_again() {
+    let sandbox = Sandbox::new("perception-parts");
+    let towns = "maps = [\"Town01\", \"Town02\"]";
+    let suite = street(0.5, 10).replace("maps = [\"Town01\"]", towns)
+        + &fake_program("every", &["every"], "modes = [\"offline\"]");
+    let part = ["--out", "out", "--part", "--scenarios", "Town01*"];
+    let ended = bench(&sandbox, &suite, &part);
+    assert!(ended.says("the runs are kept in"), "{:#?}", ended.lines);
+    assert!(!sandbox.path("out/report.json").exists());
+    let ended = bench(&sandbox, &suite, &["--resume", "out"]);
+    assert!(ended.says("in Town01_clear_noon_s1 had finished"));
+    assert!(ended.says("to cite: Gantry "), "{:#?}", ended.lines);
+    let report = bench_report(&sandbox, "out");
+    let scenarios = report["scenarios"].as_array().expect("scenarios");
+    assert_eq!(scenarios.len(), 2);
+    assert_eq!(count(run(&report, "every"), "n_answered"), 10);
+
+    let verify = |report: &str| {
+        let words = [
+            "verify",
+            report,
+            "--cache",
+            "again",
+            "--scenarios",
+            "*Town02*",
+        ];
+        let process = sandbox.spawn("gantry-bench", &words);
+        process.wait_longer(BENCH_LIMIT)
+    };
+    let ended = verify("out").expect_code(0);
+    assert!(ended.says("the frames of 1 of 2 scenarios are those of the report"));
+    let hash = scenarios[1]["frames_hash"].as_str().expect("a hash");
+    let text = std::fs::read_to_string(sandbox.path("out/report.json")).expect("a report");
+    sandbox.write("other.json", &text.replace(hash, &"0".repeat(64)));
+    let ended = verify("other.json").expect_code(1);
+    assert!(ended.says("other frames") && ended.says("its hashes were changed"));
+    assert_eq!(count_files(&sandbox.path("again")), 0, "nothing is left");
+}
+
+/// A box that is moved by a tenth of its width overlaps itself by 0.9 / 1.1 = 0.818, which passes
+/// seven of COCO's ten thresholds, 0.50 to 0.95; an exact one passes all.
+#[test]
+fn a_live_fake_in_traffic_has_the_score_that_its_error_says() {
+    let sandbox = Sandbox::new("perception-live-fake");
+    let place = "maps = [\"Town10HD\"]\nspawn_points = [126]\nseeds = [6]";
+    let mut suite = street(1.5, 60)
+        .replace("maps = [\"Town01\"]", place)
+        .replace("\"empty\"", "\"street\"")
+        .replace(
+            "width_px = 64",
+            "modalities = [\"rgb\", \"semantic\", \"instance\"]\nwidth_px = 320",
+        )
+        .replace("height_px = 48", "height_px = 180")
+        // Ahead of the bonnet, which no truth has.
+        .replace("[0.6, 0.0, 1.6]", "[2.6, 0.0, 1.4]")
+        + "classes = [\"vehicle\"]\nignore = { min_pixels = 9, min_height_px = 4 }\n\
+           [density.street]\nvehicles = 40\nwalkers = 60\n";
+    for (name, share) in [("exact", "0.0"), ("moved", "0.1")] {
+        suite += &fake_program(name, &[share], "modes = [\"offline\"]")
+            .replace("perception_fake.py", "perception_shifted.py");
+    }
+    bench(&sandbox, &suite, &["--out", "out", "--source", "live"]);
+    let report = bench_report(&sandbox, "out");
+    for (name, expected) in [("exact", 1.0), ("moved", 0.7)] {
+        let run = run(&report, name);
+        let score = &run["scores"][0];
+        let n = score["n_scored"].as_u64().expect("a number");
+        assert!(n > 30, "{n} vehicles are seen");
+        let found = score["offline"]["AP"].as_f64().expect("an AP");
+        assert!((found - expected).abs() < 1e-6, "{name}: {found}, {score}");
+    }
+}
+
+#[test]
 fn the_same_suite_shows_the_same_frames_and_another_seed_others() {
     let sandbox = Sandbox::new("perception-same");
     let suite = street(0.5, 10);

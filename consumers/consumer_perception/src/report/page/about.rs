@@ -173,6 +173,7 @@ pub fn how(report: &Report) -> String {
         ),
         ("seed".into(), report.seed.to_string()),
         ("fairness".into(), report.fairness().join("; ")),
+        ("to cite".into(), report.citation()),
         ("Gantry".into(), report.build.clone()),
         ("began".into(), report.began.clone()),
         (
