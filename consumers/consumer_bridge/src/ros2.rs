@@ -15,7 +15,9 @@ use std::time::Duration;
 
 use consumer_forms::ros2::types;
 use consumer_forms::ros2::world::{self, MAP, Transform};
-use consumer_kit::{Change, Domain, FollowedDocument, ListedTopic, Listing, TopicId, Wish};
+use consumer_kit::{
+    Calibrations, Change, Domain, FollowedDocument, ListedTopic, Listing, TopicId, Wish,
+};
 use schema_bus::{TopicKind, names};
 use schema_frames::{ActorInfo, ActorList};
 use zenoh::Session;
@@ -37,6 +39,7 @@ const MAX_RIGS: usize = 64;
 pub struct Ros2 {
     // Ports go before their node.
     actors: FollowedDocument,
+    calibrations: Calibrations,
     domain: Domain,
     relays: BTreeMap<TopicId, Relay>,
     snapshots: TopicId,
@@ -85,6 +88,7 @@ impl Ros2 {
             snapshots: domain.snapshots_on_demand(),
             domain,
             actors: FollowedDocument::optional(names::WORLD_ACTORS),
+            calibrations: Calibrations::new(),
             rigs: BTreeMap::new(),
             clock,
             tf: node.publish("/tf", &types::TF, || {})?,
@@ -112,8 +116,9 @@ impl Ros2 {
         }
         // One that fails keeps no other from sending.
         let mut sent = self.send_world();
-        for (id, relay) in &self.relays {
-            sent = sent.and(relay.pass_on(*id, &mut self.domain));
+        for (id, relay) in &mut self.relays {
+            let passed = relay.pass_on(*id, &mut self.domain, &mut self.calibrations);
+            sent = sent.and(passed);
         }
         if let Err(error) = sent
             && !std::mem::replace(&mut self.failure_said, true)

@@ -9,7 +9,7 @@
 //! domain), `ports` (what both stand on), `followed` (one topic of any kind), `topic` (of frames),
 //! `wake` (events), `publish` (results of a program's own), `result` (those of others), [`items`]
 //! (what is in them), `reader` (frames or results), `snapshots` (the world of a frame's tick),
-//! `document` (texts such as the list of actors), `lockstep`, `steps` (every tick in lockstep),
+//! `document` (texts such as the list of actors), `calibrations` (what pixels show), `lockstep`, `steps` (every tick in lockstep),
 //! `program` (the base of a program that answers frames), `run_files`.
 //!
 //! ```no_run
@@ -31,6 +31,7 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+mod calibrations;
 mod document;
 mod domain;
 mod followed;
@@ -48,6 +49,7 @@ mod steps;
 mod topic;
 mod wake;
 
+pub use calibrations::Calibrations;
 pub use document::FollowedDocument;
 pub use domain::{Change, Domain, LEAVE_AFTER, ListedTopic, Listing, Rhythm, Wish, is_left_over};
 pub use followed::{Take, TopicReport};

@@ -249,6 +249,15 @@ impl Sample {
         self.topic.clone_ref(py)
     }
 
+    /// Domain that the frame was read in; None for a frame from bytes.
+    #[getter]
+    fn domain(&self) -> Option<&str> {
+        match self.keeper.get().held.get() {
+            Some(Held::Shared(_, place) | Held::OnGpu(_, place)) => Some(place.bus().domain()),
+            _ => None,
+        }
+    }
+
     /// Tick that the frame shows.
     #[getter]
     fn tick(&self) -> u64 {

@@ -10,11 +10,12 @@
 //! child uses nothing and drops nothing of its parent's.
 //!
 //! Modules in reading order: `fork`, `errors`, `place` (a domain), `wait`, `view` (arrays),
-//! `elements`, `dlpack`, `tensor`, `recorded`, `frame`, `topic`, `world`, `lockstep`, `control`, `result`, `publish`,
+//! `elements`, `dlpack`, `tensor`, `calibration`, `frame`, `topic`, `world`, `lockstep`, `control`, `result`, `publish`,
 //! `publish_gpu`, `recording`, `result_file`, and `worlds`, which needs no bus.
 
 #![warn(missing_docs)]
 
+mod calibration;
 mod control;
 mod dlpack;
 mod elements;
@@ -40,6 +41,8 @@ use pyo3::prelude::*;
 /// Native half of the package `gantry`; use the package.
 #[pymodule(gil_used = false)]
 mod _native {
+    #[pymodule_export]
+    use crate::calibration::Calibration;
     #[pymodule_export]
     use crate::control::Controls;
     #[pymodule_export]
@@ -74,7 +77,7 @@ mod _native {
 
     /// Number of this interface, which the Python half compares with its own.
     #[pymodule_export]
-    const INTERFACE: u32 = 12;
+    const INTERFACE: u32 = 13;
     /// Version of the layouts that this module reads and writes.
     #[pymodule_export]
     const SCHEMA_VERSION: u16 = schema_frames::SCHEMA_VERSION;

@@ -1,10 +1,12 @@
 """Golden frames, made by the Rust tests, read from bytes."""
 
+import json
 import pathlib
 import struct
 import sys
 import types
 import unittest
+import zlib
 from unittest import mock
 
 import numpy as np
@@ -106,6 +108,58 @@ class GoldenFrames(unittest.TestCase):
         self.assertEqual(header.intrinsics[0, 2], 2.0)
         turned = header.world_from_sensor.matrix() @ [1.0, 0.0, 0.0, 1.0]
         np.testing.assert_allclose(turned[:3], [1.5 + 0.28, -2.0 + 0.96, 0.25], atol=1e-12)
+
+    def test_a_pinhole_s_header_is_its_calibration(self):
+        bent = gantry.frame_from_bytes(golden()["depth"])
+        self.assertEqual((bent.calibration.model, bent.calibration.crc), ("carla", 0))
+        np.testing.assert_array_equal(np.float32(bent.calibration.parameters["distortion"]), np.float32(bent.header.lens))
+        data = bytearray(golden()["depth"])
+        data[228:244] = bytes(16)
+        frame = gantry.frame_from_bytes(data)
+        fx, fy, cx, cy = frame.header.intrinsics_px
+        found = frame.calibration
+        self.assertEqual((found.model, found.size, found.crc), ("pinhole", (4, 2), 0))
+        self.assertEqual(found.parameters["focal_px"], [fx, fy])
+        pixels = found.project([[0.5, -0.25, 2.0], [0.0, 0.0, -1.0]])
+        np.testing.assert_allclose(pixels[0], [cx + 0.25 * fx, cy - 0.125 * fy], rtol=1e-15)
+        self.assertTrue(np.isnan(pixels[1]).all(), "it is behind the camera")
+        direction = found.unproject((cx + fx, cy))
+        np.testing.assert_allclose(direction, [np.sqrt(0.5), 0.0, np.sqrt(0.5)], rtol=1e-15)
+        with self.assertRaisesRegex(ValueError, r"points have the shape \(2,\); it must be \(3,\) or \(n, 3\)"):
+            found.project((1.0, 2.0))
+        lidar = bytearray(golden()["lidar"])
+        lidar[136:168] = bytes(32)
+        with self.assertRaisesRegex(gantry.FrameFormatError, "only frames of a camera"):
+            gantry.frame_from_bytes(lidar).calibration
+
+    def test_a_lens_is_what_world_info_says_of_its_crc(self):
+        # The numbers and pixels of cv2.fisheye.projectPoints, which counts from the middle of the first pixel.
+        lens = {"model": "kannala_brandt", "coefficients": [-0.0132, 0.0204, -0.0113, 0.0021]}
+        points = [[0.3, -0.2, 1.0], [-0.5, 0.4, 1.0], [0.1, 0.05, 2.0]]
+        by_opencv = [[503.45234651948886, 343.3275502272899], [295.0679695940979, 499.92796971590445], [435.7346008583928, 405.40475990513954]]
+        numbers = [848, 800, 4, 285.0, 286.5, 0.0, 0.0, 422.0, 398.75, 1.6, *lens["coefficients"]]
+        crc = zlib.crc32(struct.pack(f"<{len(numbers)}d", *numbers))
+        calibration = {"size_px": [848, 800], "lens": lens, "focal_px": [285.0, 286.5], "shear_px": [0.0, 0.0], "centre_px": [422.0, 398.75], "max_angle_rad": 1.6}
+        data = bytearray(golden()["depth"])
+        data[188:192] = struct.pack("<I", 4 | 1 << 16)
+        data[252:256] = struct.pack("<I", crc)
+        frame = gantry.frame_from_bytes(data)
+        with self.assertRaisesRegex(gantry.GantryError, f"calibration_crc {crc:#010x}, are in world/info, which came neither"):
+            frame.calibration
+        info = {"cameras": [{"name": "ego/front", "sensor_id": 1, "calibration": {**calibration, "crc": crc}}]}
+        wrong = {"cameras": [{"name": "ego/front", "sensor_id": 1, "calibration": {**calibration, "crc": crc, "focal_px": [285.0, 286.6]}}]}
+        frame._look = lambda: json.dumps(wrong)
+        with mock.patch("gantry._calibration._LOOK_FOR_SECS", 0.0):
+            with self.assertRaisesRegex(gantry.GantryError, "describes no camera with the calibration_crc"):
+                frame.calibration
+        frame._look = lambda: json.dumps(info)
+        found = frame.calibration
+        self.assertEqual((found.model, found.crc, found.size), ("kannala_brandt", crc, (848, 800)))
+        self.assertEqual(found.parameters["coefficients"], lens["coefficients"])
+        np.testing.assert_allclose(found.project(points) - 0.5, by_opencv, atol=1e-9)
+        back = found.unproject(found.project(points))
+        np.testing.assert_allclose(back, np.array(points) / np.linalg.norm(points, axis=1, keepdims=True), atol=1e-12)
+        self.assertTrue(np.isnan(found.project([1.0, 0.0, -0.2])).all(), "beyond the field")
 
     def test_payload_bytes_land_where_they_belong(self):
         frames = {name: gantry.frame_from_bytes(data) for name, data in golden().items()}

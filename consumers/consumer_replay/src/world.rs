@@ -179,5 +179,6 @@ fn no_info() -> WorldInfo {
         adapter: String::new(),
         cpu_copies: 1,
         batches: Vec::new(),
+        cameras: Vec::new(),
     }
 }

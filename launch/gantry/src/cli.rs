@@ -21,7 +21,9 @@ pub use carla::{
 };
 pub use look::{Column, EchoArgs, GraphArgs, TopArgs, TopicArgs, TopicWord, WindowArgs};
 pub use make::{ConsumerArgs, Lang, NewArgs, NewWord};
-pub use sensor::{SensorArgs, SensorCheckArgs, SensorWord};
+pub use sensor::{
+    SensorArgs, SensorCheckArgs, SensorExportArgs, SensorImportArgs, SensorWord, SizePx,
+};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -56,7 +58,7 @@ pub enum Word {
     Doctor(DoctorArgs),
     /// Take OpenDRIVE files over from CARLA or elsewhere, check them, or write out a map's
     Map(MapArgs),
-    /// Show profiles of sensors as they are sold, and judge them by other programs
+    /// Show and judge profiles of sensors as they are sold, and read and write calibrations
     Sensor(SensorArgs),
     /// Make a project of your own that runs with the simulator
     New(NewArgs),

@@ -6,7 +6,9 @@
 
 use bytemuck::{Pod, Zeroable};
 use schema_types::Pose;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
+
+use crate::calibration::{Calibration, Readout};
 
 /// "GDOC" read as a little-endian `u32`.
 pub const DOCUMENT_MAGIC: u32 = u32::from_le_bytes(*b"GDOC");
@@ -133,6 +135,9 @@ pub struct WorldInfo {
     /// Batches of cameras.
     #[serde(default)]
     pub batches: Vec<BatchInfo>,
+    /// Cameras by rising actor. Those that a later version describes are left out.
+    #[serde(default, deserialize_with = "known_cameras")]
+    pub cameras: Vec<CameraInfo>,
 }
 
 /// First segment of the topics of batches, `batch/NAME/MODALITY`.
@@ -160,6 +165,34 @@ pub struct BatchCamera {
     pub intrinsics_px: [f64; 4],
     /// The lens's distortion as in the header of its own frames; all 0 for a pinhole.
     pub lens: [f32; 4],
+}
+
+/// A camera of the world, as `world/info` describes it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CameraInfo {
+    /// What its topics are called but for the modality: `ego/front`.
+    pub name: String,
+    /// Its actor.
+    pub sensor_id: u32,
+    /// What its pixels show.
+    pub calibration: Calibration,
+    /// Pose on its carrier (x forward, y left, z up); `None` without one.
+    pub mount: Option<PoseText>,
+    /// When its rows are exposed.
+    #[serde(default)]
+    pub readout: Readout,
+}
+
+/// Reads the cameras of `world/info`, and leaves out what a later version says of one.
+fn known_cameras<'de, D>(from: D) -> Result<Vec<CameraInfo>, D::Error>
+where
+    D: Deserializer<'de>,
+{
+    let all = Vec::<serde_json::Value>::deserialize(from)?;
+    let known = all.into_iter();
+    Ok(known
+        .filter_map(|camera| serde_json::from_value(camera).ok())
+        .collect())
 }
 
 /// Box around a body, in the actor's space.
@@ -272,4 +305,30 @@ pub struct Catalogue {
 pub struct SpawnPoints {
     /// World poses; launch files count them from 0.
     pub points: Vec<PoseText>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cameras_that_a_later_version_describes_are_left_out() {
+        let camera = CameraInfo {
+            name: "ego/front".into(),
+            sensor_id: 7,
+            calibration: Calibration::pinhole([200.0, 200.0, 160.0, 100.0], None, [320, 200])
+                .unwrap(),
+            mount: None,
+            readout: Readout::Global,
+        };
+        let known = serde_json::to_value(&camera).unwrap();
+        let mut other = known.clone();
+        other["calibration"]["lens"]["model"] = "heptafocal".into();
+        let mut bad = known.clone();
+        bad["calibration"]["focal_px"] = serde_json::json!([0.0, 1.0]);
+        let all = serde_json::Value::from(vec![other, known, bad]);
+        let found = known_cameras(all).unwrap();
+        assert_eq!(found.len(), 1);
+        assert_eq!(found[0].name, "ego/front");
+    }
 }

@@ -55,7 +55,8 @@ pub struct FrameHeader {
     pub window_nanos: u64,
     /// Pose of the sensor in the world (`sensor` axes: x forward, y left, z up).
     pub world_from_sensor: Pose,
-    /// Focal length and principal point `[fx, fy, cx, cy]`, pixels; 0 where it has no meaning.
+    /// Focal length and principal point `[fx, fy, cx, cy]` of a pinhole, pixels; 0 where it has no
+    /// meaning, as through a lens that `optics` names.
     pub intrinsics_px: [f64; 4],
     /// Farthest distance the sensor reports, metres; 0 if unbounded.
     pub range_limit_m: f32,
@@ -94,7 +95,8 @@ pub struct FrameHeader {
     pub reserved1: [u8; 8],
     /// If `optics` names a model: the CRC-32 (IEEE 802.3) of width, height, model, fx, fy, shears of x
     /// and y, cx, cy, the field's greatest angle in radians, and the model's own numbers in the order of
-    /// its keys (those left out at the end are not counted), each an `f64`; else 0.
+    /// its keys (those left out at the end are not counted), each an `f64`; else 0. `world/info` has
+    /// these numbers.
     pub calibration_crc: u32,
 }
 const _: () = assert!(size_of::<FrameHeader>() == 256 && align_of::<FrameHeader>() == 64);

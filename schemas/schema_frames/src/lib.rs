@@ -40,6 +40,7 @@ pub mod radar;
 pub mod limits;
 
 // What the world publishes.
+pub mod calibration;
 pub mod document;
 pub mod scene;
 pub mod sealed;
@@ -68,10 +69,11 @@ pub mod layout;
 
 pub use about::{About, AboutError, BytesSchema, PointField};
 pub use attachment::Attachment;
+pub use calibration::Calibration;
 pub use command::{Command, CommandBatch, CommandReply, MAX_HIDDEN, ReplyBatch};
 pub use control::{AckRecord, CompleteRecord, VehicleControl, VehicleControlRecord, WalkerControl};
 pub use document::{
-    ActorInfo, ActorList, BatchCamera, BatchInfo, BodyBox, Catalogue, CatalogueEntry,
+    ActorInfo, ActorList, BatchCamera, BatchInfo, BodyBox, CameraInfo, Catalogue, CatalogueEntry,
     DocumentHeader, SpawnPoints, StepMode, WorldInfo,
 };
 pub use dvs::DvsEvent;

@@ -1,6 +1,6 @@
 //! Settings of a camera: resolution, field of view, modalities.
 
-use schema_frames::Modality;
+use schema_frames::{Calibration, Modality};
 use schema_types::Lens;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -68,6 +68,19 @@ impl CameraSpec {
             .lens([self.width_px, self.height_px])
             .ok()
             .flatten()
+    }
+
+    /// What its pixels show; `None` for values that [`crate::SensorSpec::check`] refuses.
+    pub fn calibration(&self) -> Option<Calibration> {
+        let size_px = [self.width_px, self.height_px];
+        match self.lens.lens(size_px).ok()? {
+            Some(lens) => Some(Calibration::of_lens(lens, size_px)),
+            None => Calibration::pinhole(
+                self.intrinsics().as_array(),
+                self.optics.distortion(),
+                size_px,
+            ),
+        }
     }
 
     /// Largest number of events in one frame of `dvs`.

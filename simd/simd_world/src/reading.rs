@@ -7,7 +7,7 @@ use nalgebra::Isometry3;
 use schema_frames::document::{ActorList, Catalogue, Weather};
 use schema_frames::{ActorRecord, VehiclePhysics};
 use schema_roads::RoadMap;
-use schema_types::{ActorId, ObjectId};
+use schema_types::{ActorId, ObjectId, Pose};
 use sensor_core::{DynamicInstance, LampSetting, SceneAssets};
 
 use crate::actor_scene::{ActorMeshes, PosedActors};
@@ -42,6 +42,12 @@ impl World {
     /// The constants of all actors.
     pub fn actor_list(&self) -> ActorList {
         self.actors.list(&self.catalogue, &self.trigger_boxes)
+    }
+
+    /// Pose of an attached actor on its parent; `None` for one without a parent, and for none.
+    pub fn mount(&self, actor: ActorId) -> Option<Pose> {
+        let actor = self.actors.get(actor).ok()?;
+        actor.parent.map(|_| actor.pose)
     }
 
     /// Grows whenever [`World::actor_list`] changes.

@@ -27,7 +27,7 @@ pub struct Target {
 }
 
 /// All of them.
-pub const TARGETS: [Target; 13] = [
+pub const TARGETS: [Target; 14] = [
     Target {
         name: "rpc",
         run: targets::rpc,
@@ -62,6 +62,12 @@ pub const TARGETS: [Target; 13] = [
         name: "launch_files",
         run: targets::launch_files,
         seeds: seeds::launch_files,
+        is_text: true,
+    },
+    Target {
+        name: "calibrations",
+        run: targets::calibrations,
+        seeds: seeds::calibrations,
         is_text: true,
     },
     Target {

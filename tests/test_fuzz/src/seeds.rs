@@ -114,6 +114,20 @@ pub fn opendrive() -> Vec<Vec<u8>> {
     ]
 }
 
+/// A file of each format of calibrations.
+pub fn calibrations() -> Vec<Vec<u8>> {
+    let texts = [
+        "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [-0.01, 0.02, -0.01, 0.002]\n  distortion_model: equidistant\n  intrinsics: [285.0, 286.5, 421.5, 398.25]\n  resolution: [848, 800]\ncam1:\n  T_cn_cnm1:\n  - [1.0, 0.0, 0.0, -0.11]\n  - [0.0, 1.0, 0.0, 0.0]\n  - [0.0, 0.0, 1.0, 0.02]\n  - [0.0, 0.0, 0.0, 1.0]\n  camera_model: omni\n  distortion_coeffs: [-0.1, 0.02, 0.001, -0.0005]\n  distortion_model: radtan\n  intrinsics: [1.2, 285.0, 286.5, 421.5, 398.25]\n  resolution: [848, 800]\n",
+        "%YAML:1.0\n---\nimage_width: 752\nimage_height: 480\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 458.6, 0., 367.2, 0., 457.3, 248.4, 0., 0., 1. ]\ndistortion_coefficients: !!opencv-matrix\n   rows: 5\n   cols: 1\n   dt: d\n   data: [ -0.28, 0.07, 0.0002, 1.76e-05, 0.01 ]\n",
+        "image_width: 752\nimage_height: 480\ncamera_name: left\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [458.6, 0, 367.2, 0, 457.3, 248.4, 0, 0, 1]\ndistortion_model: rational_polynomial\ndistortion_coefficients:\n  rows: 1\n  cols: 8\n  data: [0.4, -0.05, 0.001, -0.002, 0.003, 0.6, 0.02, -0.004]\n",
+        "[{\"token\": \"a\", \"sensor_token\": \"b\", \"translation\": [1.7, 0.0, 1.5], \"rotation\": [0.5, -0.5, 0.5, -0.5], \"camera_intrinsic\": [[1266.4, 0.0, 816.3], [0.0, 1266.4, 491.5], [0.0, 0.0, 1.0]]}]",
+        "P2: 7.0e+02 0 6.0e+02 4.2e+01 0 7.0e+02 1.8e+02 0 0 0 1 0\nS_rect_02: 1242 375\n",
+        "%YAML:1.0\n---\nmodel_type: MEI\ncamera_name: image_02\nimage_width: 848\nimage_height: 800\nmirror_parameters:\n   xi: 1.2\ndistortion_parameters:\n   k1: -0.1\n   k2: 0.02\n   p1: 0.001\n   p2: -0.0005\nprojection_parameters:\n   gamma1: 285.0\n   gamma2: 286.5\n   u0: 421.5\n   v0: 398.25\n",
+        "{\"camera_model_parameters\": {\"resolution\": [1920, 1080], \"principal_point\": [959.5, 543.25], \"reference_poly\": \"PIXELDIST_TO_ANGLE\", \"pixeldist_to_angle_poly\": [0.0, 0.00106, -2e-8, 5e-11, -1e-14, 0.0], \"max_angle\": 1.1, \"linear_cde\": [1.0, 0.0, 0.0]}}",
+    ];
+    texts.map(|text| text.as_bytes().to_vec()).into()
+}
+
 /// A launch file with one of everything.
 pub fn launch_files() -> Vec<Vec<u8>> {
     let text = r#"version = 1

@@ -244,6 +244,27 @@ pub fn launch_files(bytes: &[u8]) {
     }
 }
 
+/// A file of calibration, in whichever format it looks like; what was read is written in every one.
+pub fn calibrations(bytes: &[u8]) {
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(MAX_TEXT_BYTES)]);
+    let cameras = match schema_calibration::read(&text, None, Some([800, 600])) {
+        Ok((_, cameras)) => cameras,
+        Err(fault) => {
+            assert!(!fault.of_file("file").is_empty());
+            return;
+        }
+    };
+    for camera in cameras.iter().take(4) {
+        let _ = camera.lens.unproject([10.0, 20.0]);
+        let _ = camera.lens.project([0.1, 0.2, 1.0]);
+        for format in schema_calibration::Format::ALL {
+            if let Err(error) = schema_calibration::write(format, std::slice::from_ref(camera)) {
+                assert!(!error.to_string().is_empty());
+            }
+        }
+    }
+}
+
 /// A recording, or any MCAP file.
 pub fn recordings(bytes: &[u8]) {
     let mut file = tempfile::NamedTempFile::new().expect("a temporary file");

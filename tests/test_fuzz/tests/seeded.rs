@@ -67,6 +67,7 @@ targets! {
     streams 5_000;
     opendrive 600;
     launch_files 3_000;
+    calibrations 2_000;
     recordings 1_500;
     carla_logs 10_000;
     checkpoints 2_000;
@@ -137,6 +138,10 @@ fn seeds_can_be_read() {
     for text in test_fuzz::seeds::launch_files() {
         let text = String::from_utf8(text).unwrap();
         launch_spec::Launch::parse(&text, "launch.toml").unwrap();
+    }
+    for text in test_fuzz::seeds::calibrations() {
+        let text = String::from_utf8(text).unwrap();
+        schema_calibration::read(&text, None, Some([800, 600])).unwrap();
     }
     for log in test_fuzz::seeds::carla_logs() {
         let mut reader = Reader::new(&log[..]).unwrap();

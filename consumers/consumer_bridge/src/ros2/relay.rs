@@ -4,9 +4,9 @@ use consumer_forms::ros2::cdr::Writer;
 use consumer_forms::ros2::sensors::{self, FrameError};
 use consumer_forms::ros2::types;
 use consumer_forms::ros2::world::{self, Detection2d, Detection3d, MAP};
-use consumer_kit::{Domain, Take, TopicId, Wish};
+use consumer_kit::{Calibrations, Domain, Take, TopicId, Wish};
 use schema_bus::{BusError, ResultSample, TopicDetails, TopicKind, names};
-use schema_frames::{About, Box2d, Box3d, FrameHeader, Modality, ResultType, Space};
+use schema_frames::{About, Box2d, Box3d, Calibration, FrameHeader, Modality, ResultType, Space};
 
 use crate::ros2::graph::{Node, Topic};
 
@@ -19,6 +19,8 @@ pub struct Relay {
     topic: String,
     outputs: Vec<(Form, Topic)>,
     refusal_said: bool,
+    /// Whether it was said that ROS 2 has no words for its lens.
+    lens_said: bool,
 }
 
 /// How a topic is to be known; `None` if it becomes nothing.
@@ -62,6 +64,7 @@ impl Relay {
             topic: topic.name.clone(),
             outputs,
             refusal_said: false,
+            lens_said: false,
         })
     }
 
@@ -81,10 +84,21 @@ impl Relay {
     ///
     /// # Errors
     /// What zenoh or the bus say.
-    pub fn pass_on(&self, id: TopicId, domain: &mut Domain) -> anyhow::Result<()> {
+    pub fn pass_on(
+        &mut self,
+        id: TopicId,
+        domain: &mut Domain,
+        calibrations: &mut Calibrations,
+    ) -> anyhow::Result<()> {
         while let Some(frame) = domain.take_frame(id)? {
+            let header = frame.header();
+            let lens = match header.lens_model() {
+                0 => None,
+                _ => calibrations.of(domain.bus(), header)?,
+            };
+            self.say_if_unsaid(lens.as_deref());
             send(&self.outputs, |form| {
-                of_frame(form, &self.topic, frame.header(), &frame)
+                of_frame(form, &self.topic, header, lens.as_deref(), &frame)
             })?;
         }
         while let Some(result) = domain.take_result(id)? {
@@ -96,6 +110,21 @@ impl Relay {
             })?;
         }
         Ok(())
+    }
+
+    /// Says once that ROS 2 has no words for a lens.
+    fn say_if_unsaid(&mut self, lens: Option<&Calibration>) {
+        if let Some(lens) = lens
+            && !sensors::has_words_for(lens.lens())
+            && !std::mem::replace(&mut self.lens_said, true)
+        {
+            tracing::warn!(
+                topic = self.topic,
+                "ROS 2 has no words for a lens of model {}; its camera_info says that it is not calibrated. It can say {}",
+                lens.lens().model().name(),
+                sensors::KNOWN_LENSES
+            );
+        }
     }
 }
 
@@ -193,17 +222,24 @@ pub(super) fn message(write: impl FnOnce(&mut Writer)) -> Vec<u8> {
 pub fn frame_messages(
     topic: &str,
     header: &FrameHeader,
+    lens: Option<&Calibration>,
     payload: &[u8],
 ) -> Vec<(types::Type, Vec<u8>)> {
     let modality = header.modality();
     let outputs = modality.map_or_else(Vec::new, |modality| outputs_of_frames(topic, modality));
-    let message = |(form, _, of)| Some((of, of_frame(form, topic, header, payload)?));
+    let message = |(form, _, of)| Some((of, of_frame(form, topic, header, lens, payload)?));
     outputs.into_iter().filter_map(message).collect()
 }
 
-fn of_frame(form: Form, topic: &str, header: &FrameHeader, payload: &[u8]) -> Option<Vec<u8>> {
+fn of_frame(
+    form: Form,
+    topic: &str,
+    header: &FrameHeader,
+    lens: Option<&Calibration>,
+    payload: &[u8],
+) -> Option<Vec<u8>> {
     let mut out = Writer::default();
-    frame_message(form, &frame_id(topic), header, payload, &mut out)
+    frame_message(form, &frame_id(topic), header, lens, payload, &mut out)
         .ok()?
         .then(|| out.into_bytes())
 }
@@ -213,6 +249,7 @@ fn frame_message(
     form: Form,
     id: &str,
     header: &FrameHeader,
+    lens: Option<&Calibration>,
     payload: &[u8],
     out: &mut Writer,
 ) -> Result<bool, FrameError> {
@@ -224,7 +261,10 @@ fn frame_message(
             };
             sensors::compressed_image(out, header, &file, id)?;
         }
-        Form::CameraInfo => sensors::camera_info(out, header, (header.width, header.height), id),
+        Form::CameraInfo => {
+            let size_px = (header.width, header.height);
+            sensors::camera_info(out, header, lens, size_px, id);
+        }
         Form::Points => sensors::points(out, header, payload, id)?,
         Form::Imu => {
             let Some(sample) = first(payload) else {

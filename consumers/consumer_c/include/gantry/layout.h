@@ -203,7 +203,7 @@ typedef struct gantry_frame_header {
     uint64_t window_nanos;
     /* Pose of the sensor in the world (sensor axes: x forward, y left, z up). */
     gantry_pose world_from_sensor;
-    /* Focal length and principal point [fx, fy, cx, cy], pixels; 0 where it has no meaning. */
+    /* Focal length and principal point [fx, fy, cx, cy] of a pinhole, pixels; 0 where it has no meaning, as through a lens that optics names. */
     double intrinsics_px[4];
     /* Farthest distance the sensor reports, metres; 0 if unbounded. */
     float range_limit_m;
@@ -233,7 +233,7 @@ typedef struct gantry_frame_header {
     float lens[4];
     /* Zero. */
     uint8_t reserved1[8];
-    /* If optics names a model: the CRC-32 (IEEE 802.3) of width, height, model, fx, fy, shears of x and y, cx, cy, the field's greatest angle in radians, and the model's own numbers in the order of its keys (those left out at the end are not counted), each an f64; else 0. */
+    /* If optics names a model: the CRC-32 (IEEE 802.3) of width, height, model, fx, fy, shears of x and y, cx, cy, the field's greatest angle in radians, and the model's own numbers in the order of its keys (those left out at the end are not counted), each an f64; else 0. world/info has these numbers. */
     uint32_t calibration_crc;
 } gantry_frame_header;
 GANTRY_CHECK(sizeof(gantry_frame_header) == 256, "gantry_frame_header has another size");

@@ -34,6 +34,7 @@ pub fn world() -> World {
         adapter: String::new(),
         cpu_copies: 0,
         batches: Vec::new(),
+        cameras: Vec::new(),
     };
     world.change(|known| known.info = Some(info));
     world

@@ -1,10 +1,12 @@
 //! Frames of sensors as messages of ROS 2.
 
 use half::f16;
+use schema_calibration::{Format, ros};
 use schema_frames::{
-    FrameHeader, GnssSample, ImuSample, LidarPoint, LidarReturn, Modality, RadarDetection,
-    SemanticLidarPoint,
+    Calibration, FrameHeader, GnssSample, ImuSample, LidarPoint, LidarReturn, Modality,
+    RadarDetection, SemanticLidarPoint,
 };
+use schema_types::Lens;
 
 use super::cdr::{TooLong, Writer};
 
@@ -113,32 +115,61 @@ pub fn compressed_image(
     Ok(())
 }
 
+/// Lenses that ROS 2 has words for.
+pub const KNOWN_LENSES: &str = Format::Ros.models();
+
+/// Whether ROS 2 has words for a lens.
+pub fn has_words_for(lens: &Lens) -> bool {
+    ros::distortion(lens).is_some()
+}
+
 /// Writes `sensor_msgs/CameraInfo` of an image of `size_px`, which a list of events does not carry.
-/// That of a lens with a model says that there is no calibration: its numbers are not in headers.
-pub fn camera_info(out: &mut Writer, of: &FrameHeader, size_px: (u32, u32), frame_id: &str) {
-    let [fx, fy, cx, cy] = of.intrinsics_px;
-    // ROS 2 counts from the middle of the first pixel.
-    let (cx, cy) = (cx - 0.5, cy - 0.5);
+/// The numbers of a lens with a model are not in headers: without `lens`, and if ROS 2 has no words
+/// for it, the message says that there is no calibration.
+pub fn camera_info(
+    out: &mut Writer,
+    of: &FrameHeader,
+    lens: Option<&Calibration>,
+    size_px: (u32, u32),
+    frame_id: &str,
+) {
+    let own = Calibration::of(of);
+    let calibration = own
+        .as_ref()
+        .or(lens.filter(|it| it.crc() == of.calibration_crc));
+    let said = calibration.and_then(|calibration| {
+        let lens = calibration.lens();
+        let (model, coefficients) = match calibration.distortion() {
+            // CARLA's lens is none of those that ROS 2 has a name for.
+            Some(bent) => ("carla", bent.as_array().map(f64::from).to_vec()),
+            None => {
+                let said = ros::distortion(lens)?;
+                (said.model, said.coefficients)
+            }
+        };
+        Some((model, coefficients, lens.plane()))
+    });
     begin(out, of.sim_nanos, frame_id)
         .u32(size_px.1)
         .u32(size_px.0);
-    // ROS 2 says by zeros that a camera has no calibration.
-    if of.lens_model() != 0 {
-        out.text("").u32(0).f64s(&[0.0; 9]);
-        out.f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
-            .f64s(&[0.0; 12]);
-    } else {
-        match of.distortion() {
-            None => out.text("plumb_bob").u32(5).f64s(&[0.0; 5]),
-            // CARLA's lens is none of those that ROS 2 has a name for.
-            Some(lens) => out
-                .text("carla")
-                .u32(4)
-                .f64s(&lens.as_array().map(f64::from)),
-        };
-        out.f64s(&[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
-            .f64s(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
-            .f64s(&[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+    match said {
+        Some((model, coefficients, plane)) => {
+            let [fx, fy] = plane.focal_px;
+            // ROS 2 counts from the middle of the first pixel.
+            let [cx, cy] = plane.centre_px.map(|it| it - 0.5);
+            out.text(model)
+                .u32(coefficients.len() as u32)
+                .f64s(&coefficients)
+                .f64s(&[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
+                .f64s(&IDENTITY)
+                .f64s(&[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
+        }
+        // It says by zeros that a camera has no calibration.
+        None => {
+            out.text("").u32(0).f64s(&[0.0; 9]);
+            out.f64s(&IDENTITY).f64s(&[0.0; 12]);
+        }
     }
     // Binning by two numbers, the region of interest by four: all of the image.
     for _ in 0..6 {

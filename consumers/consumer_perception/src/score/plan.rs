@@ -336,6 +336,7 @@ pub(super) fn nothing_recorded(truth: &TruthRecording, index: u32) -> Scenario {
             adapter: truth.adapter.clone(),
             cpu_copies: 0,
             batches: Vec::new(),
+            cameras: Vec::new(),
         },
         start_nanos: truth.begin_nanos,
         end_nanos: truth.end_nanos,

@@ -20,6 +20,7 @@ cannot use this package: start processes with `multiprocessing`'s "spawn".
 from ._load import native as _native_module  # noqa: F401 - first, because it checks the native half
 from ._actors import Actor, World, ego, spawn, world
 from ._attach import attach
+from ._calibration import Calibration
 from ._checkpoint import reset, restore_checkpoint, save_checkpoint
 from ._classes import CLASS_COLOURS, CLASS_NAMES, colour_classes
 from ._command import command
@@ -81,7 +82,7 @@ from ._topics import BatchCamera, TopicDetails, topics
 from ._world import Document, Snapshot, document, snapshot, snapshot_at
 
 __all__ = [
-    "ACTOR", "Actor", "BOX2D", "BOX3D", "BatchCamera", "BorrowLimitError", "BytesSchema", "CLASS_COLOURS", "CLASS_NAMES", "COLLISION_EVENT", "Counts", "DVS_EVENT",
+    "ACTOR", "Actor", "BOX2D", "BOX3D", "BatchCamera", "BorrowLimitError", "BytesSchema", "Calibration", "CLASS_COLOURS", "CLASS_NAMES", "COLLISION_EVENT", "Counts", "DVS_EVENT",
     "Document", "Frame", "FrameFormatError", "GNSS_SAMPLE", "GantryError", "GpuArray", "GpuLoan", "GpuPublisher", "Header", "IMU_SAMPLE", "Input", "KEYPOINT", "KEYPOINT_SET",
     "LANE_CROSSING", "LIDAR_POINT", "LIDAR_RETURN", "Loan", "Lockstep", "LockstepRow", "LockstepRows", "MASK", "Message", "NoSuchTopicError", "OBSTACLE_EVENT", "ODOMETRY", "PATH_POINT", "PATIENCE",
     "POSE_ESTIMATE", "Pose", "Publisher", "RADAR_DETECTION", "RESULT_TYPES", "RecordedTopic", "Recording", "RecordsAndTail", "Result", "ResultFile", "ResultHeader", "Row", "SCALAR",

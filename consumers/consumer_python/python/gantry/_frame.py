@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import struct
 import zlib
-from typing import Any, NamedTuple, cast
+from typing import Any, Callable, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _layout
+from ._calibration import Calibration, of_header
 from ._dtypes import unpacker
 from ._errors import FrameFormatError
 from ._load import native
+from ._patience import PATIENCE
 from ._pose import Pose
 from ._tensor import Colour, Dtype, Layout, tensor
 
@@ -48,6 +50,7 @@ class Header(NamedTuple):
     element_bytes: int
     window_nanos: int
     world_from_sensor: Pose
+    #: Focal length and principal point of a pinhole; 0 where it has no meaning, as through a lens that `optics` names.
     intrinsics_px: tuple[float, float, float, float]
     range_limit_m: float
     azimuth_rad: float
@@ -62,8 +65,9 @@ class Header(NamedTuple):
     cpu_copies: int
     ticks_in_flight: int
     payload_place: int
+    #: CARLA's distortion; NaN if `optics` names a lens's model, which these four cannot say.
     lens: tuple[float, float, float, float]
-    #: CRC-32 of the lens that `optics` names; 0 without one.
+    #: CRC-32 of the lens that `optics` names, whose numbers `frame.calibration` has; 0 without one.
     calibration_crc: int
 
     @classmethod
@@ -93,9 +97,11 @@ class Frame(native.Sample):
     cupy and jax take it by `from_dlpack`.
     """
 
-    __slots__ = ("_header",)
+    __slots__ = ("_header", "_look")
 
     _header: Header
+    #: Finds the text of `world/info` for a frame that was not read from shared memory.
+    _look: Callable[[], str | None]
 
     @property
     def header(self) -> Header:
@@ -105,6 +111,23 @@ class Frame(native.Sample):
         except AttributeError:
             self._header = Header.from_bytes(self.header_bytes())
             return self._header
+
+    @property
+    def calibration(self) -> Calibration:
+        """What the camera's pixels show: its lens, with `project(points)` and `unproject(pixels)`.
+
+        The header says it of a pinhole; the numbers of a lens with a model are in `world/info`, which the
+        first frame of a lens looks for, live and in a recording. Raises `FrameFormatError` for a frame
+        that is no camera's, or of a batch; `GantryError` if no `world/info` describes the lens.
+        """
+        header = self.header
+        look = getattr(self, "_look", None) or self._look_live
+        return of_header(self.header_bytes(), header.optics & 0xFF, header.calibration_crc, look)
+
+    def _look_live(self) -> str | None:
+        if self.domain is None:
+            return None
+        return native.document(self.domain, "world/info", PATIENCE)[3]
 
     @property
     def image(self) -> npt.NDArray[Any]:

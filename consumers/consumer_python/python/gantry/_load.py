@@ -11,7 +11,7 @@ from . import _layout
 __all__ = ["native"]
 
 #: Number of the interface that this half of the package speaks.
-INTERFACE = 12
+INTERFACE = 13
 
 _BUILD = "build it with ./gantry up in the repository, or pip install ./consumers/consumer_python"
 

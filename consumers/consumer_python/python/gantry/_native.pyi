@@ -8,7 +8,7 @@ import numpy.typing as npt
 from typing_extensions import Self, TypeAlias, disjoint_base
 
 __all__ = [
-    "About", "Controls", "Cursor", "FileDraft", "Foreign", "GpuLoan", "GpuPublisher", "INTERFACE", "Loan", "Lockstep", "Outcome", "Publisher", "Reader", "Recording", "ResultFile", "SCHEMA_VERSION", "Said", "Sample", "Snapshots", "Worlds", "close_all",
+    "About", "Calibration", "Controls", "Cursor", "FileDraft", "Foreign", "GpuLoan", "GpuPublisher", "INTERFACE", "Loan", "Lockstep", "Outcome", "Publisher", "Reader", "Recording", "ResultFile", "SCHEMA_VERSION", "Said", "Sample", "Snapshots", "Worlds", "close_all",
     "clean", "columns", "command", "default_domain", "document", "leave", "outcome_from_bytes", "publisher_alive", "sample_from_bytes", "set_elements",
     "set_frame_class", "set_private", "set_program", "set_result_class", "snapshot", "take_capsule", "take_interface", "tasks", "topics",
 ]  # fmt: skip
@@ -50,6 +50,28 @@ def topics(domain: str) -> list[tuple[str, str, str | None, int, int, int, int, 
 @final
 class About:
     def text(self) -> str | None: ...
+
+@final
+class Calibration:
+    def __new__(
+        cls,
+        size_px: Sequence[int],
+        model: str,
+        numbers: Sequence[float],
+        *,
+        focal_px: Sequence[float],
+        shear_px: Sequence[float],
+        centre_px: Sequence[float],
+        max_angle_rad: float,
+        distortion: Sequence[float],
+    ) -> Calibration: ...
+    @property
+    def crc(self) -> int: ...
+    @staticmethod
+    def of_header(header: bytes) -> Calibration | None: ...
+    def project(self, directions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]: ...
+    def text(self) -> str: ...
+    def unproject(self, pixels: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]: ...
 
 @final
 class Controls:
@@ -261,6 +283,8 @@ class Sample:
     def array(self) -> npt.NDArray[Any]: ...
     @property
     def device(self) -> str | None: ...
+    @property
+    def domain(self) -> str | None: ...
     @property
     def epoch(self) -> int: ...
     @property

@@ -86,7 +86,7 @@ class Pose(NamedTuple):
 
         `frame.header.world_from_sensor.project(points, frame.header.intrinsics_px)` places points of the
         world in an image. The centre of the top-left pixel is (0.5, 0.5); NaN is behind the camera. The
-        lens's distortion (`header.lens`) is left out.
+        lens is left out: `frame.calibration` has it.
         """
         at = self.inverse().apply(points_m)
         fx, fy, cx, cy = intrinsics_px

@@ -174,7 +174,7 @@ class Recording:
         Raises `GantryError` at the end if there were some and none could be read: colour that was recorded with
         `--jpeg` or `--video` has pictures for people and no frames.
         """
-        return self._read(("frame",), topics, start, end, lambda item: _frame(item), must_find="frame")
+        return self._read(("frame",), topics, start, end, self._frame, must_find="frame")
 
     def results(self, *topics: str, start: float = 0.0, end: float | None = None) -> Iterator[Result]:
         """Reads results of users' programs in the order of the file."""
@@ -190,7 +190,7 @@ class Recording:
 
         Raises `KeyError` if the topic has none of this tick, `GantryError` for a topic that is not there.
         """
-        return _frame(self._of_tick("frame", topic, tick))
+        return self._frame(self._of_tick("frame", topic, tick))
 
     def result(self, topic: str, tick: int) -> Result:
         """Returns the result that is about a tick, as `frame`."""
@@ -235,6 +235,13 @@ class Recording:
         while (item := cursor.next()) is not None:
             yield item
 
+    def _frame(self, item: tuple[Any, ...]) -> Frame:
+        frame: Frame = item[3]
+        if frame.is_image:
+            file, nanos = self._file, item[2]
+            frame._look = lambda: _info(file, nanos)
+        return frame
+
     def _check_open(self) -> None:
         if self._closed:
             raise GantryError(f"{self.path} is closed")
@@ -265,7 +272,7 @@ class Recording:
         def make(item: tuple[Any, ...]) -> Sample | None:
             kind = item[0]
             if kind == "frame":
-                return _frame(item)
+                return self._frame(item)
             if kind == "snapshot":
                 return parse_snapshot(item[3], item[4])
             if kind == "foreign":
@@ -300,7 +307,7 @@ class Recording:
                 worlds[world.tick] = world
                 _forget(worlds, world.tick)
                 return None
-            sample = _frame(item) if item[0] == "frame" else _result(item, abouts)
+            sample = self._frame(item) if item[0] == "frame" else _result(item, abouts)
             if sample is None:
                 return None
             ticks.setdefault(sample.tick, {})[item[1]] = sample
@@ -376,9 +383,9 @@ def _nanos(seconds: float) -> int:
     return round(seconds * 1e9)
 
 
-def _frame(item: tuple[Any, ...]) -> Frame:
-    frame: Frame = item[3]
-    return frame
+def _info(file: native.Recording, nanos: int) -> str | None:
+    """Returns the text of `world/info` that is in force at a time."""
+    return next((text for topic, _, _, _, text in file.documents_at(nanos) if topic == "world/info"), None)
 
 
 def _result(item: tuple[Any, ...], abouts: dict[str, About]) -> Result | None:

@@ -67,6 +67,7 @@ impl Daemon {
             adapter: String::new(),
             cpu_copies: 0,
             batches: Vec::new(),
+            cameras: Vec::new(),
         };
         let mut documents: Vec<DocumentPublisher> = [names::WORLD_INFO, names::WORLD_MAP]
             .map(|name| bus.document_publisher(name).unwrap())

@@ -8,6 +8,8 @@ mod info;
 mod measure;
 mod statistics;
 
+pub use info::document;
+
 use launch_cli::{CommonArgs, Exit};
 use schema_bus::Bus;
 

@@ -78,6 +78,65 @@ impl LensModel {
         }
     }
 
+    /// Its name in settings and documents.
+    pub fn name(&self) -> &'static str {
+        match self {
+            LensModel::Pinhole {} => "pinhole",
+            LensModel::OpenCv { .. } => "opencv",
+            LensModel::Unified { .. } => "unified",
+            LensModel::KannalaBrandt { .. } => "kannala_brandt",
+            LensModel::FTheta { .. } => "ftheta",
+            LensModel::Equidistant {} => "equidistant",
+            LensModel::Equisolid {} => "equisolid",
+            LensModel::Stereographic {} => "stereographic",
+            LensModel::Orthographic {} => "orthographic",
+            LensModel::DoubleSphere { .. } => "double_sphere",
+            LensModel::Table { .. } => "table",
+        }
+    }
+
+    /// The model of this name with these [`LensModel::numbers`]; `None` if no model has the name, or
+    /// not so many numbers.
+    pub fn of(name: &str, numbers: &[f64]) -> Option<LensModel> {
+        Some(match (name, numbers) {
+            ("pinhole", []) => LensModel::Pinhole {},
+            ("opencv", _) => LensModel::OpenCv {
+                coefficients: numbers.to_vec(),
+            },
+            ("unified", [mirror, coefficients @ ..]) => LensModel::Unified {
+                mirror: *mirror,
+                coefficients: coefficients.to_vec(),
+            },
+            ("kannala_brandt", _) => LensModel::KannalaBrandt {
+                coefficients: numbers.try_into().ok()?,
+            },
+            ("ftheta", [direction, polynomial @ ..]) => LensModel::FTheta {
+                direction: match *direction {
+                    0.0 => PolynomialDirection::DistanceToAngle,
+                    1.0 => PolynomialDirection::AngleToDistance,
+                    _ => return None,
+                },
+                polynomial: polynomial.to_vec(),
+            },
+            ("equidistant", []) => LensModel::Equidistant {},
+            ("equisolid", []) => LensModel::Equisolid {},
+            ("stereographic", []) => LensModel::Stereographic {},
+            ("orthographic", []) => LensModel::Orthographic {},
+            ("double_sphere", [xi, alpha]) => LensModel::DoubleSphere {
+                xi: *xi,
+                alpha: *alpha,
+            },
+            ("table", _) if numbers.len().is_multiple_of(2) => {
+                let (angles_rad, radii) = numbers.split_at(numbers.len() / 2);
+                LensModel::Table {
+                    angles_rad: angles_rad.to_vec(),
+                    radii: radii.to_vec(),
+                }
+            }
+            _ => return None,
+        })
+    }
+
     /// Its own numbers, in the order of its fields; an f-theta polynomial's direction is 0 from
     /// distances, 1 from angles.
     pub fn numbers(&self) -> Vec<f64> {

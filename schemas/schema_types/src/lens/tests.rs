@@ -377,3 +377,23 @@ fn values_of_no_lens_are_refused_with_what_is_allowed() {
         assert!(error.contains(wanted), "{error}\n{wanted}");
     }
 }
+
+#[test]
+fn name_and_numbers_make_a_model_again() {
+    for lens in every_lens() {
+        let model = lens.model();
+        let again = LensModel::of(model.name(), &model.numbers());
+        assert_eq!(again.as_ref(), Some(model));
+    }
+    for (name, numbers) in [
+        ("heptafocal", &[][..]),
+        ("pinhole", &[1.0]),
+        ("kannala_brandt", &[1.0; 3]),
+        ("ftheta", &[2.0, 0.0, 1.0]),
+        ("unified", &[]),
+        ("double_sphere", &[0.1]),
+        ("table", &[0.0, 1.0, 0.0]),
+    ] {
+        assert_eq!(LensModel::of(name, numbers), None, "{name}");
+    }
+}

@@ -3,7 +3,9 @@
 
 use anyhow::Context as _;
 use schema_bus::{Bus, BusError, DocumentPublisher, names};
-use schema_frames::{SpawnPoints, WorldInfo};
+use schema_frames::calibration::Readout;
+use schema_frames::{CameraInfo, SpawnPoints, WorldInfo};
+use sensor_spec::SensorSpec;
 use simd_world::World;
 
 use crate::clock::Clock;
@@ -11,6 +13,7 @@ use crate::participants::Participants;
 use crate::settings::adapter_of;
 use crate::world::LiveWorld;
 use simd_frames::frames::Sensors;
+use simd_frames::sensor::Role;
 
 /// Writers of the five documents, and what each sent last.
 pub struct Documents {
@@ -20,6 +23,8 @@ pub struct Documents {
     info_changed: bool,
     sent_info: Option<WorldInfo>,
     sent_actors: Option<u64>,
+    /// Revision of the actors whose cameras `world/info` describes.
+    described_actors: Option<u64>,
     /// Whether the newest list of actors could not be sent.
     is_list_late: bool,
     sent_episode: u32,
@@ -67,6 +72,7 @@ impl Documents {
             info_changed: true,
             sent_info: None,
             sent_actors: None,
+            described_actors: None,
             is_list_late: false,
             sent_episode: 0,
         })
@@ -127,7 +133,8 @@ impl Documents {
         }
         self.sent_episode = stamp.episode;
         let list = self.send_list(world, epoch, tick);
-        if self.info_changed || new_episode {
+        let revision = Some(world.actors_revision());
+        if self.info_changed || new_episode || self.described_actors != revision {
             let info = match self.truth {
                 Some(_) => info(state),
                 None => info(state).sealed(),
@@ -137,6 +144,7 @@ impl Documents {
                 self.sent_info = Some(info);
             }
             self.info_changed = false;
+            self.described_actors = revision;
         }
         list
     }
@@ -177,6 +185,29 @@ fn info(state: &State<'_>) -> WorldInfo {
         batches: batches
             .map(|batch| batch.info(&state.sensors.sensors))
             .collect(),
+        cameras: cameras(state),
         cpu_copies: targets.map(|target| target.cpu_copies()).max().unwrap_or(0),
     }
+}
+
+/// The cameras of the run, without that of the spectator.
+fn cameras(state: &State<'_>) -> Vec<CameraInfo> {
+    let sensors = state.sensors.sensors.iter();
+    let mut cameras: Vec<CameraInfo> = sensors
+        .filter(|sensor| sensor.role == Role::Sensor)
+        .filter_map(|sensor| {
+            let SensorSpec::Camera(camera) = &sensor.spec else {
+                return None;
+            };
+            Some(CameraInfo {
+                name: format!("{}/{}", sensor.rig.name, sensor.name),
+                sensor_id: sensor.actor.0,
+                calibration: camera.calibration()?,
+                mount: state.world.world().mount(sensor.actor).map(Into::into),
+                readout: Readout::Global,
+            })
+        })
+        .collect();
+    cameras.sort_by_key(|camera| camera.sensor_id);
+    cameras
 }

@@ -37,7 +37,7 @@ fn allowed(from: &str, to: &str) -> bool {
         ("simd", _) => matches!(district(to).as_str(), "schema" | "sensor" | "simd"),
         ("schema_types", _) => false,
         ("schema_bus", "schema_types" | "schema_frames") => true,
-        ("schema_frames" | "schema_roads", "schema_types") => true,
+        ("schema_frames" | "schema_roads" | "schema_calibration", "schema_types") => true,
         ("schema_recording", "schema_types" | "schema_frames") => true,
         (
             "consumer_dataset" | "consumer_export" | "consumer_sets" | "consumer_perception",

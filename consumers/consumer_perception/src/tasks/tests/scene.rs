@@ -249,6 +249,7 @@ pub fn scenario() -> Scenario {
             adapter: String::new(),
             cpu_copies: 0,
             batches: Vec::new(),
+            cameras: Vec::new(),
         },
         start_nanos: 0,
         end_nanos: u64::MAX,

@@ -33,7 +33,7 @@ pub fn messages(
             let base = format!("{base}/{}", modality.name());
             sensors::image(cdr, header, payload, &optical)?;
             take(&format!("{base}/image_raw"), &types::IMAGE, cdr)?;
-            sensors::camera_info(cdr, header, (header.width, header.height), &optical);
+            sensors::camera_info(cdr, header, None, (header.width, header.height), &optical);
             take(&format!("{base}/camera_info"), &types::CAMERA_INFO, cdr)
         }
         Modality::Dvs => {
@@ -43,7 +43,7 @@ pub fn messages(
             words.pass_time(header.sim_nanos / 1000, &mut bytes)?;
             sensors::events(cdr, header, size_px, &bytes, &optical)?;
             take(&format!("{base}/dvs/events"), &types::EVENT_PACKET, cdr)?;
-            sensors::camera_info(cdr, header, size_px, &optical);
+            sensors::camera_info(cdr, header, None, size_px, &optical);
             take(&format!("{base}/dvs/camera_info"), &types::CAMERA_INFO, cdr)
         }
         Modality::Lidar | Modality::SemanticLidar | Modality::LidarReturns | Modality::Radar => {

@@ -192,7 +192,7 @@ pub fn description(bus: &Bus, topic: &str) -> Option<About> {
 }
 
 /// The newest text of a document.
-fn document<T: DeserializeOwned>(bus: &Bus, name: &str) -> Option<T> {
+pub fn document<T: DeserializeOwned>(bus: &Bus, name: &str) -> Option<T> {
     if !bus.exists(name) {
         return None;
     }

@@ -1,0 +1,4 @@
+//! Files of calibration, read and written.
+
+mod files;
+mod round_trip;
