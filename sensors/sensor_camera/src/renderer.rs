@@ -293,7 +293,7 @@ impl CameraRenderer {
         };
         let computes = self.passes.computes(&gpu, tick.assets);
         let plans = gpu.time("find", || {
-            find::find(&tick, &mut self.shadows, jobs, &mut active)
+            find::find(&tick, computes, &mut self.shadows, jobs, &mut active)
         });
         let mut lamps = LampLists::default();
         for active in active.iter_mut().filter(|active| active.set.is_lit()) {

@@ -9,9 +9,12 @@ use crate::view::ViewJob;
 use crate::visible::Seen;
 use crate::{lamps, visible};
 
-/// Does so in parallel. Returns no shadow plans if the maps of all views exceed their memory limit.
+/// Does so in parallel. What walls hide is left out if views are drawn: compute shaders take hidden
+/// triangles in less time than the processor needs to find them. Returns no shadow plans if the maps
+/// of all views exceed their memory limit.
 pub(super) fn find(
     tick: &TickScene<'_>,
+    computes: bool,
     maps: &mut ShadowMaps,
     jobs: &[ViewJob<'_, '_>],
     active: &mut [Active],
@@ -41,7 +44,7 @@ pub(super) fn find(
             hidden: &view.hidden,
         })
         .collect();
-    let by_walls = gpu.is_software();
+    let by_walls = gpu.is_software() && !computes;
     let find = |(active, seen): (&mut Active, Seen<'_>)| {
         let (motion, drawn) = (&active.motion, &mut active.drawn);
         visible::visible(scene, assets, seen, motion, by_walls, drawn);
