@@ -2,11 +2,48 @@
 
 use sensor_gpu::Gpu;
 
-/// Replaces `buffer` by one of twice the needed size if it is too small.
+/// Replaces `buffer` by one of twice the needed size, or the largest that can be bound, if it is too
+/// small.
 pub(crate) fn grow(gpu: &Gpu, buffer: &mut wgpu::Buffer, n_bytes: u64) {
     if buffer.size() < n_bytes {
-        *buffer = gpu.buffer("grown", 2 * n_bytes, buffer.usage());
+        let most = gpu.device().limits().max_storage_buffer_binding_size & !3;
+        let size = (2 * n_bytes).min(most.max(n_bytes));
+        *buffer = gpu.buffer("grown", size, buffer.usage());
     }
+}
+
+/// A compute pipeline with one bind group, and the group's layout.
+pub(crate) fn compute_pass(
+    gpu: &Gpu,
+    label: &'static str,
+    wgsl: &str,
+    entry_point: &'static str,
+    entries: &[wgpu::BindGroupLayoutEntry],
+) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
+    let device = gpu.device();
+    let in_compute = |entry: &wgpu::BindGroupLayoutEntry| wgpu::BindGroupLayoutEntry {
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ..*entry
+    };
+    let entries: Vec<_> = entries.iter().map(in_compute).collect();
+    let group = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some(label),
+        entries: &entries,
+    });
+    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(label),
+        bind_group_layouts: &[Some(&group)],
+        immediate_size: 0,
+    });
+    let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(label),
+        layout: Some(&layout),
+        module: &gpu.shader(label, wgsl),
+        entry_point: Some(entry_point),
+        compilation_options: Default::default(),
+        cache: None,
+    });
+    (group, pipeline)
 }
 
 pub(crate) fn entry(binding: u32, ty: wgpu::BindingType) -> wgpu::BindGroupLayoutEntry {

@@ -1,11 +1,12 @@
 //! What the passes of a submission read together: light, views, instances and lamps, and the bind
 //! groups that hold them.
 
-use sensor_gpu::Gpu;
+use sensor_gpu::{Gpu, Uploads};
 
 use crate::binding_layout::{
     grow, sampler, storage, texture, texture_of, uniform, uniform_at_offset,
 };
+use crate::kept_groups::KeptGroups;
 use crate::lamps::LampLists;
 use crate::light;
 use crate::target::{TargetSet, Targets};
@@ -49,6 +50,8 @@ pub(crate) struct Bindings {
     pub instances: wgpu::Buffer,
     lamps: wgpu::Buffer,
     lamp_tiles: wgpu::Buffer,
+    kept_scene: KeptGroups,
+    kept_views: KeptGroups,
 }
 
 impl Bindings {
@@ -111,6 +114,8 @@ impl Bindings {
             scene_layout,
             view_layout,
             views_layout,
+            kept_scene: KeptGroups::up_to(1),
+            kept_views: KeptGroups::up_to(1),
             light: gpu.buffer(
                 "light",
                 size_of::<LightData>() as u64,
@@ -146,23 +151,31 @@ impl Bindings {
     }
 
     /// Uploads light, views and lamps, which change from tick to tick.
-    pub fn upload(&mut self, gpu: &Gpu, light: &LightData, views: &[ViewData], lamps: &LampLists) {
+    pub fn upload(
+        &mut self,
+        gpu: &Gpu,
+        (uploads, encoder): (&mut Uploads, &mut wgpu::CommandEncoder),
+        light: &LightData,
+        views: &[ViewData],
+        lamps: &LampLists,
+    ) {
         // The binding of the last view extends beyond its uniform.
         grow(
             gpu,
             &mut self.views,
             VIEW_BYTES * views.len() as u64 + VIEWS_BYTES,
         );
-        gpu.queue()
-            .write_buffer(&self.light, 0, bytemuck::bytes_of(light));
-        gpu.queue()
-            .write_buffer(&self.views, 0, bytemuck::cast_slice(views));
         grow(gpu, &mut self.lamps, LAMP_BYTES * lamps.lamps.len() as u64);
         grow(gpu, &mut self.lamp_tiles, 8 * lamps.tiles.len() as u64);
-        gpu.queue()
-            .write_buffer(&self.lamps, 0, bytemuck::cast_slice(&lamps.lamps));
-        gpu.queue()
-            .write_buffer(&self.lamp_tiles, 0, bytemuck::cast_slice(&lamps.tiles));
+        let lists: [(&wgpu::Buffer, &[u8]); 4] = [
+            (&self.light, bytemuck::bytes_of(light)),
+            (&self.views, bytemuck::cast_slice(views)),
+            (&self.lamps, bytemuck::cast_slice(&lamps.lamps)),
+            (&self.lamp_tiles, bytemuck::cast_slice(&lamps.tiles)),
+        ];
+        for (to, bytes) in lists {
+            uploads.write(encoder, to, 0, bytes);
+        }
     }
 
     /// Bind group of what all views share.
@@ -172,10 +185,11 @@ impl Bindings {
         sky: &wgpu::TextureView,
         switched: &wgpu::Buffer,
     ) -> wgpu::BindGroup {
-        gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("scene"),
-            layout: &self.scene_layout,
-            entries: &[
+        self.kept_scene.bind(
+            gpu,
+            "scene",
+            &self.scene_layout,
+            &[
                 wgpu::BindGroupEntry {
                     binding: 0,
                     resource: self.light.as_entire_binding(),
@@ -205,61 +219,68 @@ impl Bindings {
                     resource: switched.as_entire_binding(),
                 },
             ],
-        })
+        )
+    }
+
+    /// Forgets what groups of computed views bound, shadow maps above all, so that they can go.
+    pub fn forget(&self) {
+        self.kept_scene.clear();
+        self.kept_views.clear();
     }
 
     /// Bind group of a view that is drawn and the lamps of all.
     pub fn bind_view(&self, gpu: &Gpu, shadows: [&wgpu::TextureView; 2]) -> wgpu::BindGroup {
-        self.bind(gpu, &self.view_layout, shadows)
+        let entries = self.entries(shadows);
+        gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("view"),
+            layout: &self.view_layout,
+            entries: &entries,
+        })
     }
 
     /// Bind group of computed views, whose shadow maps are layers of one texture, and the lamps of
     /// all.
     pub fn bind_views(&self, gpu: &Gpu, shadows: [&wgpu::TextureView; 2]) -> wgpu::BindGroup {
-        self.bind(gpu, &self.views_layout, shadows)
+        let entries = self.entries(shadows);
+        self.kept_views
+            .bind(gpu, "views", &self.views_layout, &entries)
     }
 
-    fn bind(
-        &self,
-        gpu: &Gpu,
-        layout: &wgpu::BindGroupLayout,
-        [near, far]: [&wgpu::TextureView; 2],
-    ) -> wgpu::BindGroup {
+    fn entries<'e>(
+        &'e self,
+        [near, far]: [&'e wgpu::TextureView; 2],
+    ) -> [wgpu::BindGroupEntry<'e>; 6] {
         let view = wgpu::BufferBinding {
             buffer: &self.views,
             offset: 0,
             size: std::num::NonZeroU64::new(VIEWS_BYTES),
         };
-        gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("view"),
-            layout,
-            entries: &[
-                wgpu::BindGroupEntry {
-                    binding: 0,
-                    resource: wgpu::BindingResource::Buffer(view),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 1,
-                    resource: wgpu::BindingResource::TextureView(near),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 2,
-                    resource: wgpu::BindingResource::Sampler(&self.shadow_sampler),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 3,
-                    resource: self.lamps.as_entire_binding(),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 4,
-                    resource: self.lamp_tiles.as_entire_binding(),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 5,
-                    resource: wgpu::BindingResource::TextureView(far),
-                },
-            ],
-        })
+        [
+            wgpu::BindGroupEntry {
+                binding: 0,
+                resource: wgpu::BindingResource::Buffer(view),
+            },
+            wgpu::BindGroupEntry {
+                binding: 1,
+                resource: wgpu::BindingResource::TextureView(near),
+            },
+            wgpu::BindGroupEntry {
+                binding: 2,
+                resource: wgpu::BindingResource::Sampler(&self.shadow_sampler),
+            },
+            wgpu::BindGroupEntry {
+                binding: 3,
+                resource: self.lamps.as_entire_binding(),
+            },
+            wgpu::BindGroupEntry {
+                binding: 4,
+                resource: self.lamp_tiles.as_entire_binding(),
+            },
+            wgpu::BindGroupEntry {
+                binding: 5,
+                resource: wgpu::BindingResource::TextureView(far),
+            },
+        ]
     }
 
     /// Where a view's uniform begins.

@@ -2,8 +2,8 @@
 //! them. `light.wgsl` darkens in closed form, so that nothing floats where the sun does not reach.
 
 use nalgebra::{Isometry3, Point3, Vector3};
-use schema_types::{ActorId, Class, ObjectId};
-use sensor_core::{MeshId, Scene};
+use schema_types::{ActorId, ObjectId};
+use sensor_core::Scene;
 
 use crate::assets::Meshes;
 use crate::camera_motion::CameraMotion;
@@ -111,34 +111,27 @@ impl Standing {
     }
 }
 
-/// Whether things of this class stand on the ground and may move.
-fn stands(class: u8) -> bool {
-    (Class::PEDESTRIANS.0..=Class::BICYCLE.0).contains(&class) || class == Class::DYNAMIC.0
-}
-
 impl Blockers {
     /// Finds those of a view: `sees` says whether a sphere of the world reaches into it, `still` are
-    /// the static instances that it shows.
+    /// the static instances that it shows, `hidden` are actors that it does not, and `standing` the
+    /// numbers of the moving instances that stand on the ground.
     pub fn find(
         &mut self,
         scene: &Scene,
         assets: &Meshes,
-        hidden: &[ActorId],
+        (hidden, standing): (&[ActorId], &[u32]),
         still: impl Iterator<Item = u32>,
         motion: &CameraMotion,
         sees: impl Fn(&Point3<f64>, f64) -> bool,
     ) {
         let eye = Point3::from(motion.world_from_camera.translation.vector);
         self.found.clear();
-        let is_standing = |mesh: MeshId| {
-            let first = assets.scene_assets.mesh(mesh).vertices.first();
-            first.is_some_and(|vertex| stands(vertex.class))
-        };
         // An actor's parts follow one another.
-        for part in &scene.dynamics {
+        for number in standing {
+            let part = &scene.dynamics[*number as usize];
             let (mesh, pose) = (part.mesh, &part.world_from_mesh);
             let is_near = (pose.translation.vector - eye.coords).norm() < REACH_M;
-            if !is_near || hidden.binary_search(&part.actor).is_ok() || !is_standing(mesh) {
+            if !is_near || hidden.binary_search(&part.actor).is_ok() {
                 continue;
             }
             let object = ObjectId(part.actor.0);
@@ -150,8 +143,8 @@ impl Blockers {
             }
         }
         for i in still {
-            let instance = &assets.scene_assets.statics[i as usize];
-            if is_standing(instance.mesh) {
+            if assets.stands(assets.still.meshes[i as usize]) {
+                let instance = &assets.scene_assets.statics[i as usize];
                 let mut one = Standing::at(instance.object, &instance.world_from_mesh);
                 one.include(assets.box_m(instance.mesh), &instance.world_from_mesh);
                 self.found.push(one);

@@ -17,7 +17,7 @@
 //! | `quality`, `uniform`, `vertex` | what Rust and WGSL agree on |
 //! | `camera_motion`, `assets`, `target` | poses, meshes on the GPU, render targets |
 //! | `occlusion`, `visible`, `lamps`, `light`, `shadow` | what a view sees, and the light it is seen in |
-//! | `binding_layout`, `bindings` | bind groups that several passes share |
+//! | `binding_layout`, `bindings`, `kept_groups` | bind groups that several passes share, or that are kept |
 //! | `geometry`, `raster`, `shade`, `blur`, `post`, `debug`, `lens`, `faces` | the passes, each beside its shaders |
 //! | `overlay` | what the spectator alone sees: texts, lines on the screen |
 //! | [`dvs`] | the event camera, on the CPU and on the GPU |
@@ -72,6 +72,7 @@ mod visible;
 
 mod binding_layout;
 mod bindings;
+mod kept_groups;
 
 mod blur;
 mod debug;
@@ -97,15 +98,15 @@ pub use lens::LensData;
 pub use post::PostData;
 pub use quality::Quality;
 pub use raster::{
-    RasterDraw, RasterView, Rasteriser, TILE_PX, Tile, TileImages, TileInput, TileLists,
-    exact_images,
+    ChunkCounts, RasterDraw, RasterView, Rasteriser, StillCounts, StillView, TILE_PX, Tile,
+    TileImages, TileInput, TileLists, exact_images,
 };
 pub use renderer::{CameraRenderer, HeldImages, RenderError};
 pub use sensor_gpu::Place;
 pub use shader_sources::shader_sources;
 pub use tile_renderer::{TileCamera, TileRenderer};
 pub use uniform::{
-    AmbientData, FogData, InstanceData, LampData, LightData, MapPlace, SceneryLampsData, SunData,
-    ViewData, WaterData,
+    AmbientData, FogData, InstanceData, LampData, LightData, MapPlace, SceneryLampsData, StillData,
+    SunData, ViewData, WaterData,
 };
 pub use view::{Output, OutputResult, Submission, View, ViewJob, ViewResult, ViewSpec};

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use bytemuck::{Pod, Zeroable};
-use sensor_gpu::Gpu;
+use sensor_gpu::{Gpu, Uploads};
 use sensor_spec::{ExposureMode, FilmCurve, Intrinsics, OpticsSpec};
 
 use crate::binding_layout::{
@@ -340,7 +340,13 @@ impl PostPass {
     }
 
     /// Uploads the settings of the developed views; the submission has `n_views` in all.
-    pub fn upload(&mut self, gpu: &Gpu, jobs: &[&PostJob<'_>], n_views: usize) {
+    pub fn upload(
+        &mut self,
+        gpu: &Gpu,
+        (uploads, encoder): (&mut Uploads, &mut wgpu::CommandEncoder),
+        jobs: &[&PostJob<'_>],
+        n_views: usize,
+    ) {
         if jobs.is_empty() {
             return;
         }
@@ -375,8 +381,7 @@ impl PostPass {
             &mut self.data,
             POST_BYTES * n_views as u64 + POSTS_BYTES,
         );
-        gpu.queue()
-            .write_buffer(&self.data, 0, bytemuck::cast_slice(&data));
+        uploads.write(encoder, &self.data, 0, bytemuck::cast_slice(&data));
     }
 
     /// Records the development from `Radiance` to `Color` of plain views whose targets are layers
@@ -385,12 +390,10 @@ impl PostPass {
         let radiance = views.targets.get(Target::Radiance);
         let color = &views.targets.get(Target::Color).layers;
         let (no_meter, no_glow) = &self.spares[views.first];
-        let bound = self.bind(
-            gpu,
-            &radiance.layers,
-            no_meter,
-            [color, &self.black.view, &self.black.view, &no_glow.view],
-        );
+        let images = [color, &self.black.view, &self.black.view, &no_glow.view];
+        let entries = self.entries(&radiance.layers, no_meter, images);
+        let kept = &views.targets.groups;
+        let bound = kept.bind(gpu, "post", &self.layout, &entries);
         let [across, down] = groups([radiance.texture.width(), radiance.texture.height()]);
         pass.set_pipeline(&self.main);
         pass.set_bind_group(0, &bound, &[offset_of(views.first)]);
@@ -475,8 +478,21 @@ impl PostPass {
         gpu: &Gpu,
         from: &wgpu::TextureView,
         meter: &wgpu::Buffer,
-        [color, glow, ghosts, glow_out]: [&wgpu::TextureView; 4],
+        images: [&wgpu::TextureView; 4],
     ) -> wgpu::BindGroup {
+        gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("post"),
+            layout: &self.layout,
+            entries: &self.entries(from, meter, images),
+        })
+    }
+
+    fn entries<'e>(
+        &'e self,
+        from: &'e wgpu::TextureView,
+        meter: &'e wgpu::Buffer,
+        [color, glow, ghosts, glow_out]: [&'e wgpu::TextureView; 4],
+    ) -> [wgpu::BindGroupEntry<'e>; 8] {
         let view = |binding, view| wgpu::BindGroupEntry {
             binding,
             resource: wgpu::BindingResource::TextureView(view),
@@ -486,26 +502,22 @@ impl PostPass {
             offset: 0,
             size: std::num::NonZeroU64::new(POSTS_BYTES),
         };
-        gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("post"),
-            layout: &self.layout,
-            entries: &[
-                wgpu::BindGroupEntry {
-                    binding: 0,
-                    resource: wgpu::BindingResource::Buffer(data),
-                },
-                view(1, from),
-                wgpu::BindGroupEntry {
-                    binding: 2,
-                    resource: wgpu::BindingResource::Sampler(&self.sampler),
-                },
-                buffer_entry(3, meter),
-                view(4, color),
-                view(5, glow),
-                view(6, glow_out),
-                view(7, ghosts),
-            ],
-        })
+        [
+            wgpu::BindGroupEntry {
+                binding: 0,
+                resource: wgpu::BindingResource::Buffer(data),
+            },
+            view(1, from),
+            wgpu::BindGroupEntry {
+                binding: 2,
+                resource: wgpu::BindingResource::Sampler(&self.sampler),
+            },
+            buffer_entry(3, meter),
+            view(4, color),
+            view(5, glow),
+            view(6, glow_out),
+            view(7, ghosts),
+        ]
     }
 }
 

@@ -21,13 +21,14 @@ use nalgebra::Isometry3;
 use schema_frames::Modality;
 use schema_types::space::sensor_from_camera;
 use sensor_core::{InstancePoses, Scene, SceneAssets};
-use sensor_gpu::{CopyBatch, Gpu, GpuError};
+use sensor_gpu::{CopyBatch, Gpu, GpuError, Uploads};
 
 use active::Active;
 pub use admit::HeldImages;
 pub use check::RenderError;
 use compose::{Composer, FacesOf, TickFaces};
 use gpu_events::GpuEvents;
+use groups::Recorder;
 use modality::targets_of;
 use passes::Passes;
 use tick::{TickDrawing, TickScene};
@@ -61,6 +62,7 @@ pub struct CameraRenderer {
     lens: LensPass,
     composer: Composer,
     shadows: ShadowMaps,
+    uploads: Uploads,
     pool: TargetPool,
     events: GpuEvents,
     /// Reused allocations of earlier submissions.
@@ -90,6 +92,7 @@ impl CameraRenderer {
             lens: LensPass::default(),
             composer: Composer::default(),
             shadows: ShadowMaps::new(gpu, quality, layout),
+            uploads: Uploads::new(gpu),
             pool: TargetPool::default(),
             events: GpuEvents::new(gpu),
             spare_drawn: Vec::new(),
@@ -150,9 +153,11 @@ impl CameraRenderer {
 
     /// Forgets what a tick or a map that found no memory left behind. The next tick makes it anew.
     pub fn recover(&mut self) {
+        self.passes.forget();
         self.assets = None;
         self.pool = TargetPool::default();
         self.light = None;
+        self.uploads = Uploads::new(&self.gpu);
         self.shadows = ShadowMaps::new(&self.gpu, self.quality, map_layout(&self.passes));
     }
 
@@ -190,6 +195,7 @@ impl CameraRenderer {
     /// tick: that is slower, but the pictures are the same. Each size of map has room for at least
     /// one. While textures grow, the old ones take memory until the tick is done.
     pub fn limit_shadow_bytes(&mut self, most_bytes: u64) {
+        self.passes.forget();
         self.shadows.limit(most_bytes);
     }
 
@@ -212,6 +218,7 @@ impl CameraRenderer {
             return n_bytes;
         }
         // The old meshes are dropped first, so that memory need not hold two towns.
+        self.passes.forget();
         self.assets = None;
         let uploaded = GpuAssets::upload(&self.gpu, assets);
         let n_bytes = uploaded.n_bytes();
@@ -292,8 +299,13 @@ impl CameraRenderer {
             sky: self.sky.as_ref().expect("it was just made"),
         };
         let computes = self.passes.computes(&gpu, tick.assets);
+        // Compute shaders take hidden triangles in less time than the processor needs to find them.
+        let culling = (
+            self.passes.still_as(&gpu, tick.assets),
+            gpu.is_software() && !computes,
+        );
         let plans = gpu.time("find", || {
-            find::find(&tick, &mut self.shadows, jobs, &mut active)
+            find::find(&tick, culling, &mut self.shadows, jobs, &mut active)
         });
         let mut lamps = LampLists::default();
         for active in active.iter_mut().filter(|active| active.set.is_lit()) {
@@ -320,8 +332,12 @@ impl CameraRenderer {
             computes,
         };
         let mut encoder = gpu.time("record", || {
-            let (passes, shadows) = (&mut self.passes, &mut self.shadows);
-            groups::record_groups(passes, shadows, plans, &drawing, &mut active, jobs)
+            let recorder = Recorder {
+                passes: &mut self.passes,
+                maps: &mut self.shadows,
+                uploads: &mut self.uploads,
+            };
+            recorder.record(plans, &drawing, &mut active, jobs)
         });
         let mut batch = CopyBatch::new();
         let mut images = vec![None; jobs.len()];
@@ -340,7 +356,9 @@ impl CameraRenderer {
             });
         }
         let composer = &mut self.composer;
-        for (job_idx, picture) in composer.compose(&tick, jobs, faces, &active, &mut encoder) {
+        for (job_idx, picture) in
+            composer.compose(&tick, &mut self.uploads, jobs, faces, &active, &mut encoder)
+        {
             batch.overwrites(&picture.reads);
             images[job_idx] = Some((picture, 0));
         }
@@ -361,6 +379,7 @@ impl CameraRenderer {
                 None => Vec::new(),
             });
         let plans = plans.collect();
+        self.uploads.close(&encoder);
         Submission::new(
             Some(gpu.time("copies and submit", || batch.submit(&gpu, encoder))),
             plans,

@@ -359,7 +359,10 @@ impl ShadePass {
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, scene, &[]);
         pass.set_bind_group(1, bound, &[Bindings::offset_of(views.first)]);
-        pass.set_bind_group(2, &self.bind_images(gpu, &images), &[]);
+        let entries: Vec<_> = image_entries(&images).collect();
+        let kept = &views.targets.groups;
+        let images = kept.bind(gpu, "shaded images", &self.images_layout, &entries);
+        pass.set_bind_group(2, &images, &[]);
         pass.dispatch_workgroups(
             width.div_ceil(GROUP_PX[0]),
             height.div_ceil(GROUP_PX[1]),
@@ -437,16 +440,22 @@ impl ShadePass {
     }
 
     fn bind_images(&self, gpu: &Gpu, images: &[&wgpu::TextureView]) -> wgpu::BindGroup {
-        let entry = |(binding, view)| wgpu::BindGroupEntry {
-            binding,
-            resource: wgpu::BindingResource::TextureView(view),
-        };
-        let entries: Vec<wgpu::BindGroupEntry<'_>> =
-            (0..).zip(images.iter().copied()).map(entry).collect();
+        let entries: Vec<_> = image_entries(images).collect();
         gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("shaded images"),
             layout: &self.images_layout,
             entries: &entries,
         })
     }
+}
+
+/// Images from binding 0 on.
+fn image_entries<'i>(
+    images: &'i [&wgpu::TextureView],
+) -> impl Iterator<Item = wgpu::BindGroupEntry<'i>> {
+    let entry = |(binding, view): (u32, &&'i wgpu::TextureView)| wgpu::BindGroupEntry {
+        binding,
+        resource: wgpu::BindingResource::TextureView(view),
+    };
+    (0..).zip(images).map(entry)
 }

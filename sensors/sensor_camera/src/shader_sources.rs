@@ -33,6 +33,8 @@ pub fn shader_sources() -> Vec<(&'static str, String)> {
         ("shade, computed", shade::shade_wgsl(Shading::Computed)),
         ("shade, drawn", shade::shade_wgsl(Shading::Drawn)),
         ("shade, in lanes", shade::lanes_wgsl()),
+        ("chunks", raster::CHUNKS_WGSL.to_owned()),
+        ("stills", raster::STILLS_WGSL.to_owned()),
         ("raster", raster::raster_wgsl()),
         ("resolve", raster::resolve_wgsl()),
         ("resolve, in lanes", raster::resolve_lanes_wgsl()),

@@ -21,7 +21,7 @@ use crate::raster::{RasterDraw, TileImages, TileInput, TileLight, TilePass};
 use crate::shadow::{CasterInput, Eye, TileMaps};
 use crate::target::{Target, TargetSet};
 use crate::uniform::ViewData;
-use crate::visible::{self, Drawn, Seen};
+use crate::visible::{self, Drawn, Moving, Seen, StillAs};
 
 /// The meshes of an episode.
 #[derive(Debug)]
@@ -173,10 +173,13 @@ impl TileRenderer {
             lens: *lens,
             previous: camera.previous.as_ref(),
             hidden: &[],
+            still: StillAs::Instances,
+            by_walls: true,
         };
-        visible::visible(scene, meshes, seen, &motion, true, &mut camera.drawn);
+        let moving = Moving::of(scene, meshes);
+        visible::visible(scene, meshes, &moving, seen, &motion, &mut camera.drawn);
         self.draws.clear();
-        self.draws.extend(RasterDraw::all_of(&camera.drawn, 0));
+        self.draws.extend(RasterDraw::all_of(&camera.drawn, 0, 0));
         let input = TileInput {
             vertices: &loaded.vertices,
             indices: &loaded.indices,

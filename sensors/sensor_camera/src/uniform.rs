@@ -23,6 +23,20 @@ pub struct InstanceData {
     pub moved: u32,
 }
 
+/// Mirror of `Still` in `shader/stills.wgsl`: a static instance in the world.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct StillData {
+    /// Mesh space to world, metres: rows of `[rotation | translation]`.
+    pub world_from_mesh: [[f64; 4]; 3],
+    /// Its rotation, quaternion xyzw.
+    pub world_from_mesh_xyzw: [f32; 4],
+    /// Object id.
+    pub object_id: u32,
+    /// Unused.
+    pub rest: [u32; 3],
+}
+
 /// Mirror of `MapPlace`: where a shadow map lies in its layer.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]

@@ -30,6 +30,15 @@ impl InstancePoses {
         InstancePoses(poses)
     }
 
+    /// The pose of an actor's part, looked for first at its number among the parts of a scene: from
+    /// tick to tick most stay where they were.
+    pub fn get_near(&self, number: usize, key: (u32, u16)) -> Option<&Isometry3<f64>> {
+        match self.0.get(number) {
+            Some((known, pose)) if *known == key => Some(pose),
+            _ => self.get(key),
+        }
+    }
+
     /// The pose of an actor's part.
     pub fn get(&self, key: (u32, u16)) -> Option<&Isometry3<f64>> {
         self.0

@@ -53,6 +53,7 @@ mod memory;
 
 mod copy;
 mod direct;
+mod uploads;
 
 mod prefix_sum;
 
@@ -66,3 +67,4 @@ pub use prefix_sum::prefix_sum_wgsl;
 pub use queue::{CopyPath, MAX_GPU_WAIT, Reads};
 pub use shared_texture::LayeredTexture;
 pub use timing::Span;
+pub use uploads::Uploads;

@@ -20,7 +20,7 @@ use launch_cli::bench::{self, BenchResult, anyhow, clap};
 use nalgebra::Isometry3;
 use schema_frames::{Modality, VehicleControl};
 use schema_types::ObjectId;
-use sensor_camera::{CameraRenderer, Quality};
+use sensor_camera::{CameraRenderer, Quality, Rasteriser};
 use sensor_core::{Scene, SceneAssets};
 use sensor_gpu::{CopyPath, Gpu, GpuOptions};
 use sensor_spec::{FilmCurve, Intrinsics, OpticsSpec};
@@ -55,15 +55,24 @@ struct Options {
     vehicles: usize,
     #[arg(long, default_value_t = 60, value_parser = at_least_one)]
     frames: usize,
-    /// Width and height of images, pixels
-    #[arg(long = "size", default_value = "800x600", value_parser = size)]
-    size_px: Size,
+    /// Width and height of images, pixels [default: 800x600, of the row many 256x256]
+    #[arg(long = "size", value_parser = size)]
+    size_px: Option<Size>,
     /// Quality of the pictures, low or high [default: that of the adapter]
     #[arg(long, value_parser = quality)]
     quality: Option<Quality>,
+    /// Rasteriser, drawn or computed [default: that of the adapter]
+    #[arg(long, value_parser = rasteriser)]
+    rasteriser: Option<Rasteriser>,
+    /// Also print a hash of the last frames' bytes
+    #[arg(long)]
+    hash: bool,
     /// Frames in flight [default: 2, or 1 in software]
     #[arg(long = "inflight", value_parser = at_least_one)]
     in_flight: Option<usize>,
+    /// Cameras of the row many
+    #[arg(long, default_value_t = 64, value_parser = at_least_one)]
+    cameras: usize,
     /// Place of the cameras
     #[arg(long, default_value_t = 0)]
     place: usize,
@@ -86,6 +95,13 @@ struct Options {
 /// Width and height of an image, pixels.
 type Size = [u32; 2];
 
+impl Options {
+    /// Size of the images of most rows.
+    fn size_px(&self) -> Size {
+        self.size_px.unwrap_or([800, 600])
+    }
+}
+
 fn at_least_one(text: &str) -> Result<usize, String> {
     let number = text.parse::<usize>().ok().filter(|n| *n > 0);
     number.ok_or_else(|| "give a whole number, at least 1".to_owned())
@@ -104,6 +120,14 @@ fn quality(text: &str) -> Result<Quality, String> {
         "low" => Ok(Quality::Low),
         "high" => Ok(Quality::High),
         _ => Err("a quality is low or high".to_owned()),
+    }
+}
+
+fn rasteriser(text: &str) -> Result<Rasteriser, String> {
+    match text {
+        "drawn" => Ok(Rasteriser::Drawn),
+        "computed" => Ok(Rasteriser::Computed),
+        _ => Err("a rasteriser is drawn or computed".to_owned()),
     }
 }
 
@@ -145,6 +169,9 @@ impl Bench<'_> {
             asked,
             self.in_flight,
         );
+        if let Some(rasteriser) = self.options.rasteriser {
+            cameras.rasterise(self.quality, rasteriser);
+        }
         self.gpu.set_timing(self.options.times);
         let figures = cameras.run(self.options.frames, |frame| {
             let along_m = 0.4 * frame as f64;
@@ -154,8 +181,11 @@ impl Bench<'_> {
             )
         });
         self.print(name, &figures, asked.len());
+        if self.options.hash {
+            println!("    hash of the last frames: {:016x}", cameras.hash());
+        }
         if self.options.times {
-            let n_frames = (self.options.frames + test_render::measure::WARM_UP) as f64;
+            let n_frames = self.options.frames as f64;
             let spans = self.gpu.take_spans();
             let texts = spans.iter().map(|span| {
                 format!(
@@ -165,10 +195,7 @@ impl Bench<'_> {
                     span.millis / n_frames
                 )
             });
-            println!(
-                "    ms a frame, first frames counted too: {}",
-                texts.collect::<Vec<_>>().join(", ")
-            );
+            println!("    ms a frame: {}", texts.collect::<Vec<_>>().join(", "));
             let labels: Vec<(String, f64)> = spans
                 .iter()
                 .map(|span| {
@@ -188,7 +215,7 @@ impl Bench<'_> {
     }
 
     fn one_pose(&self, name: &str, asked: &[&[Modality]]) -> Figures {
-        self.town(name, self.options.size_px, asked, |view, along_m| {
+        self.town(name, self.options.size_px(), asked, |view, along_m| {
             // Cameras stand a micrometre apart, because cameras with equal poses would share one
             // view.
             self.stage
@@ -201,7 +228,7 @@ impl Bench<'_> {
         let mut sides = Sides::new(
             &self.gpu,
             self.quality,
-            self.lens(self.options.size_px),
+            self.lens(self.options.size_px()),
             &SIX,
             self.in_flight,
         );
@@ -301,13 +328,15 @@ impl Bench<'_> {
             }
             "many" => {
                 let pose = |i: usize, along_m: f64| self.stage.camera(3 * i, along_m, 0.0, 0.0);
+                let [width, height] = self.options.size_px.unwrap_or([256, 256]);
+                let n = self.options.cameras;
                 let all = self.town(
-                    "64 rgb cameras 256x256, 64 places",
-                    [256, 256],
-                    &[&[Modality::Rgb][..]; 64],
+                    &format!("{n} rgb cameras {width}x{height}, {n} places"),
+                    [width, height],
+                    &vec![&[Modality::Rgb][..]; n],
                     pose,
                 );
-                let per_sec = 64e3 / all.mean_ms;
+                let per_sec = n as f64 * 1e3 / all.mean_ms;
                 println!("  images per second: {per_sec:.0}");
                 self.note("images per second", &[("per_sec", per_sec)]);
             }
@@ -339,7 +368,7 @@ impl Bench<'_> {
             Cameras::with_optics(
                 &self.gpu,
                 self.quality,
-                self.lens(self.options.size_px),
+                self.lens(self.options.size_px()),
                 optics.clone(),
                 &[&[Modality::Rgb]],
                 self.in_flight,

@@ -12,7 +12,9 @@ use std::time::Instant;
 
 use nalgebra::Isometry3;
 use schema_frames::Modality;
-use sensor_camera::{CameraRenderer, Output, Quality, Submission, View, ViewJob, ViewSpec};
+use sensor_camera::{
+    CameraRenderer, Output, Quality, Rasteriser, Submission, View, ViewJob, ViewSpec,
+};
 use sensor_core::Scene;
 use sensor_gpu::{Gpu, ShmTarget};
 use sensor_spec::{Intrinsics, OpticsSpec};
@@ -24,6 +26,8 @@ pub struct Cameras {
     views: Vec<View>,
     asked: Vec<Vec<Modality>>,
     target: Arc<ShmTarget>,
+    /// Where `target` begins.
+    base: *const u8,
     frame_bytes: usize,
     n_in_flight: usize,
     /// Submissions of single views so far.
@@ -107,10 +111,26 @@ impl Cameras {
             views,
             asked,
             target,
+            base,
             frame_bytes,
             n_in_flight,
             n_alone: 0,
         }
+    }
+
+    /// Lets this rasteriser draw.
+    pub fn rasterise(&mut self, quality: Quality, rasteriser: Rasteriser) {
+        self.renderer = CameraRenderer::with_rasteriser(&self.gpu, quality, rasteriser);
+    }
+
+    /// FNV-1a over the bytes of the last frames of a run, as many as were in flight.
+    pub fn hash(&self) -> u64 {
+        let n_bytes = self.frame_bytes * self.n_in_flight;
+        // SAFETY: the memory is leaked and so long; a run that has ended has nothing in flight.
+        let bytes = unsafe { std::slice::from_raw_parts(self.base, n_bytes) };
+        bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+            (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+        })
     }
 
     /// Number of copies on the CPU that a frame costs.
@@ -132,6 +152,7 @@ impl Cameras {
         for frame in 0..n_frames + WARM_UP {
             if frame == WARM_UP {
                 in_flight.drain(..).for_each(finish);
+                self.gpu.take_spans();
                 (begin, cpu_begin, counts) =
                     (Instant::now(), cpu_millis(), self.gpu.counters().counts());
                 last = begin;

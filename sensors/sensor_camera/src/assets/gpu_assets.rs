@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
-use sensor_core::{SceneAssets, Vertex};
+use sensor_core::{SceneAssets, StaticInstance, Vertex};
 use sensor_gpu::Gpu;
 
+use super::mesh_draw::{matrix_rows, quaternion};
 use super::meshes::Meshes;
 use super::switched;
+use crate::uniform::StillData;
 
 /// Uploaded meshes of one episode.
 #[derive(Debug)]
@@ -16,6 +18,8 @@ pub(crate) struct GpuAssets {
     pub indices: wgpu::Buffer,
     /// How lamps are switched, for shaders.
     pub switched: wgpu::Buffer,
+    /// Poses of static instances, where shaders have `f64` and there are some.
+    pub stills: Option<wgpu::Buffer>,
 }
 
 impl GpuAssets {
@@ -34,6 +38,7 @@ impl GpuAssets {
                 wgpu::BufferUsages::INDEX | wgpu::BufferUsages::STORAGE,
             ),
             switched: switched::upload(gpu, scene_assets),
+            stills: stills(gpu, scene_assets),
         }
     }
 
@@ -79,6 +84,7 @@ impl GpuAssets {
     fn shows(&mut self, gpu: &Gpu, other: &Arc<SceneAssets>, n_bytes: u64) -> u64 {
         self.meshes.shows(other);
         self.switched = switched::upload(gpu, other);
+        self.stills = stills(gpu, other);
         n_bytes
     }
 
@@ -116,4 +122,20 @@ impl GpuAssets {
         self.meshes.switch_lamps(other);
         self.switched = switched::upload(gpu, other);
     }
+}
+
+/// Poses of static instances for shaders; `None` if there are none, or shaders have no `f64`.
+fn stills(gpu: &Gpu, assets: &SceneAssets) -> Option<wgpu::Buffer> {
+    if !gpu.has_wide_numbers() || assets.statics.is_empty() {
+        return None;
+    }
+    let of = |instance: &StaticInstance| StillData {
+        world_from_mesh: matrix_rows(&instance.world_from_mesh),
+        world_from_mesh_xyzw: quaternion(&instance.world_from_mesh),
+        object_id: instance.object.0,
+        rest: [0; 3],
+    };
+    let all: Vec<StillData> = assets.statics.iter().map(of).collect();
+    let bytes = bytemuck::cast_slice(&all);
+    Some(gpu.buffer_with("stills", bytes, wgpu::BufferUsages::STORAGE))
 }

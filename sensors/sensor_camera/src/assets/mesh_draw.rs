@@ -1,7 +1,9 @@
 //! What culling and drawing need to know of meshes and instances.
 
 use nalgebra::{Isometry3, Point3};
-use sensor_core::{Mesh, SceneAssets};
+use sensor_core::{Mesh, MeshId, SceneAssets};
+
+use super::bounds::Bounds;
 
 /// A draw call's range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,21 +36,17 @@ impl Sphere {
 /// | translation]`.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Still {
-    /// Centres of the bounding spheres, world x, y, z, and their radii.
-    pub spheres_m: [Vec<f64>; 4],
+    pub bounds: Bounds,
+    pub meshes: Vec<MeshId>,
     pub world_from_mesh: Vec<[[f64; 4]; 3]>,
 }
 
 impl Still {
     pub fn of(scene_assets: &SceneAssets, spheres: &[Sphere]) -> Still {
-        let along = |axis: usize| spheres.iter().map(|sphere| sphere.centre_m[axis]).collect();
+        let statics = scene_assets.statics.iter();
         Still {
-            spheres_m: [
-                along(0),
-                along(1),
-                along(2),
-                spheres.iter().map(|sphere| sphere.radius_m).collect(),
-            ],
+            bounds: bounds_of(spheres),
+            meshes: statics.map(|instance| instance.mesh).collect(),
             world_from_mesh: scene_assets
                 .statics
                 .iter()
@@ -58,8 +56,23 @@ impl Still {
     }
 }
 
+/// The spheres in the layout that culling uses.
+pub(crate) fn bounds_of(spheres: &[Sphere]) -> Bounds {
+    Bounds::of(
+        spheres
+            .iter()
+            .map(|sphere| (sphere.centre_m.coords.into(), sphere.radius_m)),
+    )
+}
+
 /// A rigid transform as three rows of `[rotation | translation]`.
 pub(crate) fn matrix_rows(transform: &Isometry3<f64>) -> [[f64; 4]; 3] {
     let m = transform.to_homogeneous();
     std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)]))
+}
+
+/// A rotation as shaders get it.
+pub(crate) fn quaternion(transform: &Isometry3<f64>) -> [f32; 4] {
+    let q = transform.rotation.quaternion();
+    [q.i as f32, q.j as f32, q.k as f32, q.w as f32]
 }

@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use bytemuck::Zeroable as _;
+use schema_types::Class;
 use sensor_core::{Lod, Material, Mesh, MeshId, SceneAssets, StaticInstance, Vertex};
 
 use super::emitter::{Emitter, emitters_of};
@@ -47,6 +48,8 @@ pub(crate) struct Meshes {
     /// For each mesh the number of its first level of detail, and the levels of all meshes in one
     /// list, because culling looks up many.
     levels: (Vec<u32>, Vec<Level>),
+    /// Whether things of each mesh stand on the ground and may move.
+    stands: Vec<bool>,
     /// Box of each mesh: least and greatest corner, mesh space, metres.
     boxes_m: Vec<[[f32; 3]; 2]>,
     /// Large polygons of each mesh's levels of detail.
@@ -128,6 +131,7 @@ impl Meshes {
             still_lamps: switched::still_lamps(scene_assets, &emitters),
             emitters,
             levels: levels_of(scene_assets, &ranges),
+            stands: stands_of(scene_assets),
             boxes_m: scene_assets
                 .meshes
                 .iter()
@@ -168,6 +172,7 @@ impl Meshes {
         self.spheres = spheres_of(other);
         self.still = Still::of(other, &self.spheres);
         self.levels = levels_of(other, &self.ranges);
+        self.stands = stands_of(other);
         self.switch_lamps(other);
     }
 
@@ -243,6 +248,11 @@ impl Meshes {
         self.boxes_m[mesh.0 as usize]
     }
 
+    /// Whether things of this mesh stand on the ground and may move.
+    pub fn stands(&self, mesh: MeshId) -> bool {
+        self.stands[mesh.0 as usize]
+    }
+
     /// Lamps of a mesh.
     pub fn emitters(&self, mesh: MeshId) -> &[Emitter] {
         &self.emitters[mesh.0 as usize]
@@ -287,6 +297,17 @@ fn box_of(mesh: &Mesh) -> [[f32; 3]; 2] {
             [0, 1, 2].map(|axis| high[axis].max(at[axis])),
         ]
     })
+}
+
+fn stands_of(assets: &SceneAssets) -> Vec<bool> {
+    let stands = |mesh: &Mesh| {
+        let first = mesh.vertices.first();
+        first.is_some_and(|vertex| {
+            (Class::PEDESTRIANS.0..=Class::BICYCLE.0).contains(&vertex.class)
+                || vertex.class == Class::DYNAMIC.0
+        })
+    };
+    assets.meshes.iter().map(|mesh| stands(mesh)).collect()
 }
 
 fn spheres_of(assets: &SceneAssets) -> Vec<Sphere> {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use sensor_gpu::Gpu;
+use sensor_gpu::{Gpu, Uploads};
 
 use super::attributes::InstanceAttributes;
 use super::pipelines::{Drawing, GeometryKey, Pipelines, has_plain};
@@ -112,6 +112,7 @@ impl GeometryPass {
     pub fn upload(
         &mut self,
         gpu: &Gpu,
+        (uploads, encoder): (&mut Uploads, &mut wgpu::CommandEncoder),
         bindings: &mut Bindings,
         views: &[ViewData],
         drawn: &[&Drawn],
@@ -120,16 +121,13 @@ impl GeometryPass {
             let attributes = InstanceAttributes::of_all(views, drawn);
             let bytes: &[u8] = bytemuck::cast_slice(&attributes);
             grow(gpu, &mut self.attributes, bytes.len() as u64);
-            gpu.queue().write_buffer(&self.attributes, 0, bytes);
+            uploads.write(encoder, &self.attributes, 0, bytes);
         } else {
             bindings.room_for_instances(gpu, drawn.iter().map(|drawn| drawn.instances.len()).sum());
             for drawn in drawn {
                 let begin = INSTANCE_BYTES * drawn.first_instance as u64;
-                gpu.queue().write_buffer(
-                    &bindings.instances,
-                    begin,
-                    bytemuck::cast_slice(&drawn.instances),
-                );
+                let bytes = bytemuck::cast_slice(&drawn.instances);
+                uploads.write(encoder, &bindings.instances, begin, bytes);
             }
         }
         if self.submit == Submit::Indirect {
@@ -150,8 +148,7 @@ impl GeometryPass {
             };
             let words: Vec<[u32; 5]> = drawn.iter().flat_map(words).collect();
             grow(gpu, &mut self.calls, CALL_BYTES * words.len() as u64);
-            gpu.queue()
-                .write_buffer(&self.calls, 0, bytemuck::cast_slice(&words));
+            uploads.write(encoder, &self.calls, 0, bytemuck::cast_slice(&words));
         }
     }
 

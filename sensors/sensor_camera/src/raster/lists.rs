@@ -1,25 +1,24 @@
-//! Writes what views see into lists for the GPU: draws, chunks of triangles, and instances. Several
-//! threads share large lists.
+//! Writes what views see into lists for the GPU: draws, instances that move, and the numbers of those
+//! that do not. Several threads share large lists.
 
 use bytemuck::Pod;
 use rayon::prelude::*;
-use sensor_gpu::Gpu;
+use sensor_gpu::{Gpu, Uploads};
 
 use super::plan::{CHUNK, RasterDraw, RasterJob, ViewLists};
+use crate::binding_layout::grow;
 use crate::uniform::InstanceData;
 use crate::visible::Drawn;
 
 /// The lists.
 pub(super) struct Lists<'l> {
     pub instances: &'l wgpu::Buffer,
-    pub draws: &'l wgpu::Buffer,
-    pub chunks: &'l wgpu::Buffer,
+    pub numbers: &'l mut wgpu::Buffer,
+    pub draws: &'l mut wgpu::Buffer,
 }
 
 /// Draws that are worth another thread.
-const MIN_DRAWS: usize = 2048;
-/// Limit of threads, because each needs staging memory of its own, which costs time.
-const MAX_THREADS: usize = 8;
+const MIN_DRAWS: usize = 8192;
 
 /// Workgroups of one draw.
 pub(super) fn n_chunks(drawn: &Drawn) -> u32 {
@@ -35,88 +34,109 @@ struct Part<'p> {
     jobs: &'p [RasterJob<'p>],
     places: &'p [ViewLists],
     first_view: u32,
+    instances: Room,
+    numbers: Room,
+    draws: Room,
 }
 
-/// Writes the lists; they are large enough.
-pub(super) fn write(gpu: &Gpu, lists: &Lists<'_>, jobs: &[RasterJob<'_>], places: &[ViewLists]) {
-    let n_draws: usize = jobs.iter().map(|job| job.drawn.calls.len()).sum();
-    let n_parts = (n_draws / MIN_DRAWS).clamp(1, MAX_THREADS);
-    let n_views = jobs.len().div_ceil(n_parts).max(1);
-    let part = |(first_view, (jobs, places))| Part {
-        jobs,
-        places,
-        first_view,
-    };
-    let parts: Vec<Part<'_>> = (0..)
-        .step_by(n_views)
-        .zip(jobs.chunks(n_views).zip(places.chunks(n_views)))
-        .map(part)
-        .collect();
-    if let [only] = &parts[..] {
-        only.write(gpu, lists);
-    } else {
-        parts.par_iter().for_each(|part| part.write(gpu, lists));
+/// Memory for entries of a list.
+struct Room {
+    /// None if there are no entries, or on a lost device.
+    memory: Option<wgpu::BufferViewMut>,
+    n_used: usize,
+}
+
+impl Room {
+    fn put<T: Pod>(&mut self, entries: &[T]) {
+        let bytes: &[u8] = bytemuck::cast_slice(entries);
+        if let Some(memory) = &mut self.memory {
+            let end = self.n_used + bytes.len();
+            memory.slice(self.n_used..end).copy_from_slice(bytes);
+            self.n_used = end;
+        }
     }
 }
 
-/// Staging memory for a range of a list; `None` if it is empty.
-fn open<T: Pod>(
+/// A list that is being written from its beginning.
+struct Filling<'f> {
+    list: &'f wgpu::Buffer,
+    n_bytes: u64,
+}
+
+impl Filling<'_> {
+    /// Memory for the next `n` entries.
+    fn room<T: Pod>(
+        &mut self,
+        uploads: &mut Uploads,
+        encoder: &mut wgpu::CommandEncoder,
+        n: usize,
+    ) -> Room {
+        let n_bytes = (size_of::<T>() * n) as u64;
+        let memory = uploads.open(encoder, self.list, self.n_bytes, n_bytes);
+        self.n_bytes += n_bytes;
+        Room { memory, n_used: 0 }
+    }
+}
+
+/// Writes the lists; that of instances is large enough.
+pub(super) fn write(
     gpu: &Gpu,
-    list: &wgpu::Buffer,
-    first: u32,
-    n: u32,
-) -> Option<wgpu::QueueWriteBufferView> {
-    let bytes = |n: u32| n as u64 * size_of::<T>() as u64;
-    std::num::NonZeroU64::new(bytes(n))
-        .and_then(|n_bytes| gpu.queue().write_buffer_with(list, bytes(first), n_bytes))
+    uploads: &mut Uploads,
+    encoder: &mut wgpu::CommandEncoder,
+    lists: Lists<'_>,
+    jobs: &[RasterJob<'_>],
+    places: &[ViewLists],
+) {
+    let sum = |jobs: &[RasterJob<'_>], n: fn(&Drawn) -> usize| {
+        jobs.iter().map(|job| n(job.drawn)).sum::<usize>()
+    };
+    let n_instances = |jobs: &[RasterJob<'_>]| sum(jobs, |drawn| drawn.instances.len());
+    let n_numbers = |jobs: &[RasterJob<'_>]| sum(jobs, |drawn| drawn.still.len());
+    let n_draws = |jobs: &[RasterJob<'_>]| sum(jobs, |drawn| drawn.calls.len());
+    let bytes_of = |n: usize, entry: usize| (n * entry) as u64;
+    grow(
+        gpu,
+        lists.numbers,
+        bytes_of(n_numbers(jobs), size_of::<u32>()),
+    );
+    grow(
+        gpu,
+        lists.draws,
+        bytes_of(n_draws(jobs), size_of::<RasterDraw>()),
+    );
+    let filling = |list| Filling { list, n_bytes: 0 };
+    let mut instances = filling(lists.instances);
+    let mut numbers = filling(lists.numbers);
+    let mut draws = filling(lists.draws);
+    let n_parts = (n_draws(jobs) / MIN_DRAWS).max(1);
+    let n_views = jobs.len().div_ceil(n_parts).max(1);
+    let mut parts = Vec::with_capacity(n_parts);
+    for (jobs, places) in jobs.chunks(n_views).zip(places.chunks(n_views)) {
+        parts.push(Part {
+            jobs,
+            places,
+            first_view: (parts.len() * n_views) as u32,
+            instances: instances.room::<InstanceData>(uploads, encoder, n_instances(jobs)),
+            numbers: numbers.room::<u32>(uploads, encoder, n_numbers(jobs)),
+            draws: draws.room::<RasterDraw>(uploads, encoder, n_draws(jobs)),
+        });
+    }
+    if let [only] = &mut parts[..] {
+        only.write();
+    } else {
+        parts.par_iter_mut().for_each(Part::write);
+    }
 }
 
 impl Part<'_> {
-    fn write(&self, gpu: &Gpu, lists: &Lists<'_>) {
-        let n_instances = self
-            .jobs
-            .iter()
-            .map(|job| job.drawn.instances.len() as u32)
-            .sum();
-        if let Some(mut to) = open::<InstanceData>(
-            gpu,
-            lists.instances,
-            self.jobs[0].drawn.first_instance,
-            n_instances,
-        ) {
-            let mut at = 0;
-            for job in self.jobs {
-                let bytes: &[u8] = bytemuck::cast_slice(&job.drawn.instances);
-                to.slice(at..at + bytes.len()).copy_from_slice(bytes);
-                at += bytes.len();
-            }
-        }
-        let (mut draws, mut chunks) = (Vec::new(), Vec::new());
+    fn write(&mut self) {
+        let mut draws = Vec::new();
         for (view, (job, place)) in (self.first_view..).zip(self.jobs.iter().zip(self.places)) {
-            for (number, draw) in (place.first_draw..).zip(RasterDraw::all_of(job.drawn, view)) {
-                chunks.extend(
-                    (0..draw.n_triangles)
-                        .step_by(CHUNK as usize)
-                        .map(|first| [number, first]),
-                );
-                draws.push(draw);
-            }
-        }
-        if let Some(mut to) = open::<RasterDraw>(
-            gpu,
-            lists.draws,
-            self.places[0].first_draw,
-            draws.len() as u32,
-        ) {
-            to.copy_from_slice(bytemuck::cast_slice(&draws));
-        }
-        if let Some(mut to) = open::<[u32; 2]>(
-            gpu,
-            lists.chunks,
-            self.places[0].first_chunk,
-            chunks.len() as u32,
-        ) {
-            to.copy_from_slice(bytemuck::cast_slice(&chunks));
+            self.instances.put(&job.drawn.instances);
+            self.numbers.put(&job.drawn.still);
+            draws.clear();
+            draws.extend(RasterDraw::all_of(job.drawn, view, place.first_chunk));
+            self.draws.put(&draws);
         }
     }
 }

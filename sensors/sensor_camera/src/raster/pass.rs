@@ -1,14 +1,18 @@
 //! Pipelines and buffers of the computed rasteriser.
 
-use sensor_gpu::Gpu;
+use sensor_gpu::{Gpu, Uploads};
 
+use super::chunks::ChunkPass;
 use super::lists::{self, Lists};
 use super::plan::{CHUNK, RasterBatch, RasterDraw, RasterJob, RasterPlan, RasterView, ViewLists};
+use super::stills::StillPass;
 use crate::assets::GpuAssets;
 use crate::binding_layout::{grow, storage, uniform_at_offset, written_layers, written_storage};
 use crate::bindings::{Bindings, Together};
 use crate::camera_motion::NEAR_M;
+use crate::kept_groups::KeptGroups;
 use crate::target::Target;
+use crate::visible::StillAs;
 
 /// Text of the rasterising shader.
 pub(crate) fn raster_wgsl() -> String {
@@ -66,13 +70,19 @@ pub(crate) struct RasterPass {
     lists_layout: wgpu::BindGroupLayout,
     images_layout: wgpu::BindGroupLayout,
     resolve: wgpu::ComputePipeline,
+    chunking: ChunkPass,
+    /// Present where shaders have `f64`.
+    stills: Option<StillPass>,
     views: wgpu::Buffer,
+    /// Numbers of static instances that views see.
+    numbers: wgpu::Buffer,
     draws: wgpu::Buffer,
     chunks: wgpu::Buffer,
     seen: wgpu::Buffer,
     queue: wgpu::Buffer,
     arguments: wgpu::Buffer,
     batches: wgpu::Buffer,
+    kept: [KeptGroups; 3],
 }
 
 impl RasterPass {
@@ -168,6 +178,9 @@ impl RasterPass {
             lists_layout,
             images_layout,
             resolve,
+            chunking: ChunkPass::new(gpu),
+            stills: StillPass::new(gpu),
+            numbers: list("numbers of stills", 4),
             views: list("raster views", size_of::<RasterView>() as u64),
             draws: list("raster draws", size_of::<RasterDraw>() as u64),
             chunks: list("raster chunks", 8),
@@ -186,7 +199,14 @@ impl RasterPass {
                 BATCH_STRIDE_BYTES,
                 wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
             ),
+            kept: std::array::from_fn(|_| KeptGroups::up_to(1)),
         }
+    }
+
+    /// Forgets what it bound, meshes above all, so that they can go.
+    pub fn forget(&self) {
+        self.kept.iter().for_each(KeptGroups::clear);
+        self.stills.iter().for_each(StillPass::forget);
     }
 
     /// Whether an episode's meshes fit into lists that shaders can read.
@@ -195,10 +215,21 @@ impl RasterPass {
         assets.vertices.size() <= limit && assets.indices.size() <= limit
     }
 
-    /// Uploads the lists of all views.
+    /// How it wants static instances of these meshes.
+    pub fn still_as(&self, assets: &GpuAssets) -> StillAs {
+        match (&self.stills, &assets.stills) {
+            (Some(_), Some(_)) => StillAs::Numbers,
+            _ => StillAs::Instances,
+        }
+    }
+
+    /// Uploads the lists of all views, and records how they become longer ones.
     pub fn upload(
         &mut self,
         gpu: &Gpu,
+        uploads: &mut Uploads,
+        encoder: &mut wgpu::CommandEncoder,
+        assets: &GpuAssets,
         jobs: &[RasterJob<'_>],
         instances: &wgpu::Buffer,
     ) -> RasterPlan {
@@ -247,29 +278,62 @@ impl RasterPass {
         }
         grow(
             gpu,
-            &mut self.draws,
-            size_of::<RasterDraw>() as u64 * n_draws as u64,
-        );
-        grow(
-            gpu,
             &mut self.chunks,
             size_of::<[u32; 2]>() as u64 * n_chunks as u64,
         );
-        lists::write(
-            gpu,
-            &Lists {
-                instances,
-                draws: &self.draws,
-                chunks: &self.chunks,
-            },
-            jobs,
-            &plan.views,
-        );
-        self.write(gpu, &mut plan, &views);
+        let lists = Lists {
+            instances,
+            numbers: &mut self.numbers,
+            draws: &mut self.draws,
+        };
+        lists::write(gpu, uploads, encoder, lists, jobs, &plan.views);
+        self.write(gpu, uploads, encoder, &mut plan, &views);
+        self.expand(gpu, (uploads, encoder), assets, jobs, instances);
         plan
     }
 
-    fn write(&mut self, gpu: &Gpu, plan: &mut RasterPlan, views: &[RasterView]) {
+    /// Makes the instances that stand still and the chunks of draw calls, both at once.
+    fn expand(
+        &mut self,
+        gpu: &Gpu,
+        (uploads, encoder): (&mut Uploads, &mut wgpu::CommandEncoder),
+        assets: &GpuAssets,
+        jobs: &[RasterJob<'_>],
+        instances: &wgpu::Buffer,
+    ) {
+        let n_draws: usize = jobs.iter().map(|job| job.drawn.calls.len()).sum();
+        if n_draws == 0 {
+            return;
+        }
+        let still = self.stills.as_mut().zip(assets.stills.as_ref());
+        let still = still.and_then(|(pass, stills)| {
+            let groups = pass.upload(gpu, (&mut *uploads, &mut *encoder), jobs)?;
+            Some((pass, stills, groups))
+        });
+        let groups = self
+            .chunking
+            .upload((uploads, &mut *encoder), n_draws as u32);
+        gpu.counters().add_pass();
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some("lists"),
+            timestamp_writes: None,
+        });
+        if let Some((still, stills, groups)) = still {
+            let lists = [stills, &self.numbers, instances];
+            still.dispatch(gpu, &mut pass, lists, groups);
+        }
+        let lists = [&self.draws, &self.chunks];
+        self.chunking.dispatch(gpu, &mut pass, lists, groups);
+    }
+
+    fn write(
+        &mut self,
+        gpu: &Gpu,
+        uploads: &mut Uploads,
+        encoder: &mut wgpu::CommandEncoder,
+        plan: &mut RasterPlan,
+        views: &[RasterView],
+    ) {
         let mut most_chunks = 0;
         grow(
             gpu,
@@ -281,15 +345,11 @@ impl RasterPass {
                 .n_chunks
                 .div_ceil(batch.n_chunks.div_ceil(MAX_ACROSS).max(1));
             most_chunks = most_chunks.max(batch.n_chunks);
-            gpu.queue().write_buffer(
-                &self.batches,
-                i as u64 * BATCH_STRIDE_BYTES,
-                bytemuck::bytes_of(batch),
-            );
+            let offset = i as u64 * BATCH_STRIDE_BYTES;
+            uploads.write(encoder, &self.batches, offset, bytemuck::bytes_of(batch));
         }
         grow(gpu, &mut self.views, size_of_val(views) as u64);
-        gpu.queue()
-            .write_buffer(&self.views, 0, bytemuck::cast_slice(views));
+        uploads.write(encoder, &self.views, 0, bytemuck::cast_slice(views));
         let most_pixels = plan.n_pixels.iter().copied().max().unwrap_or(0);
         if self.seen.size() < SEEN_BYTES * most_pixels {
             self.seen = gpu.buffer("seen", SEEN_BYTES * most_pixels, self.seen.usage());
@@ -340,16 +400,14 @@ impl RasterPass {
             binding: 8,
             resource,
         });
-        let group = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("raster"),
-            layout: &self.layout,
-            entries: &entries,
-        });
-        let arguments = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("raster arguments"),
-            layout: &self.arguments_layout,
-            entries: &[whole(0, &self.arguments)],
-        });
+        let [kept, kept_arguments, _] = &self.kept;
+        let group = kept.bind(gpu, "raster", &self.layout, &entries);
+        let arguments = kept_arguments.bind_whole(
+            gpu,
+            "raster arguments",
+            &self.arguments_layout,
+            &[&self.arguments],
+        );
         let offset = [(batch_idx as u64 * BATCH_STRIDE_BYTES) as u32];
         let mut run = |pipeline: &wgpu::ComputePipeline,
                        arguments: Option<&wgpu::BindGroup>,
@@ -381,15 +439,8 @@ impl RasterPass {
     /// Bind group of what resolving reads of all views.
     pub fn bind_lists(&self, gpu: &Gpu, assets: &GpuAssets) -> wgpu::BindGroup {
         let lists = [&self.draws, &assets.vertices, &assets.indices, &self.seen];
-        let entries: Vec<_> = (0..)
-            .zip(lists)
-            .map(|(binding, buffer)| whole(binding, buffer))
-            .collect();
-        gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("seen"),
-            layout: &self.lists_layout,
-            entries: &entries,
-        })
+        let [.., kept] = &self.kept;
+        kept.bind_whole(gpu, "seen", &self.lists_layout, &lists)
     }
 
     /// Records the writing of targets from what views see.
@@ -410,11 +461,8 @@ impl RasterPass {
                 resource: wgpu::BindingResource::TextureView(view),
             })
             .collect();
-        let images = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("resolved images"),
-            layout: &self.images_layout,
-            entries: &entries,
-        });
+        let kept = &targets.groups;
+        let images = kept.bind(gpu, "resolved images", &self.images_layout, &entries);
         let [width, height] = targets.size_px(set);
         pass.set_pipeline(&self.resolve);
         pass.set_bind_group(0, scene, &[]);

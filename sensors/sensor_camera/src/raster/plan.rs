@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::camera_motion::CameraMotion;
 use crate::uniform::ViewData;
 use crate::visible::Drawn;
 
@@ -35,25 +36,35 @@ pub struct RasterDraw {
     pub instance: u32,
     /// Number of the view.
     pub view: u32,
+    /// Where its chunks begin in their list.
+    pub first_chunk: u32,
     /// Unused.
-    pub rest: [u32; 2],
+    pub rest: u32,
 }
 
 impl RasterDraw {
-    /// Those of a view of this number, in their order.
-    pub(crate) fn all_of(drawn: &Drawn, view: u32) -> impl Iterator<Item = RasterDraw> {
-        let mut next_triangle = 0;
+    /// Those of a view of this number, in their order. The chunks of the first begin at
+    /// `first_chunk`.
+    pub(crate) fn all_of(
+        drawn: &Drawn,
+        view: u32,
+        first_chunk: u32,
+    ) -> impl Iterator<Item = RasterDraw> {
+        let (mut next_triangle, mut next_chunk) = (0, first_chunk);
         drawn.calls.iter().map(move |call| {
             let (first_triangle, n_triangles) = (next_triangle, call.mesh.n_indices / 3);
             next_triangle += n_triangles;
+            let first_chunk = next_chunk;
+            next_chunk += n_triangles.div_ceil(CHUNK);
             RasterDraw {
                 first_triangle,
                 n_triangles,
                 first_idx: call.mesh.first_idx,
                 base_vertex: call.mesh.base_vertex as u32,
-                instance: drawn.first_instance + call.instance_idx,
+                instance: drawn.instance(call),
                 view,
-                rest: [0; 2],
+                first_chunk,
+                rest: 0,
             }
         })
     }
@@ -76,14 +87,16 @@ pub(crate) struct RasterJob<'r> {
     pub lens_px: [f32; 4],
     pub size_px: [u32; 2],
     pub drawn: &'r Drawn,
+    pub motion: &'r CameraMotion,
 }
 
 impl<'r> RasterJob<'r> {
-    pub fn new(view: &ViewData, drawn: &'r Drawn) -> Self {
+    pub fn new(view: &ViewData, drawn: &'r Drawn, motion: &'r CameraMotion) -> Self {
         RasterJob {
             lens_px: view.lens_px,
             size_px: view.size_px.map(|side| side as u32),
             drawn,
+            motion,
         }
     }
 }

@@ -38,11 +38,16 @@ pub(super) fn eyes_of(active: &mut [Active], jobs: &[ViewJob<'_, '_>]) -> Vec<Ey
     eyes
 }
 
-/// Sets where each view's instances begin in the list of all views that are recorded together.
+/// Sets where each view's instances begin in the list of all views that are recorded together: first
+/// those with their matrices, then those whose matrices a shader makes.
 pub(super) fn number_instances(active: &mut [Active]) {
     let mut first = 0;
-    for active in active {
-        active.drawn.first_instance = first;
-        first += active.drawn.instances.len() as u32;
+    for Active { drawn, .. } in &mut *active {
+        drawn.first_instance = first;
+        first += drawn.instances.len() as u32;
+    }
+    for Active { drawn, .. } in active {
+        drawn.first_still = first;
+        first += drawn.still.len() as u32;
     }
 }

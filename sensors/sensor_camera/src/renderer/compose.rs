@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::Isometry3;
-use sensor_gpu::Gpu;
+use sensor_gpu::{Gpu, Uploads};
 
 use super::active::Active;
 use super::outputs::window_nanos;
@@ -82,6 +82,7 @@ impl Composer {
     pub fn compose(
         &mut self,
         tick: &TickScene<'_>,
+        uploads: &mut Uploads,
         jobs: &mut [ViewJob<'_, '_>],
         faces: &[FacesOf],
         active: &[Active],
@@ -126,7 +127,7 @@ impl Composer {
                 false => plain.push((job_idx, targets)),
             }
         }
-        self.develop(tick, jobs, &developed, encoder);
+        self.develop(tick, uploads, jobs, &developed, encoder);
         let developed = developed.into_iter().map(|it| (it.job_idx, it.targets));
         plain.into_iter().chain(developed).collect()
     }
@@ -135,6 +136,7 @@ impl Composer {
     fn develop(
         &mut self,
         tick: &TickScene<'_>,
+        uploads: &mut Uploads,
         jobs: &[ViewJob<'_, '_>],
         pictures: &[Picture],
         encoder: &mut wgpu::CommandEncoder,
@@ -169,7 +171,8 @@ impl Composer {
                 }
             })
             .collect();
-        post.upload(gpu, &work.iter().collect::<Vec<_>>(), work.len());
+        let jobs: Vec<&PostJob<'_>> = work.iter().collect();
+        post.upload(gpu, (uploads, encoder), &jobs, work.len());
         gpu.counters().add_pass();
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some("post of pictures"),

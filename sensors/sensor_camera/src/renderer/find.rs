@@ -6,18 +6,19 @@ use super::active::{Active, eyes_of};
 use super::tick::TickScene;
 use crate::shadow::{ShadowMaps, ShadowPlans};
 use crate::view::ViewJob;
-use crate::visible::Seen;
+use crate::visible::{Moving, Seen, StillAs};
 use crate::{lamps, visible};
 
-/// Does so in parallel. Returns no shadow plans if the maps of all views exceed their memory limit.
+/// Does so in parallel; static instances are given as `still`, without what walls hide if `by_walls`.
+/// Returns no shadow plans if the maps of all views exceed their memory limit.
 pub(super) fn find(
     tick: &TickScene<'_>,
+    (still, by_walls): (StillAs, bool),
     maps: &mut ShadowMaps,
     jobs: &[ViewJob<'_, '_>],
     active: &mut [Active],
 ) -> Option<ShadowPlans> {
     let TickScene {
-        gpu,
         quality,
         scene,
         assets,
@@ -39,12 +40,14 @@ pub(super) fn find(
             lens: view.drawn,
             previous: view.previous.as_ref(),
             hidden: &view.hidden,
+            still,
+            by_walls,
         })
         .collect();
-    let by_walls = gpu.is_software();
+    let moving = Moving::of(scene, assets);
     let find = |(active, seen): (&mut Active, Seen<'_>)| {
         let (motion, drawn) = (&active.motion, &mut active.drawn);
-        visible::visible(scene, assets, seen, motion, by_walls, drawn);
+        visible::visible(scene, assets, &moving, seen, motion, drawn);
         if active.set.is_lit() {
             active.lamps_in_view = lamps::reaching(&shining, quality, &seen.lens, motion);
         }

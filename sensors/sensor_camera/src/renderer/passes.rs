@@ -1,7 +1,7 @@
 //! Records the passes of all views: shadows first, then each step for all views in one compute
 //! pass, so that a GPU works on them in parallel.
 
-use sensor_gpu::Gpu;
+use sensor_gpu::{Gpu, Uploads};
 
 use super::active::Active;
 use super::tick::{TickDrawing, TickScene};
@@ -17,7 +17,7 @@ use crate::shadow::{Lit, ShadowLookup, ShadowMaps, ShadowPlans};
 use crate::target::{Target, TargetLayer, TargetSet, Targets};
 use crate::uniform::{MAX_TOGETHER, MapPlace, ViewData};
 use crate::view::{View, ViewJob};
-use crate::visible::Drawn;
+use crate::visible::{Drawn, StillAs};
 
 /// The work of one view in the passes.
 struct Work<'w> {
@@ -110,6 +110,18 @@ impl Passes {
         self.raster.is_some() && RasterPass::takes(gpu, assets)
     }
 
+    /// How static instances of these meshes are wanted.
+    pub fn still_as(&self, gpu: &Gpu, assets: &GpuAssets) -> StillAs {
+        let raster = self.raster.as_ref().filter(|_| self.computes(gpu, assets));
+        raster.map_or(StillAs::Instances, |raster| raster.still_as(assets))
+    }
+
+    /// Forgets what bind groups hold, so that meshes and shadow maps can go.
+    pub fn forget(&self) {
+        self.bindings.forget();
+        self.raster.iter().for_each(RasterPass::forget);
+    }
+
     pub fn shading(&self) -> Shading {
         self.shade.shading()
     }
@@ -130,8 +142,8 @@ impl Passes {
         drawing: &TickDrawing<'_>,
         active: &[Active],
         jobs: &[ViewJob<'_, '_>],
-        maps: &mut ShadowMaps,
-        plans: &ShadowPlans,
+        (maps, plans): (&mut ShadowMaps, &ShadowPlans),
+        uploads: &mut Uploads,
         encoder: &mut wgpu::CommandEncoder,
     ) {
         let tick = &drawing.tick;
@@ -140,7 +152,7 @@ impl Passes {
         } = *tick;
         let lit = gpu.time("record: light", || {
             let eyes = active.iter().map(|active| active.eye);
-            maps.record(gpu, encoder, assets, plans, eyes)
+            maps.record(gpu, (&mut *uploads, &mut *encoder), assets, plans, eyes)
         });
         let mut views: Vec<ViewData> = active
             .iter()
@@ -148,9 +160,11 @@ impl Passes {
             .map(|(active, lit)| view_data(jobs[active.job_idx].view, active, lit))
             .collect();
         let plan = gpu.time("record: upload", || {
-            self.upload(drawing, active, &mut views)
+            self.upload(drawing, active, &mut views, (&mut *uploads, &mut *encoder))
         });
-        let works = gpu.time("record: works", || self.works(tick, active, jobs));
+        let works = gpu.time("record: works", || {
+            self.works(tick, active, jobs, (&mut *uploads, &mut *encoder))
+        });
         let bound = Bound {
             scene: self.bindings.bind_scene(gpu, tick.sky, &assets.switched),
             views: self.bindings.bind_views(gpu, maps.lookups()),
@@ -200,21 +214,27 @@ impl Passes {
         drawing: &TickDrawing<'_>,
         active: &[Active],
         views: &mut [ViewData],
+        (uploads, encoder): (&mut Uploads, &mut wgpu::CommandEncoder),
     ) -> Option<RasterPlan> {
         let TickScene {
-            gpu, scene, light, ..
+            gpu,
+            scene,
+            assets,
+            light,
+            ..
         } = drawing.tick;
         let drawn: Vec<&Drawn> = active.iter().map(|active| &active.drawn).collect();
         let rasters = self.raster.as_mut().filter(|_| drawing.computes);
         let plan = rasters.map(|raster| {
             let jobs: Vec<RasterJob<'_>> = views
                 .iter()
-                .zip(&drawn)
-                .map(|(view, drawn)| RasterJob::new(view, drawn))
+                .zip(active)
+                .map(|(view, active)| RasterJob::new(view, &active.drawn, &active.motion))
                 .collect();
-            let n_instances = drawn.iter().map(|drawn| drawn.instances.len()).sum();
+            let n_of = |drawn: &&Drawn| drawn.instances.len() + drawn.still.len();
+            let n_instances = drawn.iter().map(n_of).sum();
             let instances = self.bindings.room_for_instances(gpu, n_instances);
-            let plan = raster.upload(gpu, &jobs, instances);
+            let plan = raster.upload(gpu, uploads, encoder, assets, &jobs, instances);
             views
                 .iter_mut()
                 .zip(&plan.views)
@@ -222,9 +242,12 @@ impl Passes {
             plan
         });
         let light = light.data_at(scene.sim_time.as_secs());
-        self.bindings.upload(gpu, &light, views, drawing.lamps);
+        let to = (&mut *uploads, &mut *encoder);
+        self.bindings.upload(gpu, to, &light, views, drawing.lamps);
         if !drawing.computes {
-            self.geometry.upload(gpu, &mut self.bindings, views, &drawn);
+            let to = (uploads, encoder);
+            self.geometry
+                .upload(gpu, to, &mut self.bindings, views, &drawn);
         }
         plan
     }
@@ -235,6 +258,7 @@ impl Passes {
         tick: &TickScene<'_>,
         active: &'w [Active],
         jobs: &'w [ViewJob<'_, '_>],
+        to: (&mut Uploads, &mut wgpu::CommandEncoder),
     ) -> Vec<Work<'w>> {
         let TickScene {
             gpu,
@@ -294,7 +318,7 @@ impl Passes {
         }
         let developed: Vec<&PostJob<'_>> =
             works.iter().filter_map(|work| work.post.as_ref()).collect();
-        self.post.upload(gpu, &developed, works.len());
+        self.post.upload(gpu, to, &developed, works.len());
         works
     }
 

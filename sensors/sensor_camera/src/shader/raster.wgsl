@@ -32,8 +32,10 @@ struct Draw {
     base_vertex: u32,
     instance: u32,
     view: u32,
+    // Where its chunks begin in their list.
+    first_chunk: u32,
     // Unused.
-    rest: vec2<u32>,
+    rest: u32,
 }
 
 // Mirror of RasterBatch.

@@ -4,7 +4,7 @@
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 use sensor_core::Scene;
-use sensor_gpu::Gpu;
+use sensor_gpu::{Gpu, Uploads};
 
 use super::cascade::{Cascade, MovingCaster};
 use super::caster::MatrixRows;
@@ -239,7 +239,7 @@ impl CascadeMaps {
     pub fn record(
         &mut self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        (uploads, encoder): (&mut Uploads, &mut wgpu::CommandEncoder),
         assets: &GpuAssets,
         plan: &ShadowPlan,
     ) -> Vec<ShadowLookup> {
@@ -247,7 +247,7 @@ impl CascadeMaps {
         self.sheets
             .iter_mut()
             .for_each(|sheet| sheet.ensure(gpu, encoder, n_spare));
-        self.draw_maps(gpu, encoder, assets, &plan.works);
+        self.draw_maps(gpu, (uploads, encoder), assets, &plan.works);
         let lookup = |(place, map_idx): (&EyePlace, &usize)| {
             let EyePlace {
                 cascade,
@@ -395,7 +395,7 @@ impl CascadeMaps {
     fn draw_maps(
         &mut self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        to: (&mut Uploads, &mut wgpu::CommandEncoder),
         assets: &GpuAssets,
         works: &[PlannedMap],
     ) {
@@ -432,7 +432,7 @@ impl CascadeMaps {
             }
         }
         let layers: Vec<LayerWork<'_>> = layers.into_iter().map(|(_, work)| work).collect();
-        self.draw.record(gpu, encoder, assets, &layers);
+        self.draw.record(gpu, to, assets, &layers);
     }
 }
 

@@ -1,7 +1,7 @@
 //! Draws shadow maps: pipelines, and one pass per layer with work.
 
 use bytemuck::{Pod, Zeroable};
-use sensor_gpu::Gpu;
+use sensor_gpu::{Gpu, Uploads};
 
 use super::caster::{Caster, MatrixRows};
 use crate::assets::GpuAssets;
@@ -96,14 +96,14 @@ impl ShadowDraw {
     pub fn record(
         &mut self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        (uploads, encoder): (&mut Uploads, &mut wgpu::CommandEncoder),
         assets: &GpuAssets,
         layers: &[LayerWork<'_>],
     ) {
         if layers.is_empty() {
             return;
         }
-        self.upload(gpu, layers);
+        self.upload(gpu, uploads, encoder, layers);
         let bind = |layout, entries: &[wgpu::BindGroupEntry<'_>]| {
             gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
                 label: Some("shadow"),
@@ -211,7 +211,13 @@ impl ShadowDraw {
         }
     }
 
-    fn upload(&mut self, gpu: &Gpu, layers: &[LayerWork<'_>]) {
+    fn upload(
+        &mut self,
+        gpu: &Gpu,
+        uploads: &mut Uploads,
+        encoder: &mut wgpu::CommandEncoder,
+        layers: &[LayerWork<'_>],
+    ) {
         let maps = || {
             layers
                 .iter()
@@ -247,7 +253,7 @@ impl ShadowDraw {
         ];
         for (buffer, bytes) in lists.into_iter().filter(|(_, bytes)| !bytes.is_empty()) {
             grow(gpu, buffer, bytes.len() as u64);
-            gpu.queue().write_buffer(buffer, 0, bytes);
+            uploads.write(encoder, buffer, 0, bytes);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use sensor_core::Scene;
-use sensor_gpu::Gpu;
+use sensor_gpu::{Gpu, Uploads};
 
 use super::cascade::Cascade;
 use super::cascade_maps::{CascadeMaps, Eye, MapLayout, ShadowLookup, ShadowPlan};
@@ -131,22 +131,21 @@ impl ShadowMaps {
     pub fn record(
         &mut self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
+        (uploads, encoder): (&mut Uploads, &mut wgpu::CommandEncoder),
         assets: &GpuAssets,
         plans: &ShadowPlans,
         eyes: impl Iterator<Item = Option<usize>>,
     ) -> Vec<Lit> {
-        let cast = |maps: &mut CascadeMaps,
-                    plan: &Option<ShadowPlan>,
-                    encoder: &mut wgpu::CommandEncoder| {
-            plan.as_ref()
-                .map_or(Vec::new(), |plan| maps.record(gpu, encoder, assets, plan))
+        let mut cast = |maps: &mut CascadeMaps, plan: &Option<ShadowPlan>| {
+            plan.as_ref().map_or(Vec::new(), |plan| {
+                maps.record(gpu, (&mut *uploads, &mut *encoder), assets, plan)
+            })
         };
-        let near = cast(&mut self.near, &plans.near, encoder);
+        let near = cast(&mut self.near, &plans.near);
         let far = self
             .far
             .as_mut()
-            .map_or(Vec::new(), |far| cast(far, &plans.far, encoder));
+            .map_or(Vec::new(), |far| cast(far, &plans.far));
         gpu.mark(encoder, "shadows");
         let none = self.near.none();
         let lookup = |lookups: &[ShadowLookup], eye: Option<usize>| {

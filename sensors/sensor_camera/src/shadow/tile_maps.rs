@@ -235,7 +235,7 @@ mod tests {
     use schema_types::{ActorId, Class, ObjectId, SimTime, Tick};
     use sensor_core::mesh::Surface;
     use sensor_core::{DynamicInstance, Material, MeshBuilder, SceneAssets, StaticInstance};
-    use sensor_gpu::{Gpu, GpuOptions};
+    use sensor_gpu::{Gpu, GpuOptions, Uploads};
 
     use super::super::cascade_maps::{CascadeMaps, MapLayout, ShadowLookup};
     use super::*;
@@ -359,14 +359,16 @@ mod tests {
             world_from_camera: Isometry3::from_parts([3.0, -2.0, 1.6].into(), turn),
             focal_px: 100.0,
         };
-        let mut drawn = Vec::new();
+        let (mut uploads, mut drawn) = (Uploads::new(&gpu), Vec::new());
         for (sun, x_m) in [(0, -12.0), (0, -5.0), (0, 30.0), (0, 50.0), (1, 0.0)] {
             let sun = [[0.5, -0.4, 0.7], [0.0, 0.0, 1.0]][sun];
             let sun_towards = Vector3::from(sun).normalize();
             let scene = scene(&assets, x_m);
             let plan = expected.plan(&on_gpu.meshes, &scene, sun_towards, &[eye]);
             let mut encoder = gpu.encoder("map");
-            let lookups = expected.record(&gpu, &mut encoder, &on_gpu, &plan);
+            let to = (&mut uploads, &mut encoder);
+            let lookups = expected.record(&gpu, to, &on_gpu, &plan);
+            uploads.close(&encoder);
             let expected = depths_of(&gpu, encoder, &lookups[0]);
             let lookup = maps.draw(&input, &scene, sun_towards, &eye);
             assert_eq!(lookup.shadow_from_camera, lookups[0].shadow_from_camera);

@@ -6,6 +6,7 @@ use sensor_gpu::{Gpu, Reads};
 
 use super::image::{Image, image, layered_image, view_image};
 use super::kind::{Surfaces, Target, TargetSet, Writer};
+use crate::kept_groups::KeptGroups;
 
 /// The textures of a view, or of several with a layer for each.
 #[derive(Clone, Debug, Default)]
@@ -21,6 +22,8 @@ pub(crate) struct Targets {
     drawn: bool,
     /// Copies on the copy queue that read the images.
     pub reads: Arc<Reads>,
+    /// Bind groups of passes with all layers of the images.
+    pub groups: Arc<KeptGroups>,
 }
 
 /// One layer of targets: the images of one view.

@@ -25,11 +25,12 @@ fn shares_drawing(
     job: &ViewJob<'_, '_>,
 ) -> bool {
     let first = &jobs[leader];
-    let sees_alike = first.view.spec.intrinsics == job.view.spec.intrinsics
+    // The pose first: most views of many differ by it.
+    let sees_alike = first.world_from_sensor == job.world_from_sensor
+        && first.view.spec.intrinsics == job.view.spec.intrinsics
         && first.view.spec.lens == job.view.spec.lens
         && first.view.spec.optics.distortion() == job.view.spec.optics.distortion()
         && first.view.spec.shows_overlay == job.view.spec.shows_overlay
-        && first.world_from_sensor == job.world_from_sensor
         && first.view.hidden == job.view.hidden
         && match (&first.view.previous, &job.view.previous) {
             (None, None) => true,

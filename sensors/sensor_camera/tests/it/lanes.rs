@@ -700,7 +700,8 @@ impl RandomLists {
                     base_vertex: rng.u32(0..5),
                     instance: rng.u32(0..N_INSTANCES),
                     view: 0,
-                    rest: [0; 2],
+                    first_chunk: 0,
+                    rest: 0,
                 })
                 .collect(),
             vertices: (0..N_VERTICES).map(|_| vertex(rng)).collect(),

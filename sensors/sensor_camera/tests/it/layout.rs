@@ -3,8 +3,9 @@
 use std::mem::offset_of;
 
 use sensor_camera::{
-    AmbientData, BlurData, EventJob, FogData, InstanceData, LampData, LensData, LightData,
-    MapPlace, PostData, SceneryLampsData, SunData, ViewData, WaterData, shader_sources,
+    AmbientData, BlurData, ChunkCounts, EventJob, FogData, InstanceData, LampData, LensData,
+    LightData, MapPlace, PostData, RasterDraw, SceneryLampsData, StillCounts, StillData, StillView,
+    SunData, ViewData, WaterData, shader_sources,
 };
 
 fn module(name: &str) -> naga::Module {
@@ -17,6 +18,7 @@ fn module(name: &str) -> naga::Module {
 }
 
 const CAPABILITIES: naga::valid::Capabilities = naga::valid::Capabilities::IMMEDIATES
+    .union(naga::valid::Capabilities::FLOAT64)
     .union(naga::valid::Capabilities::SHADER_INT64)
     .union(naga::valid::Capabilities::SHADER_INT64_ATOMIC_MIN_MAX);
 
@@ -32,6 +34,58 @@ fn every_shader_validates() {
     }
 }
 
+/// Asserts that a struct of one of the modules has this size and these offsets.
+fn lies_there(modules: &[naga::Module], name: &str, size: usize, offsets: &[usize]) {
+    let mut types = modules.iter().flat_map(|module| module.types.iter());
+    let (_, found) = types
+        .find(|(_, ty)| ty.name.as_deref() == Some(name))
+        .unwrap();
+    let naga::TypeInner::Struct { members, span } = &found.inner else {
+        panic!("{name} is not a struct")
+    };
+    let found: Vec<usize> = members
+        .iter()
+        .map(|member| member.offset as usize)
+        .collect();
+    assert_eq!(
+        (found.as_slice(), *span as usize),
+        (offsets, size),
+        "{name}"
+    );
+}
+
+#[test]
+fn structs_of_chunks_lie_where_rust_has_them() {
+    let modules = [module("chunks")];
+    lies_there(
+        &modules,
+        "Counts",
+        size_of::<ChunkCounts>(),
+        &[
+            offset_of!(ChunkCounts, n_draws),
+            offset_of!(ChunkCounts, n_across),
+            offset_of!(ChunkCounts, rest),
+        ],
+    );
+    for name in ["chunks", "raster"] {
+        lies_there(
+            &[module(name)],
+            "Draw",
+            size_of::<RasterDraw>(),
+            &[
+                offset_of!(RasterDraw, first_triangle),
+                offset_of!(RasterDraw, n_triangles),
+                offset_of!(RasterDraw, first_idx),
+                offset_of!(RasterDraw, base_vertex),
+                offset_of!(RasterDraw, instance),
+                offset_of!(RasterDraw, view),
+                offset_of!(RasterDraw, first_chunk),
+                offset_of!(RasterDraw, rest),
+            ],
+        );
+    }
+}
+
 #[test]
 fn wgsl_structs_lie_where_rust_has_them() {
     let modules = [
@@ -41,25 +95,10 @@ fn wgsl_structs_lie_where_rust_has_them() {
         module("post"),
         module("lens"),
         module("events"),
+        module("stills"),
     ];
-    let check = |name: &str, size: usize, offsets: &[usize]| {
-        let mut types = modules.iter().flat_map(|module| module.types.iter());
-        let (_, found) = types
-            .find(|(_, ty)| ty.name.as_deref() == Some(name))
-            .unwrap();
-        let naga::TypeInner::Struct { members, span } = &found.inner else {
-            panic!("{name} is not a struct")
-        };
-        let found: Vec<usize> = members
-            .iter()
-            .map(|member| member.offset as usize)
-            .collect();
-        assert_eq!(
-            (found.as_slice(), *span as usize),
-            (offsets, size),
-            "{name}"
-        );
-    };
+    let check =
+        |name: &str, size: usize, offsets: &[usize]| lies_there(&modules, name, size, offsets);
     check(
         "Job",
         size_of::<EventJob>(),
@@ -94,6 +133,36 @@ fn wgsl_structs_lie_where_rust_has_them() {
             offset_of!(InstanceData, tint),
             offset_of!(InstanceData, lamps),
             offset_of!(InstanceData, moved),
+        ],
+    );
+    check(
+        "Still",
+        size_of::<StillData>(),
+        &[
+            offset_of!(StillData, world_from_mesh),
+            offset_of!(StillData, world_from_mesh_xyzw),
+            offset_of!(StillData, object_id),
+            offset_of!(StillData, rest),
+        ],
+    );
+    check(
+        "StillView",
+        size_of::<StillView>(),
+        &[
+            offset_of!(StillView, camera_from_world),
+            offset_of!(StillView, previous_from_camera),
+            offset_of!(StillView, first),
+            offset_of!(StillView, n),
+            offset_of!(StillView, moved),
+            offset_of!(StillView, rest),
+        ],
+    );
+    check(
+        "Counts",
+        size_of::<StillCounts>(),
+        &[
+            offset_of!(StillCounts, n_before),
+            offset_of!(StillCounts, rest),
         ],
     );
     check(

@@ -67,7 +67,8 @@ impl Lists {
                 base_vertex: lists.vertices.len() as u32,
                 instance: lists.instances.len() as u32,
                 view: 0,
-                rest: [0; 2],
+                first_chunk: 0,
+                rest: 0,
             });
             lists.indices.extend(indices);
             lists.vertices.extend(&mesh.vertices);

@@ -99,7 +99,8 @@ fn seen(triangles: &[[[f32; 3]; 3]]) -> Vec<[u32; 2]> {
         base_vertex: 0,
         instance: 0,
         view: 0,
-        rest: [0; 2],
+        first_chunk: 0,
+        rest: 0,
     };
     image(&vertices, &[unmoved()], &[draw])
 }
@@ -402,7 +403,8 @@ fn tiles_show_what_the_adapter_shows() {
                 base_vertex: 0,
                 instance: instances.len() as u32,
                 view: 0,
-                rest: [0; 2],
+                first_chunk: 0,
+                rest: 0,
             });
             let rows = camera_from(&(world_from_sensor.inverse() * instance.world_from_mesh));
             instances.push(InstanceData {

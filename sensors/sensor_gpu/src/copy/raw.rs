@@ -88,7 +88,10 @@ fn copy_of(alike: &[&Item<'_>]) -> Option<RawCopy> {
             RawCopy::Texture {
                 from,
                 to,
-                regions: alike.iter().filter_map(|item| image_region(item)).collect(),
+                regions: joined(
+                    alike.iter().filter_map(|item| image_region(item)),
+                    alike[0].source.n_bytes() as u64,
+                ),
             }
         }
         Source::Buffer { buffer, .. } => RawCopy::Buffer {
@@ -110,6 +113,29 @@ fn is_alike(a: &Item<'_>, b: &Item<'_>) -> bool {
         _ => false,
     };
     same_source && a.imported() == b.imported()
+}
+
+/// The same regions of one texture, whose layers have `layer_bytes` each, with neighbouring layers
+/// that go to neighbouring places as one: a batch of cameras is one copy.
+fn joined(
+    regions: impl Iterator<Item = vk::BufferImageCopy>,
+    layer_bytes: u64,
+) -> Vec<vk::BufferImageCopy> {
+    let mut joined: Vec<vk::BufferImageCopy> = Vec::new();
+    for region in regions {
+        if let Some(last) = joined.last_mut() {
+            let layers = &mut last.image_subresource;
+            let n = layers.layer_count;
+            let is_next = region.image_subresource.base_array_layer == layers.base_array_layer + n
+                && region.buffer_offset == last.buffer_offset + u64::from(n) * layer_bytes;
+            if is_next {
+                layers.layer_count += region.image_subresource.layer_count;
+                continue;
+            }
+        }
+        joined.push(region);
+    }
+    joined
 }
 
 fn image_region(item: &Item<'_>) -> Option<vk::BufferImageCopy> {
@@ -149,4 +175,47 @@ fn buffer_region(item: &Item<'_>) -> Option<vk::BufferCopy> {
         dst_offset: item.target_offset()?,
         size: *n_bytes as u64,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn layers_that_go_to_neighbouring_places_are_one_region() {
+        const LAYER_BYTES: u64 = 100;
+        let region = |layer, place| {
+            let layers = vk::ImageSubresourceLayers {
+                aspect_mask: vk::ImageAspectFlags::COLOR,
+                mip_level: 0,
+                base_array_layer: layer,
+                layer_count: 1,
+            };
+            vk::BufferImageCopy::default()
+                .buffer_offset(place)
+                .image_subresource(layers)
+        };
+        let regions = [
+            region(0, 400),
+            region(1, 500),
+            region(2, 600),
+            // A gap, then the place before, then a layer that is not the next.
+            region(3, 704),
+            region(4, 604),
+            region(6, 704),
+            region(7, 804),
+        ];
+        let found: Vec<_> = joined(regions.into_iter(), LAYER_BYTES)
+            .iter()
+            .map(|region| {
+                let layers = region.image_subresource;
+                (
+                    layers.base_array_layer,
+                    layers.layer_count,
+                    region.buffer_offset,
+                )
+            })
+            .collect();
+        assert_eq!(found, [(0, 3, 400), (3, 1, 704), (4, 1, 604), (6, 2, 704)]);
+    }
 }
