@@ -29,19 +29,17 @@ mod ports;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
-use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
 use iceoryx2::config::Config;
-use iceoryx2::node::NodeView as _;
 use iceoryx2::prelude::*;
 use iceoryx2::service::internal::ServiceInternal as _;
 use nix::fcntl::{Flock, FlockArg};
 use parking_lot::Mutex;
 
 pub(crate) use empty::Guard;
-use folders::{CERTAIN_AGE, Identity, Place, entries, in_the_making};
+use folders::{CERTAIN_AGE, Identity, Place, dead_nodes, entries, identity, in_the_making};
 
 /// A folder that changed longer ago than this changes its time again with its next change.
 const CERTAIN_CHANGE: Duration = Duration::from_secs(1);
@@ -188,23 +186,4 @@ fn remove_service(config: &Config, path: &Path, hash: &str) {
         let _ = unsafe { ipc_threadsafe::Service::__internal_remove_service(&about, config) };
     }
     let _ = std::fs::remove_file(path);
-}
-
-/// Nodes whose processes do not hold the locks on their state files any more.
-fn dead_nodes(config: &Config) -> BTreeSet<u128> {
-    let mut dead = BTreeSet::new();
-    // A folder of nodes that cannot be read means that none is known to be dead.
-    let _ = Node::<ipc_threadsafe::Service>::list(config, |state| {
-        if let NodeState::Dead(view) = state {
-            dead.insert(view.id().value());
-        }
-        CallbackProgression::Continue
-    });
-    dead
-}
-
-/// `None` if the file is gone.
-fn identity(path: &Path) -> Option<Identity> {
-    let about = std::fs::symlink_metadata(path).ok()?;
-    Some((about.ino(), about.ctime(), about.ctime_nsec()))
 }

@@ -230,7 +230,11 @@ fn check(model: LensModel, focal_px: f64, max_deg: f64, radius: impl Fn(f64) -> 
     let picture = shoot(&scene, &pose, &mut view, Quality::Low);
     let found = offsets(&picture, &right, most_px);
     // A GPU weighs the texels of the faces with eight bits.
-    let most = if common::gpu().is_software() { 0.05 } else { 0.06 };
+    let most = if common::gpu().is_software() {
+        0.05
+    } else {
+        0.06
+    };
     assert!(worst(&found) < most, "{model:?}: {found:?}");
     // A focal length that is 1 % longer shows.
     let planted = offsets(&picture, &wrong, most_px);

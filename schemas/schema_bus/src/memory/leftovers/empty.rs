@@ -16,9 +16,8 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::config::Config;
 
-use super::folders::{CERTAIN_AGE, Place, entries, process_of};
+use super::folders::{CERTAIN_AGE, Identity, Place, dead_nodes, entries, identity, process_of};
 use super::ports::{SHARED_MEMORY, ids_within, processes};
-use super::{dead_nodes, identity};
 
 /// Time between two looks at the names of shared memory.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
@@ -64,7 +63,7 @@ impl Drop for Guard {
 
 /// Empty names at the last look, and since when each has been known.
 #[derive(Default)]
-struct Known(BTreeMap<(PathBuf, super::folders::Identity), Instant>);
+struct Known(BTreeMap<(PathBuf, Identity), Instant>);
 
 impl Known {
     /// Removes the names whose makers are gone: at once if a port that they name is of a process whose

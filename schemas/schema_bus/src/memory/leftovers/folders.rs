@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use iceoryx2::config::Config;
+use iceoryx2::node::NodeView as _;
+use iceoryx2::prelude::*;
 
 /// Permissions of a static file in the making, `static_storage::file` of iceoryx2-cal.
 const IN_THE_MAKING: u32 = 0o600;
@@ -187,4 +189,23 @@ pub(super) fn in_the_making(path: &Path) -> Option<Identity> {
     let about = std::fs::symlink_metadata(path).ok()?;
     let is_it = about.is_file() && about.mode() & 0o777 == IN_THE_MAKING;
     is_it.then(|| (about.ino(), about.ctime(), about.ctime_nsec()))
+}
+
+/// Nodes whose processes do not hold the locks on their state files any more.
+pub(super) fn dead_nodes(config: &Config) -> BTreeSet<u128> {
+    let mut dead = BTreeSet::new();
+    // A folder of nodes that cannot be read means that none is known to be dead.
+    let _ = Node::<ipc_threadsafe::Service>::list(config, |state| {
+        if let NodeState::Dead(view) = state {
+            dead.insert(view.id().value());
+        }
+        CallbackProgression::Continue
+    });
+    dead
+}
+
+/// `None` if the file is gone.
+pub(super) fn identity(path: &Path) -> Option<Identity> {
+    let about = std::fs::symlink_metadata(path).ok()?;
+    Some((about.ino(), about.ctime(), about.ctime_nsec()))
 }
