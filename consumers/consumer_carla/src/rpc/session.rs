@@ -169,9 +169,20 @@ pub(crate) fn tick_cue(gateway: &Gateway, connection: u64) -> Outcome {
     gateway.feeds.settle(*last_step_nanos, connection);
     let stepped = gateway.commander.ask_one(Command::Step { n: 1 });
     *last_step_nanos = mono_now().0;
-    match stepped? {
-        (CommandReply::Stepping { last_tick }, _) => Ok(Answer::Value(last_tick.into())),
-        (other, _) => Err(Failure::Refused(format!(
+    drop(last_step_nanos);
+    match stepped {
+        Ok((CommandReply::Stepping { last_tick }, _)) => Ok(Answer::Value(last_tick.into())),
+        // The world may have begun to run by itself, and `world/info` said so too late.
+        Err(refused @ CommandError::Refused(_)) => {
+            let runs = gateway.world.wait_for(SETTLE, |known| {
+                let info = known.info.as_ref()?;
+                (info.mode == StepMode::FreeRunning).then_some(())
+            });
+            runs.ok_or(refused)?;
+            Ok(Answer::Value((gateway.world.tick() + 1).into()))
+        }
+        Err(other) => Err(other.into()),
+        Ok((other, _)) => Err(Failure::Refused(format!(
             "{other:?} is no answer to a step"
         ))),
     }
@@ -210,6 +221,18 @@ fn load_map(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     if !asked.is_empty() {
         *gateway.layered_map.lock() = is_layered(asked).then(|| map.to_owned());
     }
+    // The new episode's first `world/info` still has the mode before `reset_settings`: it must not be
+    // read after the new mode is known here.
+    let begun = gateway.world.wait_for(SETTLE, |known| {
+        known
+            .info
+            .as_ref()
+            .filter(|now| now.episode > info.episode)
+            .map(drop)
+    });
+    begun.ok_or_else(|| {
+        Failure::Refused("the simulator loaded the map and published no new episode".to_owned())
+    })?;
     if reset_settings {
         let period_nanos = gateway
             .settings
@@ -229,16 +252,6 @@ fn load_map(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
         *gateway.settings.lock() = settings;
         gateway.feeds.set_no_rendering(false);
     }
-    let begun = gateway.world.wait_for(SETTLE, |known| {
-        known
-            .info
-            .as_ref()
-            .filter(|now| now.episode > info.episode)
-            .map(drop)
-    });
-    begun.ok_or_else(|| {
-        Failure::Refused("the simulator loaded the map and published no new episode".to_owned())
-    })?;
     if layers != u16::MAX {
         gateway.commander.ask_one(Command::ShowLayers {
             layers: !layers,
