@@ -66,7 +66,9 @@ fn a_connection_with_a_process_that_is_gone_is_removed() {
     };
     let publisher = bus.frame_publisher(TOPIC, spec).unwrap();
     let mut reader = bus.frame_reader(TOPIC).unwrap();
-    let send = || drop(publisher.loan(64).unwrap().send().unwrap());
+    let send = || {
+        publisher.loan(64).unwrap().send().unwrap();
+    };
     send();
     let of_living = connections(&place);
     assert_eq!(of_living.len(), 1, "{of_living:?}");
