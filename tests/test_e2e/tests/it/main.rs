@@ -6,6 +6,7 @@ mod batches;
 mod book;
 mod bridge;
 mod bridge_losses;
+mod calibrated_lenses;
 mod carla;
 mod carla_manager;
 mod carla_queries;
