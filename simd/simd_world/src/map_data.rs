@@ -163,6 +163,15 @@ impl MapData {
     }
 }
 
+impl MapData {
+    /// Scenery object of every triangle of a mesh, or nothing if they are not known.
+    pub(crate) fn objects_of(&self, mesh_idx: usize) -> Option<&[ObjectId]> {
+        let objects = self.collision_objects.get(mesh_idx)?;
+        let is_complete = objects.len() == self.collision.get(mesh_idx)?.triangles.len();
+        is_complete.then_some(objects.as_slice())
+    }
+}
+
 impl From<&simd_town::Town> for MapData {
     fn from(town: &simd_town::Town) -> MapData {
         let solid = |mesh: &simd_town::CollisionMesh| CollisionMesh {

@@ -22,6 +22,8 @@ mod solids;
 mod still_things;
 mod vectors;
 
+use solids::{Solid, TriangleClasses};
+
 pub use collision::Collision;
 pub(crate) use solids::Solids;
 pub(crate) use still_things::{Room, StillThings};
@@ -58,14 +60,14 @@ impl Clone for Physics {
             engine,
             origin_m,
             still: _,
-            contacts: _,
+            contacts,
         } = self;
         let still = StillThings::default();
         Physics {
             engine: engine_state::copy(engine),
             origin_m: *origin_m,
             still,
-            contacts: ContactLog::default(),
+            contacts: contacts.emptied(),
         }
     }
 
@@ -74,12 +76,12 @@ impl Clone for Physics {
             engine,
             origin_m,
             still: _,
-            contacts: _,
+            contacts,
         } = source;
         engine_state::copy_into(&mut self.engine, engine);
         self.origin_m = *origin_m;
         self.still.forget();
-        self.contacts.entries().clear();
+        self.contacts = contacts.emptied();
     }
 }
 
@@ -97,13 +99,15 @@ impl Physics {
     }
 
     /// A world with a map's solid ground.
-    pub fn with_solids(origin_m: [f64; 3], solids: &[(SharedShape, Class)]) -> Self {
+    pub fn with_solids(origin_m: [f64; 3], solids: &[Solid]) -> Self {
         let mut physics = Physics::new(origin_m);
-        for (solid, class) in solids {
-            let collider = ColliderBuilder::new(solid.clone())
+        for solid in solids {
+            let collider = ColliderBuilder::new(solid.shape.clone())
                 .friction(0.6)
-                .user_data(collider_tag(0, *class));
-            physics.engine.insert(RigidBodyBuilder::fixed(), collider);
+                .user_data(collider_tag(0, solid.class));
+            let (_, handle) = physics.engine.insert(RigidBodyBuilder::fixed(), collider);
+            let classes = solid.triangle_classes.clone();
+            physics.contacts.set_classes(handle, classes);
         }
         // The query pipeline sees colliders only after a step.
         physics.engine.step();
@@ -127,12 +131,10 @@ impl Physics {
             .iter()
             .enumerate()
             .filter(|(_, mesh)| !mesh.triangles.is_empty());
+        let classes = TriangleClasses::new(map);
         for ((idx, mesh), handle) in solid.zip(meshes) {
-            let Some(objects) = map
-                .collision_objects
-                .get(idx)
-                .filter(|objects| objects.len() == mesh.triangles.len())
-            else {
+            self.contacts.set_classes(handle, classes.of(idx, hidden));
+            let Some(objects) = map.objects_of(idx) else {
                 continue;
             };
             let shown = mesh
@@ -249,20 +251,30 @@ impl Physics {
         self.contacts.entries().push(collision);
     }
 
-    /// Fills `merged` with the contacts since the last call: one entry per (actor, other), sorted.
+    /// Fills `merged` with the contacts since the last call: one entry per (actor, other), sorted;
+    /// of scenery the class is that of the hardest contact.
     pub fn take_collisions(&mut self, merged: &mut Vec<Collision>) {
         let origin_m = self.origin_m;
         let raw = self.contacts.entries();
         raw.sort_by_key(|entry| (entry.actor, entry.other));
         merged.clear();
+        let mut hardest_ns = 0.0;
         for mut entry in raw.drain(..) {
             (0..3).for_each(|axis| entry.point_in_world_m[axis] += origin_m[axis]);
             match merged
                 .last_mut()
                 .filter(|last| (last.actor, last.other) == (entry.actor, entry.other))
             {
-                Some(last) => last.add(&entry),
-                None => merged.push(entry),
+                Some(last) => {
+                    last.add(&entry);
+                    if entry.impulse_ns() > hardest_ns {
+                        (hardest_ns, last.other_class) = (entry.impulse_ns(), entry.other_class);
+                    }
+                }
+                None => {
+                    hardest_ns = entry.impulse_ns();
+                    merged.push(entry);
+                }
             }
         }
     }

@@ -245,6 +245,7 @@ impl Member {
             Class::ROADS,
             Class::SIDEWALKS,
             Class::GROUND,
+            Class::TERRAIN,
             Class::UNLABELED,
         ];
         let contact = self.world.collisions().iter().any(|contact| {

@@ -175,7 +175,7 @@ def check_collisions():
     world.enable_environment_objects({thing.id}, True)
     guest.set_transform(spot)
     blow = of_tick(blows, world.tick())
-    assert blow.actor.id == guest.id and blow.other_actor.type_id == "static.unknown", blow.other_actor
+    assert blow.actor.id == guest.id and blow.other_actor.type_id == "static.vegetation", blow.other_actor
     # Upside down onto the street.
     # The launch file puts its own car on the first place.
     street = world.get_map().get_spawn_points()[5]

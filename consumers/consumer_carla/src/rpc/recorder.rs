@@ -152,18 +152,10 @@ fn replay_file(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
             let text = format!("{opening}Could not load mapfile {map}: {error}\n");
             return Ok(Answer::Value(text.into()));
         }
-        let begun = gateway.world.wait_for(SETTLE, |known| {
-            known
-                .info
-                .as_ref()
-                .filter(|now| now.episode > info.episode)
-                .map(drop)
-        });
-        begun.ok_or_else(|| {
-            Failure::Refused(
-                "the recording's map was loaded and no new episode was published".to_owned(),
-            )
-        })?;
+        if !gateway.world.knows_episode_after(info.episode, SETTLE) {
+            let sentence = "the recording's map was loaded and no new episode was published";
+            return Err(Failure::Refused(sentence.to_owned()));
+        }
     }
     let wish = Wish {
         start_secs,

@@ -221,18 +221,11 @@ fn load_map(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     if !asked.is_empty() {
         *gateway.layered_map.lock() = is_layered(asked).then(|| map.to_owned());
     }
-    // The new episode's first `world/info` still has the mode before `reset_settings`: it must not be
-    // read after the new mode is known here.
-    let begun = gateway.world.wait_for(SETTLE, |known| {
-        known
-            .info
-            .as_ref()
-            .filter(|now| now.episode > info.episode)
-            .map(drop)
-    });
-    begun.ok_or_else(|| {
-        Failure::Refused("the simulator loaded the map and published no new episode".to_owned())
-    })?;
+    // Before settings are reset: the new mode must not be overwritten by what came before it.
+    if !gateway.world.knows_episode_after(info.episode, SETTLE) {
+        let sentence = "the simulator loaded the map and published no new episode";
+        return Err(Failure::Refused(sentence.to_owned()));
+    }
     if reset_settings {
         let period_nanos = gateway
             .settings

@@ -12,7 +12,8 @@ pub struct Collision {
     pub actor: ActorId,
     /// What it touched; `None` is scenery.
     pub other: Option<ActorId>,
-    /// Class of what it touched; [`Class::UNLABELED`] for solid ground without a class.
+    /// Class of what it touched, of scenery the object's that was pressed hardest;
+    /// [`Class::UNLABELED`] for solid ground without a class.
     pub other_class: Class,
     /// Normal impulse on `actor` summed over the tick, N·s, world: it points away from `other`.
     pub impulse_in_world_ns: [f64; 3],

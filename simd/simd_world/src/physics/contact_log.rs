@@ -1,5 +1,8 @@
 //! Collects the contact forces that the engine reports during its step.
 
+use std::collections::HashMap;
+use std::sync::Arc;
+
 use parking_lot::Mutex;
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::*;
@@ -30,18 +33,60 @@ fn contact_point(colliders: &ColliderSet, pair: &ContactPair) -> Vector {
     }
 }
 
+/// The triangle of a mesh that a pair pressed deepest into: `None` if nothing touches.
+fn deepest_triangle(pair: &ContactPair, is_first: bool) -> Option<usize> {
+    let depth = |manifold: &ContactManifold| {
+        let depths = manifold.points.iter().map(|point| -point.dist);
+        depths.max_by(f32::total_cmp)
+    };
+    let manifolds = pair.manifolds().iter();
+    let touching = manifolds.filter_map(|manifold| Some((depth(manifold)?, manifold)));
+    let (_, deepest) = touching.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let triangle = match is_first {
+        true => deepest.subshape1,
+        false => deepest.subshape2,
+    };
+    Some(triangle as usize)
+}
+
 /// Collects contact forces. It locks because the engine reports them through a shared reference.
 #[derive(Default)]
 pub(crate) struct ContactLog {
     entries: Mutex<Vec<Collision>>,
     /// Length of the engine's sub-step, seconds.
     pub dt_secs: f32,
+    /// Classes of the triangles of the map's meshes.
+    classes: HashMap<ColliderHandle, Arc<[Class]>>,
 }
 
 impl ContactLog {
     /// The contacts so far; their points are relative to the engine's origin.
     pub fn entries(&mut self) -> &mut Vec<Collision> {
         self.entries.get_mut()
+    }
+
+    /// A log without contacts of a world on the same ground.
+    pub fn emptied(&self) -> ContactLog {
+        ContactLog {
+            classes: self.classes.clone(),
+            ..ContactLog::default()
+        }
+    }
+
+    /// Sets the classes of a mesh's triangles.
+    pub fn set_classes(&mut self, mesh: ColliderHandle, classes: Arc<[Class]>) {
+        self.classes.insert(mesh, classes);
+    }
+
+    /// Class of what one side of a pair is: a mesh's where it was pressed deepest.
+    fn class(&self, tag: u128, side: (ColliderHandle, bool), pair: &ContactPair) -> Class {
+        let class = Class((tag >> 32) as u8);
+        let Some(classes) = self.classes.get(&side.0) else {
+            return class;
+        };
+        let triangle = deepest_triangle(pair, side.1);
+        let found = triangle.and_then(|triangle| classes.get(triangle));
+        found.copied().unwrap_or(class)
     }
 }
 
@@ -74,9 +119,14 @@ impl EventHandler for ContactLog {
         // The normal points from the first to the second collider; the second is pushed along it.
         let impulse = direction.try_normalize(0.0).unwrap_or_default()
             * (total_force_n * self.dt_secs) as f64;
+        let (one, two) = ((pair.collider1, true), (pair.collider2, false));
         let mut entries = self.entries.lock();
-        for (this, that, impulse) in [(first, second, -impulse), (second, first, impulse)] {
-            let (this, that, other_class) = (this as u32, that as u32, Class((that >> 32) as u8));
+        for (this, that, side, impulse) in [
+            (first, second, two, -impulse),
+            (second, first, one, impulse),
+        ] {
+            let other_class = self.class(that, side, pair);
+            let (this, that) = (this as u32, that as u32);
             if this != 0 {
                 let other = (that != 0).then_some(ActorId(that));
                 entries.push(Collision {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use schema_frames::command::{Command, CommandReply};
 use schema_frames::{ActorKind, ActorRecord, VehicleControl};
-use schema_types::{ActorId, Pose};
+use schema_types::{ActorId, Class, ObjectId, Pose};
 use sensor_core::SceneAssets;
 use simd_world::{EgoSpawn, MapData, World, WorldOptions};
 
@@ -254,6 +254,100 @@ fn refusals_are_sentences() {
     check(Command::Ping, "for the daemon");
 }
 
+/// Solid boxes across the road, each an object of its class, 20 m and 40 m ahead of the origin, with
+/// bumps of another class far away before them in the mesh.
+fn road_with_boxes() -> MapData {
+    let mut map = MapData::flat(1000.0);
+    let mut mesh = simd_world::CollisionMesh::default();
+    let mut objects = Vec::new();
+    let boxes = [
+        (Class::TERRAIN, -500.0),
+        (Class::POLES, 20.0),
+        (Class::WALLS, 40.0),
+    ];
+    for (idx, (class, x_m)) in boxes.into_iter().enumerate() {
+        let id = ObjectId::scenery(idx as u32);
+        let base = mesh.vertices_m.len() as u32;
+        for corner in 0..8 {
+            let side = |bit: u32, half_m: f32| {
+                if corner >> bit & 1 == 1 {
+                    half_m
+                } else {
+                    -half_m
+                }
+            };
+            let corner_m = [x_m + side(0, 0.5), side(1, 4.0), side(2, 3.0)];
+            mesh.vertices_m.push(corner_m);
+        }
+        for [a, b, c, d] in [
+            [0, 2, 3, 1],
+            [4, 5, 7, 6],
+            [0, 1, 5, 4],
+            [2, 6, 7, 3],
+            [0, 4, 6, 2],
+            [1, 3, 7, 5],
+        ] {
+            mesh.triangles
+                .extend([[a, b, c], [a, c, d]].map(|corners| corners.map(|i| base + i)));
+        }
+        objects.resize(mesh.triangles.len(), id);
+        let pose = Pose::from_xyz_yaw(x_m.into(), 0.0, 0.0, 0.0);
+        map.objects.push(simd_town::SceneryObject {
+            id,
+            class,
+            name: format!("box_{idx}"),
+            layer: None,
+            pose,
+            box_pose: pose,
+            box_half_m: [0.5, 4.0, 3.0],
+        });
+    }
+    map.collision_objects = vec![Vec::new(), objects];
+    map.collision.push(mesh);
+    map
+}
+
+#[test]
+fn a_car_learns_the_class_of_what_it_runs_into() {
+    let mut world = World::new(WorldOptions::default());
+    world.load(&road_with_boxes()).unwrap();
+    let car = car_at(&mut world, 0.0, 0.0);
+    (0..20).for_each(|_| world.step(TICK_NANOS));
+    // The first blow of a car that is sent off towards the boxes.
+    let first_blow = |world: &mut World| {
+        world.set_velocity(car, [12.0, 0.0, 0.0]).unwrap();
+        (0..100)
+            .find_map(|_| {
+                world.step(TICK_NANOS);
+                world
+                    .collisions()
+                    .iter()
+                    .find(|blow| blow.actor == car)
+                    .copied()
+            })
+            .expect("the car runs into a box")
+    };
+    let start = world.checkpoint(0);
+    let blow = first_blow(&mut world);
+    assert_eq!((blow.other, blow.other_class), (None, Class::POLES));
+    assert!((blow.point_in_world_m[0] - 19.5).abs() < 0.3, "{blow:?}");
+    // Without the first box the triangles of the second have other numbers, also in worlds that are
+    // restored: from memory and from bytes.
+    let hide = Command::ShowObjects {
+        object_ids: vec![ObjectId::scenery(1).0],
+        shown: false,
+    };
+    assert_eq!(world.apply(&hide), CommandReply::Done);
+    let bytes = start.to_bytes().unwrap();
+    let read = simd_world::Checkpoint::from_bytes(&bytes, &world).unwrap();
+    for checkpoint in [&start, &read] {
+        world.restore(checkpoint).unwrap();
+        let blow = first_blow(&mut world);
+        assert_eq!((blow.other, blow.other_class), (None, Class::WALLS));
+        assert!((blow.point_in_world_m[0] - 39.5).abs() < 0.3, "{blow:?}");
+    }
+}
+
 #[test]
 fn crash_is_reported_for_both_with_the_momentum_that_changed_hands() {
     let mut world = flat();
@@ -274,7 +368,7 @@ fn crash_is_reported_for_both_with_the_momentum_that_changed_hands() {
             .filter(|hit| hit.actor == right && hit.other == Some(left))
         {
             impulse_ns += hit.impulse_in_world_ns[0];
-            assert_eq!(hit.other_class, schema_types::Class::CAR);
+            assert_eq!(hit.other_class, Class::CAR);
             // The impact is half a length behind the front of the car that was hit, at the height
             // of the bodies.
             let [x, y, z] = hit.point_in_world_m;
