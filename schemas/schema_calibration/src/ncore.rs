@@ -143,7 +143,7 @@ fn inverse(
     }
     // In parts of the greatest, so that high powers stay near 1.
     let most = from.iter().copied().fold(0.0, f64::max);
-    if !(most > 0.0) || from.len() < COEFFICIENTS {
+    if most <= 0.0 || from.len() < COEFFICIENTS {
         return Err(refused());
     }
     let powers = DMatrix::from_fn(from.len(), COEFFICIENTS - 1, |row, column| {

@@ -239,7 +239,7 @@ impl World {
     /// Whether an episode after `episode` is known, as after another map was loaded; waits for it at
     /// most `timeout`. The new episode's first `world/info` has the mode and period of the one before.
     #[must_use]
-    pub fn knows_episode_after(&self, episode: u64, timeout: Duration) -> bool {
+    pub fn knows_episode_after(&self, episode: u32, timeout: Duration) -> bool {
         self.wait_for(timeout, |known| {
             let info = known.info.as_ref()?;
             (info.episode > episode).then_some(())
