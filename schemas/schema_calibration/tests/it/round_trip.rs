@@ -17,7 +17,7 @@ fn camera(model: LensModel) -> Camera {
             true => [-0.0002, 0.0003],
             false => [0.0; 2],
         },
-        centre_px: [615.123456789, 281.98765432101234],
+        centre_px: [615.123456789, 281.987654321012],
     };
     Camera {
         name: "front".into(),
