@@ -10,7 +10,7 @@ use bytemuck::{Pod, Zeroable};
 pub struct CollisionEvent {
     /// Actor that was touched; 0 is scenery.
     pub other_id: u32,
-    /// Class of what was touched, of scenery what was pressed hardest; 0 for ground without a class.
+    /// Class of what was touched, in scenery the hardest contact; 0 for ground without one.
     pub class: u8,
     /// Zero.
     pub reserved: [u8; 3],

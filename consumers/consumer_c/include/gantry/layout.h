@@ -432,7 +432,7 @@ GANTRY_CHECK(offsetof(gantry_gnss_sample, reserved) == 24, "gantry_gnss_sample.r
 typedef struct gantry_collision_event {
     /* Actor that was touched; 0 is scenery. */
     uint32_t other_id;
-    /* Class of what was touched, of scenery what was pressed hardest; 0 for ground without a class. */
+    /* Class of what was touched, in scenery the hardest contact; 0 for ground without one. */
     uint8_t class_;
     /* Zero. */
     uint8_t reserved[3];

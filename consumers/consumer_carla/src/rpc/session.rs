@@ -221,7 +221,8 @@ fn load_map(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     if !asked.is_empty() {
         *gateway.layered_map.lock() = is_layered(asked).then(|| map.to_owned());
     }
-    // Before settings are reset: the new mode must not be overwritten by what came before it.
+    // The new episode's first `world/info` still has the old mode: if it came after the settings are
+    // reset below, it would be taken for the new one.
     if !gateway.world.knows_episode_after(info.episode, SETTLE) {
         let sentence = "the simulator loaded the map and published no new episode";
         return Err(Failure::Refused(sentence.to_owned()));

@@ -254,8 +254,8 @@ fn refusals_are_sentences() {
     check(Command::Ping, "for the daemon");
 }
 
-/// Solid boxes across the road, each an object of its class, 20 m and 40 m ahead of the origin, with
-/// bumps of another class far away before them in the mesh.
+/// Solid boxes across the road, each an object of its class: 20 m and 40 m ahead of the origin, and one
+/// far behind it, whose triangles come first in the mesh.
 fn road_with_boxes() -> MapData {
     let mut map = MapData::flat(1000.0);
     let mut mesh = simd_world::CollisionMesh::default();
